@@ -1,0 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Running, recording, replaying and reporting the node graph; the `loco` command."""
+
+__version__ = "0.1.0"

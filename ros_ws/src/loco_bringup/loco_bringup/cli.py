@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The `loco` command. Heavy imports live in the functions, so that ``--help`` is instant."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from loco_control.exceptions import LocoError
+
+from . import __version__
+
+EPILOG = """\
+exit codes: 0 done, 1 a run failed (node died, not ready), 2 a mistake in the input,
+            3 the robot fell, 130 interrupted
+examples:
+  loco demo                                  run, record, report: the whole chain
+  loco list                                  experiments, studies, effects, bags
+  loco run hyq_trot_reflex                   composed, lockstep, as fast as it goes
+  loco run hyq_trot_open --layout processes --clock realtime
+  loco run my_experiment.yaml --seed 3 --set gait.speed=0.3
+  loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
+"""
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point: parse, run the command, turn errors into one line."""
+    logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
+    arguments = parser().parse_args(argv)
+    try:
+        sys.exit(arguments.command(arguments))
+    except LocoError as error:
+        from loco_control.exceptions import GraphError
+
+        sys.stderr.write(f"loco: {error}\n")
+        sys.exit(1 if isinstance(error, GraphError) else 2)
+    except BrokenPipeError:
+        os._exit(0)
+    except KeyboardInterrupt:
+        sys.stderr.write("loco: interrupted\n")
+        sys.exit(130)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Parser of the whole command line."""
+    top = argparse.ArgumentParser(
+        prog="loco",
+        description="A compliant quadruped that walks by reflex over ROS 2 topics.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"loco {__version__}")
+    commands = top.add_subparsers(metavar="COMMAND", required=True)
+    _add_run(commands)
+    _add_reading(commands)
+    _add_studies(commands)
+    _add_rest(commands)
+    return top
+
+
+def _command(commands, name: str, function, text: str, more: str = "") -> argparse.ArgumentParser:
+    made = commands.add_parser(
+        name,
+        help=text,
+        description=text + ("\n\n" + more if more else ""),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.set_defaults(command=function)
+    return made
+
+
+def _add_run(commands) -> None:
+    p = _command(
+        commands, "run", run, "run an experiment as a ROS 2 graph and record it",
+        "Clocks: lockstep steps when every command has arrived and the recorder keeps up\n"
+        "(deterministic); asap does not wait for the recorder; realtime follows the wall clock.\n"
+        "Layouts: composed puts all nodes in one process, processes gives each its own,\n"
+        "rollout calls the same objects without ROS and writes the same topics to a bag.",
+    )  # fmt: skip
+    p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
+    p.add_argument("--layout", default="composed", help="composed, processes or rollout")
+    p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
+    p.add_argument("--speed", type=float, default=0.0, help="lockstep: at most this x real time")
+    p.add_argument("--seed", type=int, help="seed, instead of the experiment's")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                   help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
+    p.add_argument("--nodes", default="hyq", help="node set, name or YAML path")
+    p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
+    p.add_argument("--report", action="store_true", help="write the report when it is done")
+    d = _command(commands, "demo", demo, "run hyq_trot_reflex, replay its bag, write its report")
+    d.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
+
+
+def _add_reading(commands) -> None:
+    p = _command(commands, "list", list_, "show experiments, studies, effects, topics and bags")
+    p.add_argument("what", nargs="?", help="experiments, studies, effects, topics or bags")
+    p = _command(commands, "info", info, "show what a bag holds")
+    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p = _command(commands, "report", report, "write one self-contained HTML page about a bag")
+    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p.add_argument("--out", type=Path, help="HTML file (default report.html in the bag folder)")
+    p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
+    p = _command(commands, "replay", replay, "publish a bag's topics again")
+    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p.add_argument("--speed", type=float, default=1.0, help="x real time, 0 as fast as possible")
+    p.add_argument("--topics", nargs="*", help="only these topics")
+
+
+def _add_studies(commands) -> None:
+    p = _command(
+        commands, "study", study, "run a study: variants x seeds, table and figures (resumable)"
+    )
+    p.add_argument("study", help="name (see `loco list studies`) or path of a YAML file")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--out", type=Path, help="results folder (default results/NAME)")
+    p.add_argument("--seeds", type=int, help="only the first N seeds")
+    p = _command(commands, "bench", bench, "measure speed beside named baselines")
+    p.add_argument("what", help="rls, graph, rollout or messages")
+    p.add_argument("--json", type=Path, help="write the rows to this file too")
+
+
+def _add_rest(commands) -> None:
+    p = _command(commands, "docs", docs, "print the generated tables of docs/ (topics, parameters)")
+    p.add_argument("--write", action="store_true", help="write them into docs/")
+    p = commands.add_parser(
+        "test", help="run the tests (arguments go to pytest)", add_help=False, prefix_chars="\0"
+    )
+    p.add_argument("arguments", nargs=argparse.REMAINDER)
+    p.set_defaults(command=test)
+
+
+# ---- commands: each returns the exit code
+
+
+def run(a: argparse.Namespace) -> int:
+    """`loco run`."""
+    from loco_learning.experiment import load
+
+    from . import run as runner
+    from .console import show_run
+
+    experiment = load(a.experiment, _overrides(a.set, a.seed))
+    folder = a.out or runner.default_folder(experiment)
+    if a.layout == "rollout":
+        from .rollout_bag import run_rollout
+
+        outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell))
+    else:
+        outcome = show_run(
+            experiment,
+            lambda tell: runner.run(experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell),
+        )
+    if a.report and not outcome.interrupted:
+        from .report import write_report
+
+        sys.stdout.write(f"report: {write_report(folder)}\n")
+    return outcome.exit_code
+
+
+def _overrides(pairs: list[str], seed: int | None) -> dict:
+    """Values by dotted name from ``KEY=VALUE`` texts; the value is YAML."""
+    import yaml
+
+    from loco_control.exceptions import ParameterError
+
+    values = {} if seed is None else {"seed": seed}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            equals = ""
+        if not equals or not key:
+            raise ParameterError(f"--set wants KEY=VALUE, e.g. gait.speed=0.3, got {pair!r}")
+        values[key] = value
+    return values
+
+
+def demo(a: argparse.Namespace) -> int:
+    """`loco demo`."""
+    from .demo import run_demo
+
+    return run_demo(a.out)
+
+
+def list_(a: argparse.Namespace) -> int:
+    """`loco list`."""
+    from .listing import show
+
+    show(a.what)
+    return 0
+
+
+def info(a: argparse.Namespace) -> int:
+    """`loco info`."""
+    from .listing import show_bag
+
+    show_bag(a.bag)
+    return 0
+
+
+def report(a: argparse.Namespace) -> int:
+    """`loco report`."""
+    from .report import write_report
+
+    sys.stdout.write(f"{write_report(a.bag, a.out, gif=not a.no_gif)}\n")
+    return 0
+
+
+def replay(a: argparse.Namespace) -> int:
+    """`loco replay`."""
+    from .replayer import replay_bag
+
+    return replay_bag(a.bag, a.speed, a.topics)
+
+
+def study(a: argparse.Namespace) -> int:
+    """`loco study`."""
+    from .console import show_study
+
+    return show_study(a.study, a.out, a.workers, a.seeds)
+
+
+def bench(a: argparse.Namespace) -> int:
+    """`loco bench`."""
+    from .bench import show_bench
+
+    show_bench(a.what, a.json)
+    return 0
+
+
+def docs(a: argparse.Namespace) -> int:
+    """`loco docs`."""
+    from .docs import show_docs
+
+    show_docs(a.write)
+    return 0
+
+
+def test(a: argparse.Namespace) -> int:
+    """`loco test`."""
+    from loco_control.exceptions import MissingFileError
+
+    root = Path(__file__).resolve().parents[4]
+    if not (root / "tests").is_dir():
+        raise MissingFileError(f"no tests folder in {root}; run this from a clone of the repository")
+    return subprocess.run([sys.executable, "-m", "pytest", *a.arguments], cwd=root).returncode
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Four coupled oscillators and the filter that turns them into foot paths.
+
+Each leg has an oscillator with the state (x, z), here in units of its ellipse
+(x of half a step length L/2, z of the step height H), so that the cycle is the
+unit circle whatever the step is, also in place (L = 0):
+
+    E  = 1 - x² - z²
+    x' = alpha E x + w z
+    z' = alpha E z - w x + K Σ_j (cos d_ij z_j - sin d_ij x_j)
+    w  = pi f / D [ D / (1 - D) s(b z) k_v + s(-b z) ],   s(u) = 1 / (1 + e^-u)
+
+z > 0 is swing, z < 0 stance; x falls from +1 at touchdown to -1 at lift-off.
+d_ij is the phase by which leg i leads leg j. The foot follows its oscillator
+in swing and leaves it in stance, where it goes back with the speed V of the trunk:
+
+    p' = s(b z) [ c' + k_c (c - p) ] - (1 - s(b z)) (V, 0),   c = (L x / 2, H z)
+
+The sum over the other legs is held over a control period. Coupled like this a
+trot of nominally 1.7 Hz steps at 1.693 Hz, as the author's recordings do.
+Source: facts 2.1, 2.2. Departures: pi is exact (3.14 there: -0.05 % frequency);
+plain Euler sub-steps; the coupling has a sine term, which is zero for trot,
+bound and pace and locks the quarter phases of a walk; one sign of the bound
+matrix there is taken for a slip (facts 2.1).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+SPEED, FREQUENCY, DUTY, HEIGHT = range(4)  # of the vector `gait`
+SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
+MAX_FOOT_SPEED = 10.0  # [m/s]
+
+
+def coupling_matrices(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """cos d_ij and sin d_ij of all pairs of legs, each (4, 4), zero on the diagonal.
+
+    Args:
+        offsets: Phase of each leg when leg 0 touches down, in strides, (4,).
+    """
+    lead = 2.0 * np.pi * np.subtract.outer(offsets, offsets)
+    cosine, sine = np.cos(lead), np.sin(lead)
+    np.fill_diagonal(cosine, 0.0)
+    return np.round(cosine, 12), np.round(sine, 12)
+
+
+def seed_state(offsets: np.ndarray) -> np.ndarray:
+    """Small oscillator states (x, z) with the phases `offsets` [strides], (4, 2)."""
+    angle = 2.0 * np.pi * np.asarray(offsets)
+    return SEED_RADIUS * np.stack([np.cos(angle), -np.sin(angle)], axis=1)
+
+
+@njit(cache=True)
+def stride_phase(state, duty):
+    """Stride phase of each leg, (4,): 0 at touchdown, `duty` at lift-off, even in time."""
+    phase = np.empty(4)
+    for leg in range(4):
+        half_turns = math.atan2(-state[leg, 1], state[leg, 0]) / math.pi  # 0 touchdown, 1 lift-off
+        if half_turns >= 0.0:
+            phase[leg] = duty * half_turns
+        else:
+            phase[leg] = min(1.0 + (1.0 - duty) * half_turns, 1.0 - 1e-12)
+    return phase
+
+
+@njit(cache=True)
+def sigmoid(u):
+    """1 / (1 + e^-u) without overflow."""
+    return 0.5 * (1.0 + math.tanh(0.5 * u))
+
+
+@njit(cache=True)
+def advance(state, foot, gait, cosine, sine, shape, dt, substeps):
+    """Move oscillators and feet on by one control period, in place; return the foot velocity.
+
+    Args:
+        state: Oscillators (x, z) in units of their ellipse, (4, 2).
+        foot: Foot paths (x, z) about the foot centre [m], (4, 2).
+        gait: speed [m/s], frequency [Hz], duty factor [-], step height [m], (4,).
+        cosine: cos of the wanted phase leads, (4, 4).
+        sine: sin of the wanted phase leads, (4, 4).
+        shape: coupling K, alpha [1/s], sharpness b, swing skew k_vf, filter gain k_c [1/s], (5,).
+        dt: Control period [s].
+        substeps: Euler steps per period.
+    """
+    gain, alpha, sharp, skew, pull = shape[0], shape[1], shape[2], shape[3], shape[4]
+    duty, height, h = gait[DUTY], gait[HEIGHT], dt / substeps
+    half_step = 0.5 * gait[SPEED] * duty / gait[FREQUENCY]
+    stance_rate = math.pi * gait[FREQUENCY] / duty
+    d_state, d_foot, pushed = np.empty((4, 2)), np.empty((4, 2)), np.zeros(4)
+    for leg in range(4):  # the legs hear of each other once per period
+        for other in range(4):
+            heard = cosine[leg, other] * state[other, 1] - sine[leg, other] * state[other, 0]
+            pushed[leg] += gain * heard
+    for _ in range(substeps):
+        for leg in range(4):
+            x, z = state[leg, 0], state[leg, 1]
+            up, energy = sigmoid(sharp * z), alpha * (1.0 - x * x - z * z)
+            forward = sigmoid(sharp * x)  # k_v: fast early swing, slow late swing
+            k_v = (1.0 - forward) * skew + forward * skew / (2.0 * skew - 1.0)
+            rate = stance_rate * (duty / (1.0 - duty) * up * k_v + 1.0 - up)
+            d_state[leg, 0] = energy * x + rate * z
+            d_state[leg, 1] = energy * z - rate * x + pushed[leg]
+            v_x = half_step * d_state[leg, 0] + pull * (half_step * x - foot[leg, 0])
+            v_z = height * d_state[leg, 1] + pull * (height * z - foot[leg, 1])
+            d_foot[leg, 0] = up * v_x - (1.0 - up) * gait[SPEED]
+            d_foot[leg, 1] = up * v_z
+            for axis in range(2):
+                d_foot[leg, axis] = min(max(d_foot[leg, axis], -MAX_FOOT_SPEED), MAX_FOOT_SPEED)
+        for leg in range(4):
+            for axis in range(2):
+                state[leg, axis] += h * d_state[leg, axis]
+                foot[leg, axis] += h * d_foot[leg, axis]
+    return d_foot

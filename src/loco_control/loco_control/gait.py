@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Target generator: stride clock, foot paths and joint references of a gait.
+
+The arithmetic is in `cpg` (oscillators and filter) and `kinematics` (joints);
+here are the parameters, the patterns and the smooth changes at run time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .exceptions import NameUnknownError, ParameterError
+from .params import Params, parameter
+from .types import GaitTarget, RobotState
+
+PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
+    "trot": (0.0, 0.5, 0.5, 0.0),
+    "walk": (0.0, 0.5, 0.25, 0.75),  # lh lf rh rf, a quarter stride apart
+    "bound": (0.0, 0.0, 0.5, 0.5),
+    "pace": (0.0, 0.5, 0.0, 0.5),
+}
+LIVE = ("speed", "frequency", "duty_factor", "step_height")  # in the order of `cpg.advance`
+
+
+@dataclass(frozen=True)
+class GaitParams(Params):
+    """Gait of the RCF generator; the defaults are the thesis's simulated trot.
+
+    Source: thesis 4.3.3 and facts 2.1-2.4.
+    """
+
+    pattern: str = parameter("trot", "order in which the legs step", choices=tuple(PATTERNS))
+    speed: float = parameter(0.25, "forward speed of the trunk", "m/s", low=-1.0, high=1.0)
+    frequency: float = parameter(1.7, "stride frequency without coupling", "Hz", low=0.2, high=4.0)
+    duty_factor: float = parameter(0.5, "stance share of the stride", low=0.2, high=0.9)
+    step_height: float = parameter(0.10, "foot clearance of the swing", "m", low=0.005, high=0.3)
+    origin: tuple[float, float, float] = parameter(
+        (0.375, 0.28, -0.60), "foot centre: |x|, |y| and z in the base frame", "m"
+    )
+    start_time: float = parameter(1.0, "the robot stands before", "s", low=0.0)
+    smoothing: float = parameter(0.25, "time constant of two lags on each change", "s", low=0.0)
+    coupling: float = parameter(0.5, "gain of the coupling of the legs", low=0.0, high=10.0)
+    convergence: float = parameter(40.0, "alpha, pull to the cycle", "1/s", low=1.0, high=400.0)
+    sharpness: float = parameter(50.0, "b, steepness of the swing/stance switch", low=1.0)
+    swing_skew: float = parameter(1.0, "k_vf, speed of early over late swing", low=0.6, high=10.0)
+    filter_gain: float = parameter(60.0, "k_c, pull of a swing foot to its oscillator", "1/s", 0.0)
+    substeps: int = parameter(20, "integration steps per control period", low=1, high=1000)
+    schedule: list[dict[str, float]] | None = parameter(
+        None, "changes at run time: a list of {time, speed?, frequency?, duty_factor?, step_height?}"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for change in self.schedule or ():
+            _check_change(self, change)
+
+
+def _check_change(params: GaitParams, change: Any) -> None:
+    if not isinstance(change, dict) or not isinstance(change.get("time"), (int, float)):
+        raise ParameterError(f"each change in GaitParams.schedule needs a time [s], got {change!r}")
+    params.replace(schedule=None, **_live({k: v for k, v in change.items() if k != "time"}))
+
+
+def _live(changes: dict[str, float]) -> dict[str, float]:
+    for name in changes:
+        if name not in LIVE:
+            raise NameUnknownError("gait parameter that changes at run time", name, LIVE)
+    return changes
+
+
+class TargetGenerator:
+    """Foot paths and joint references of a gait, one `step` per control period.
+
+    The robot stands until `start_time`; then the oscillators grow from a small
+    seed and the speed rises from zero. What `set` or the schedule changes goes
+    through two cascaded lags.
+
+    Args:
+        params: The gait.
+        dt: Control period [s].
+
+    Raises:
+        ParameterError: The foot centres are out of reach.
+    """
+
+    def __init__(self, params: GaitParams, dt: float):
+        # Kernels are imported here so that reading an experiment does not load numba.
+        from . import cpg, kinematics
+
+        self.params, self.dt = params, float(dt)
+        self._cpg, self._kinematics = cpg, kinematics
+        x, y, z = params.origin
+        self._centre = np.stack(
+            [x * kinematics.FRONT, y * kinematics.LEFT, np.full(4, z)], axis=1
+        )
+        kinematics.joint_position(self._centre)  # raises when out of reach
+        self._lengths = kinematics.HYQ.lengths()
+        self._offsets = np.array(PATTERNS[params.pattern])
+        self._coupling = cpg.coupling_matrices(self._offsets)
+        self._shape = np.array(
+            [params.coupling, params.convergence, params.sharpness, params.swing_skew,
+             params.filter_gain]
+        )  # fmt: skip
+        self._blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand again at time 0; changes made by `set` are forgotten."""
+        self._goal = self.params.replace(schedule=None)
+        self._changes = sorted(self.params.schedule or (), key=lambda change: change["time"])
+        self._wanted = self._vector(self._goal)
+        self._gait = self._wanted.copy()
+        self._gait[self._cpg.SPEED] = 0.0
+        self._halfway = self._gait.copy()
+        self._state = self._cpg.seed_state(self._offsets)
+        self._foot = np.zeros((4, 2))
+
+    def set(self, **changes: float) -> None:
+        """Change speed, frequency, duty_factor or step_height smoothly from now on.
+
+        Raises:
+            NameUnknownError: The parameter cannot change at run time.
+            ParameterError: The value is out of range.
+        """
+        self._goal = self._goal.replace(**_live(changes))
+        self._wanted = self._vector(self._goal)
+
+    def step(self, state: RobotState) -> GaitTarget:
+        """Target for the tick of `state`; call it once per tick."""
+        while self._changes and state.t >= self._changes[0]["time"] - 0.5 * self.dt:
+            change = dict(self._changes.pop(0))
+            change.pop("time")
+            self.set(**change)
+        moving = state.t >= self.params.start_time - 0.5 * self.dt
+        feet, velocity = self._centre.copy(), np.zeros((4, 3))
+        if moving:
+            self._smooth()
+            velocity[:, ::2] = self._cpg.advance(
+                self._state, self._foot, self._gait, *self._coupling, self._shape, self.dt,
+                self.params.substeps,
+            )  # fmt: skip
+            feet[:, ::2] += self._foot
+        q, dq = self._kinematics.inverse(feet, velocity, self._lengths)
+        return GaitTarget(
+            tick=state.tick,
+            t=state.t,
+            q=q,
+            dq=dq,
+            foot_position=feet,
+            foot_velocity=velocity,
+            phase=self._cpg.stride_phase(self._state, self._gait[self._cpg.DUTY]),
+            speed=float(self._gait[self._cpg.SPEED]),
+            frequency=float(self._gait[self._cpg.FREQUENCY]),
+            stance=self._state[:, 1] <= 0.0 if moving else np.ones(4, dtype=bool),
+        )
+
+    def _smooth(self) -> None:
+        self._halfway += self._blend * (self._wanted - self._halfway)
+        self._gait += self._blend * (self._halfway - self._gait)
+
+    @staticmethod
+    def _vector(params: GaitParams) -> np.ndarray:
+        return np.array([getattr(params, name) for name in LIVE])
+
+

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One place per parameter: frozen dataclasses whose fields carry unit and range.
+
+YAML overrides them (`from_dict`), ROS parameters are declared from them
+(`loco_control.ros.parameters`), and the tables in ``docs/`` are printed from
+them. Nothing is listed twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from .exceptions import NameUnknownError, ParameterError
+
+T = TypeVar("T", bound="Params")
+
+
+def parameter(
+    default: Any,
+    doc: str,
+    unit: str = "-",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """Field of a `Params` class with its meaning, unit and legal values.
+
+    Args:
+        default: Value when nothing is said; its type is the type of the field.
+        doc: What it is, for tables and ROS parameter descriptions.
+        unit: SI unit, ``-`` when there is none.
+        low: Smallest legal value (each element for tuples).
+        high: Largest legal value (each element for tuples).
+        choices: Legal texts, for fields that are names.
+    """
+    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    if dataclasses.is_dataclass(default):
+        return field(default_factory=lambda: default, metadata=meta)
+    return field(default=default, metadata=meta)
+
+
+@dataclass(frozen=True)
+class Params:
+    """Base of every parameter class: checks type and range when constructed."""
+
+    def __post_init__(self) -> None:
+        for f in dataclasses.fields(self):
+            value = getattr(self, f.name)
+            object.__setattr__(self, f.name, _checked(type(self).__name__, f, value))
+
+    def replace(self: T, **changes: Any) -> T:
+        """Copy with some fields changed; the copy is checked again."""
+        return dataclasses.replace(self, **changes)
+
+
+def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T:
+    """Build nested parameters from plain values, refusing unknown keys.
+
+    Args:
+        cls: The `Params` class to build.
+        values: Mapping as read from YAML; None means all defaults.
+        where: Path of the mapping in the file, for messages.
+
+    Raises:
+        ParameterError: A value has the wrong type or is out of range.
+        NameUnknownError: A key is not a field of `cls`.
+    """
+    if values is None:
+        return cls()
+    if not isinstance(values, dict):
+        raise ParameterError(f"{where or cls.__name__} must be a mapping, got {values!r}")
+    known = {f.name: f for f in dataclasses.fields(cls)}
+    hints = typing.get_type_hints(cls)
+    made = {}
+    for key, value in values.items():
+        if key not in known:
+            raise NameUnknownError(f"parameter in {where or cls.__name__}", key, known)
+        path = f"{where}.{key}" if where else key
+        kind = hints[key]
+        if dataclasses.is_dataclass(kind):
+            made[key] = from_dict(kind, value, path)
+        else:
+            made[key] = _checked(where or cls.__name__, known[key], value)
+    return cls(**made)
+
+
+def to_dict(params: Params) -> dict[str, Any]:
+    """Plain nested values, ready for YAML: tuples become lists."""
+    plain = {}
+    for f in dataclasses.fields(params):
+        value = getattr(params, f.name)
+        if dataclasses.is_dataclass(value):
+            plain[f.name] = to_dict(value)
+        else:
+            plain[f.name] = list(value) if isinstance(value, tuple) else value
+    return plain
+
+
+def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
+    """Value of a field in the type of its default, or a ParameterError."""
+    default = f.default if f.default is not dataclasses.MISSING else None
+    if default is None or dataclasses.is_dataclass(value):
+        return value
+    name = f"{owner}.{f.name}"
+    if isinstance(default, tuple):
+        if isinstance(value, str) or not hasattr(value, "__len__"):
+            raise ParameterError(f"{name} must be a list of {len(default)} numbers, got {value!r}")
+        if len(default) and len(value) != len(default):
+            raise ParameterError(f"{name} must have {len(default)} values, got {len(value)}")
+        kind = default[0] if default else 0.0
+        return tuple(_scalar(f"{name}[{i}]", kind, v, f.metadata) for i, v in enumerate(value))
+    return _scalar(name, default, value, f.metadata)
+
+
+def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ParameterError(f"{name} must be true or false, got {value!r}")
+        return value
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(f"{name} must be text, got {value!r}")
+        choices = meta.get("choices")
+        if choices and value not in choices:
+            raise NameUnknownError(f"choice for {name}", value, choices)
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "dtype"):
+        raise ParameterError(f"{name} must be a number [{meta.get('unit', '-')}], got {value!r}")
+    if isinstance(default, int):
+        if value != int(value):
+            raise ParameterError(f"{name} must be a whole number, got {value!r}")
+        value = int(value)
+    else:
+        value = float(value)
+    low, high = meta.get("low"), meta.get("high")
+    too_low = low is not None and value < low
+    too_high = high is not None and value > high
+    if math.isnan(value) or too_low or too_high:
+        low = "-inf" if low is None else f"{low:g}"
+        high = "inf" if high is None else f"{high:g}"
+        unit = meta.get("unit", "-")
+        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}, got {value!r}")
+    return value

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every node of the graph has: topics from the table, readiness, ticks, diagnostics.
+
+`run_nodes` is the only way a node is spun. It loops ``spin_once``, because
+``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from loco_control.exceptions import LocoError
+from loco_msgs.msg import Event
+
+from .convert import Converter
+from .topics import TOPICS, Topic, to_stamp, topic
+
+log = logging.getLogger(__name__)
+
+
+class LocoNode(Node):
+    """Node whose publishers and subscriptions come from the topic table.
+
+    Args:
+        name: Node name, as in the topic table.
+    """
+
+    def __init__(self, name: str):
+        super().__init__(name, automatically_declare_parameters_from_overrides=False)
+        self.recorded = self.declare_parameter("recorded", False).value
+        self.exit_code: int | None = None
+        self._outputs: dict[str, Any] = {}
+        self._inputs: dict[str, Any] = {}
+        self._periods = PeriodMeter()
+        self._events = self.output("events")
+        self._diagnostics = self.output("/diagnostics")
+        self._on_ready: Callable[[], None] = lambda: None
+        self._ready_timer = None
+        self.create_timer(1.0, self._publish_diagnostics)
+
+    def output(self, name: str) -> Any:
+        """Publisher of a topic of the table; `publish` takes bytes or a message."""
+        row = topic(name)
+        self._outputs[name] = self.create_publisher(row.type, row.name, row.qos.writer())
+        return self._outputs[name]
+
+    def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
+        """Subscription of a topic of the table."""
+        row = topic(name)
+        self._inputs[name] = self.create_subscription(
+            row.type, row.name, callback, row.qos.reader(), raw=raw
+        )
+        return self._inputs[name]
+
+    def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
+        """Call ``step(a, b, …)`` once every topic of `classes` has sent the same tick."""
+        join = TickJoin({name: Converter(cls) for name, cls in classes.items()}, step, self._periods)
+        for name in classes:
+            self.input(name, join.receiver(name), raw=True)
+        return join
+
+    def announce_ready(self, then: Callable[[], None] = lambda: None) -> None:
+        """Publish the event ``ready`` once every endpoint is matched in both directions."""
+        self._on_ready = then
+        self._ready_timer = self.create_timer(0.02, self._check_ready)
+
+    def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
+        """Publish something that happens once."""
+        message = Event(stamp=to_stamp(t), tick=tick, node=self.get_name(), kind=kind, text=text)
+        self._events.publish(message)
+
+    def diagnose(self) -> dict[str, Any]:
+        """Values for ``/diagnostics`` beside the tick period; nodes extend it."""
+        return {}
+
+    def close(self) -> None:
+        """Free what the node holds (physics client, files); called once at the end."""
+
+    def unmatched(self) -> list[str]:
+        """Topics that still wait for an endpoint, with what is missing."""
+        missing = []
+        for name, subscription in self._inputs.items():
+            if _paced(topic(name)) and subscription.get_publisher_count() < 1:
+                missing.append(f"{name} (no writer)")
+        for name, publisher in self._outputs.items():
+            row = topic(name)
+            wanted = len(row.readers) + bool(self.recorded)
+            if _paced(row) and publisher.get_subscription_count() < wanted:
+                missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
+        return missing
+
+    def _check_ready(self) -> None:
+        if self._ready_timer is not None and not self.unmatched():
+            self._ready_timer.cancel()
+            self._ready_timer = None
+            self.event("ready")
+            self._on_ready()
+
+    def _publish_diagnostics(self) -> None:
+        values = {**self._periods.summary(), **self.diagnose()}
+        if self._ready_timer is not None:
+            values["waiting for"] = ", ".join(self.unmatched())
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK if self._ready_timer is None else DiagnosticStatus.WARN,
+            name=self.get_name(),
+            message="waiting for endpoints" if self._ready_timer is not None else "running",
+            hardware_id="loco",
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+
+class TickJoin:
+    """Collects one message per topic and calls `step` when all have the same tick.
+
+    A tick that was answered already is stale: it is counted and not answered again.
+    """
+
+    def __init__(self, converters: dict[str, Converter], step: Callable, meter: PeriodMeter):
+        self._converters = converters
+        self._step = step
+        self._meter = meter
+        self._latest: dict[str, tuple[int, np.ndarray]] = {}
+        self.done = -1  # newest tick answered
+        self.stale = 0
+
+    def receiver(self, name: str) -> Callable[[bytes], None]:
+        """Callback for the raw bytes of one topic."""
+        codec = self._converters[name].codec
+
+        def receive(data: bytes) -> None:
+            record = codec.decode(data)
+            tick = int(record["tick"])
+            if tick <= self.done:
+                self.stale += 1
+                return
+            self._latest[name] = (tick, record)
+            self._answer(tick)
+
+        return receive
+
+    def _answer(self, tick: int) -> None:
+        if len(self._latest) < len(self._converters):
+            return
+        if any(t != tick for t, _ in self._latest.values()):
+            return
+        self.done = tick
+        self._meter.mark()
+        values = [c.unpack(self._latest[name][1]) for name, c in self._converters.items()]
+        self._step(*values)
+
+
+class PeriodMeter:
+    """Mean and largest wall time between ticks since the last summary."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._reset()
+
+    def _reset(self) -> None:
+        self._count, self._sum, self._max = 0, 0.0, 0.0
+
+    def mark(self) -> None:
+        """A tick happens now."""
+        now = time.perf_counter()
+        if self._last:
+            period = now - self._last
+            self._count += 1
+            self._sum += period
+            self._max = max(self._max, period)
+        self._last = now
+
+    def summary(self) -> dict[str, Any]:
+        """Figures since the last call."""
+        mean = self._sum / self._count if self._count else 0.0
+        values = {"ticks": self._count, "period_mean_ms": mean * 1e3, "period_max_ms": self._max * 1e3}
+        self._reset()
+        return values
+
+
+def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None = None) -> int:
+    """Spin nodes in one EventsExecutor until a signal or until one sets `exit_code`.
+
+    Args:
+        makers: Constructors of the nodes, called after ``rclpy.init``.
+        args: ROS arguments, ``sys.argv`` when None.
+
+    Returns:
+        Exit code: 0 after a signal, else what the node set; 2 for a user's mistake.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    rclpy.init(args=args)
+    nodes: list[LocoNode] = []
+    code = 0
+    try:
+        executor = EventsExecutor()
+        for make in makers:
+            nodes.append(make())
+            executor.add_node(nodes[-1])
+        while rclpy.ok() and not (codes := [n.exit_code for n in nodes if n.exit_code is not None]):
+            executor.spin_once(timeout_sec=0.2)
+        code = max(codes, default=0) if rclpy.ok() else 0
+    except (KeyboardInterrupt, ExternalShutdownException):
+        code = 0
+    except LocoError as error:
+        code = 2
+        log.error("%s", error)
+        if nodes:
+            nodes[-1].event("error", str(error))
+    finally:
+        for node in nodes:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return code
+
+
+def _paced(row: Topic) -> bool:
+    return row.rate > 0 and row.qos.reliable
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+__all__ = ["TOPICS", "LocoNode", "TickJoin", "run_nodes"]

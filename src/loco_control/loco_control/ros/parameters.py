@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters declared from the dataclasses of each ``params.py``.
+
+Type, description and range of a ROS parameter are those of the dataclass
+field, so ``ros2 param describe`` and our own errors say the same thing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from loco_control.exceptions import LocoError, ParameterError
+from loco_control.params import Params
+
+T = TypeVar("T", bound=Params)
+
+
+def declare(node: Node, defaults: T, prefix: str = "", live: frozenset[str] = frozenset()) -> T:
+    """Declare each field of `defaults` and read back what was set.
+
+    Args:
+        node: Node that gets the parameters.
+        defaults: Values when the command line and the YAML say nothing.
+        prefix: Put in front of every name, e.g. ``"gait."``.
+        live: Full names that may change while the node runs; all others are read-only.
+
+    Raises:
+        ParameterError: A value that was set has the wrong type or is out of range.
+    """
+    values = {}
+    for f in dataclasses.fields(defaults):
+        name, value = prefix + f.name, getattr(defaults, f.name)
+        if dataclasses.is_dataclass(value):
+            values[f.name] = declare(node, value, name + ".", live)
+            continue
+        values[f.name] = _declare_one(node, name, value, f.metadata, name not in live)
+    return dataclasses.replace(defaults, **values)
+
+
+def _declare_one(node: Node, name: str, value: Any, meta: Any, read_only: bool) -> Any:
+    # Lists of mappings (schedules) have no ROS type: they travel as JSON text.
+    as_text = not isinstance(value, (bool, int, float, str)) and not _is_numbers(value)
+    default = json.dumps(value) if as_text else value
+    if isinstance(default, tuple):
+        default = [float(v) for v in default]
+    try:
+        got = node.declare_parameter(name, default, _descriptor(name, value, meta, read_only)).value
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise ParameterError(f"parameter {name} [{meta.get('unit', '-')}]: {error}") from None
+    if as_text:
+        return _from_json(name, got)
+    return tuple(got) if isinstance(value, tuple) else got
+
+
+def _descriptor(name: str, value: Any, meta: Any, read_only: bool) -> ParameterDescriptor:
+    text = f"{meta.get('doc', name)} [{meta.get('unit', '-')}]"
+    if meta.get("choices"):
+        text += f"; one of {', '.join(meta['choices'])}"
+    descriptor = ParameterDescriptor(description=text, read_only=read_only)
+    low, high = meta.get("low"), meta.get("high")
+    if type(value) is float and low is not None and high is not None:
+        span = FloatingPointRange(from_value=float(low), to_value=float(high))
+        descriptor.floating_point_range = [span]
+    return descriptor
+
+
+def on_change(node: Node, apply: dict[str, Any]) -> None:
+    """Call ``apply[name](value)`` when a live parameter is set; a LocoError refuses it."""
+
+    def changed(parameters: list[Parameter]) -> SetParametersResult:
+        for p in parameters:
+            try:
+                if p.name in apply:
+                    apply[p.name](p.value)
+            except LocoError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(changed)
+
+
+def _is_numbers(value: Any) -> bool:
+    return (
+        isinstance(value, tuple)
+        and bool(value)
+        and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value)
+    )
+
+
+def _from_json(name: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ParameterError(f"parameter {name} must be JSON text, got {text!r}: {error}") from None

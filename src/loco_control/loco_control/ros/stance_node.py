@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `stance_controller`: stance estimate and trunk torques."""
+
+from __future__ import annotations
+
+import sys
+
+from std_msgs.msg import String
+
+from loco_control.exceptions import LocoError
+from loco_control.stance import StanceController, StanceParams
+from loco_control.trunk import TrunkParams
+from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
+
+from .convert import Converter
+from .node import LocoNode, run_nodes
+from .parameters import declare, on_change
+
+
+class StanceControllerNode(LocoNode):
+    """PSE or RSE, then the trunk controller; the estimator can change at run time."""
+
+    def __init__(self) -> None:
+        super().__init__("stance_controller")
+        dt = 1.0 / self.declare_parameter("control_rate", 250.0).value
+        live = frozenset({"stance.estimator"})
+        stance = declare(self, StanceParams(), "stance.", live)
+        self.controller = StanceController(stance, declare(self, TrunkParams(), "trunk."), dt)
+        on_change(self, {"stance.estimator": self.controller.set_estimator})
+        self._stance, self._pack_stance = self.output("stance"), Converter(Stance).pack
+        self._torque, self._pack_torque = self.output("trunk_torque"), Converter(TrunkTorque).pack
+        self.input("stance_estimator", self._on_estimator)
+        self.join(
+            {"robot_state": RobotState, "gait_target": GaitTarget, "motion_command": MotionCommand},
+            self._step,
+        )
+        self.announce_ready()
+
+    def _step(self, state: RobotState, target: GaitTarget, command: MotionCommand) -> None:
+        stance, torque = self.controller.step(state, target, command)
+        self._stance.publish(self._pack_stance(stance))
+        self._torque.publish(self._pack_torque(torque))
+
+    def _on_estimator(self, message: String) -> None:
+        try:
+            self.controller.set_estimator(message.data)
+        except LocoError as error:
+            self.get_logger().warning(str(error))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_control stance_controller``."""
+    sys.exit(run_nodes([StanceControllerNode], args))
+
+
+if __name__ == "__main__":
+    main()

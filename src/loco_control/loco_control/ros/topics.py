@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every topic of the graph, named once: type, QoS, rate, who writes and who reads.
+
+Nodes create their publishers and subscriptions from this table, the readiness
+check counts endpoints by it, the recorder subscribes to it, and
+``docs/topics.md`` is printed from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64, String
+from tf2_msgs.msg import TFMessage
+
+from loco_control.exceptions import NameUnknownError
+from loco_msgs.msg import (
+    Event,
+    GaitTarget,
+    LearningState,
+    MotionCommand,
+    RecorderStatus,
+    RobotState,
+    Stance,
+    TrunkTorque,
+)
+
+# Writers keep this many messages for a reliable reader that is behind (the
+# recorder): more than the plant's flow window, so lockstep loses none.
+WRITER_DEPTH = 1000
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Reliability and durability of a topic, and how many messages a reader queues."""
+
+    reliable: bool
+    latched: bool
+    depth: int
+
+    def writer(self) -> QoSProfile:
+        """Profile for publishers; deep, since depth is not negotiated."""
+        return self._profile(WRITER_DEPTH if self.reliable and not self.latched else self.depth)
+
+    def reader(self, depth: int | None = None) -> QoSProfile:
+        """Profile for subscriptions, of the table's depth unless given."""
+        return self._profile(depth or self.depth)
+
+    def _profile(self, depth: int) -> QoSProfile:
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=depth,
+            reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL
+            if self.latched
+            else DurabilityPolicy.VOLATILE,
+        )
+
+
+COMMAND = Qos(reliable=True, latched=False, depth=1)
+STATE = Qos(reliable=True, latched=False, depth=10)
+LATCHED = Qos(reliable=True, latched=True, depth=1)
+LATCHED_LOG = Qos(reliable=True, latched=True, depth=100)
+CLOCK = Qos(reliable=False, latched=False, depth=1)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One row of the table.
+
+    ``rate`` is in simulated time [Hz], 0 for topics that speak when something
+    happens. ``writer`` is ``"any"`` for topics a user may write.
+    """
+
+    name: str
+    type: type
+    qos: Qos
+    rate: float
+    writer: str
+    readers: tuple[str, ...]
+    doc: str
+
+
+def _rows() -> tuple[Topic, ...]:
+    sim, target, reflex = "robot_sim", "target_generator", "reflex_network"
+    stance, recorder = "stance_controller", "recorder"
+    nodes = (sim, target, reflex, stance, recorder)
+    return (
+        Topic("robot_state", RobotState, COMMAND, 250, sim, (target, reflex, stance),
+              "what the robot measures; starts the tick"),
+        Topic("gait_target", GaitTarget, COMMAND, 250, target, (reflex, stance),
+              "joint and foot references of the RCF"),
+        Topic("motion_command", MotionCommand, COMMAND, 250, reflex, (sim, stance),
+              "joint references for the impedance loop [rad, rad/s]"),
+        Topic("trunk_torque", TrunkTorque, COMMAND, 250, stance, (sim,),
+              "feed-forward torque of the trunk controller [N·m]"),
+        Topic("stance", Stance, COMMAND, 250, stance, (), "stance estimate, for tools"),
+        Topic("learning_state", LearningState, COMMAND, 250, reflex, (), "readout, error and phase"),
+        Topic("joint_states", JointState, STATE, 250, sim, (), "measured joints, for tools"),
+        Topic("imu/data", Imu, STATE, 250, sim, (), "REP-145 IMU, for tools"),
+        Topic("ground_truth/odom", Odometry, STATE, 250, sim, (),
+              "true base pose and velocity; no controller reads it"),
+        Topic("/tf", TFMessage, STATE, 50, sim, (), "odom to base_link from ground truth"),
+        Topic("/clock", Clock, CLOCK, 50, sim, (), "simulated time"),
+        Topic("robot_description", String, LATCHED, 0, sim, (), "URDF text"),
+        Topic("/diagnostics", DiagnosticArray, STATE, 0, "any", (), "1 Hz of wall time, every node"),
+        Topic("events", Event, LATCHED_LOG, 0, "any", nodes, "ready, phase, fall, finished, error"),
+        Topic("recorder_status", RecorderStatus, COMMAND, 0, recorder, (sim,),
+              "how far the recorder is; lockstep waits for it"),
+        Topic("cmd_vel", TwistStamped, COMMAND, 0, "any", (target,),
+              "forward speed wanted, twist.linear.x [m/s]"),
+        Topic("gait_frequency", Float64, COMMAND, 0, "any", (target,), "stride frequency wanted [Hz]"),
+        Topic("stance_estimator", String, COMMAND, 0, "any", (stance,), "pse or rse"),
+    )
+
+
+TOPICS = {topic.name: topic for topic in _rows()}
+NODES = ("robot_sim", "target_generator", "reflex_network", "stance_controller")
+
+
+def topic(name: str) -> Topic:
+    """Row of a topic.
+
+    Raises:
+        NameUnknownError: The table has no such topic.
+    """
+    if name not in TOPICS:
+        raise NameUnknownError("topic", name, TOPICS)
+    return TOPICS[name]
+
+
+def to_stamp(t: float) -> Time:
+    """ROS time of a simulated time [s], rounded to nanoseconds."""
+    seconds, nanoseconds = divmod(round(t * 1e9), 1_000_000_000)
+    return Time(sec=seconds, nanosec=nanoseconds)

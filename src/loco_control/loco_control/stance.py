@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stance controller: which legs stand, by clock or by foot height, and what they push.
+
+PSE (predictive) takes the stance of the gait clock; RSE (reactive) takes a leg
+to stand while the height of the *commanded* foot, averaged over a window, is
+low. Source: thesis 8.2.2, eq. (8.1)-(8.3); threshold, window and hysteresis
+are ours, none are published (facts 3.6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .exceptions import ParameterError
+from .params import Params, parameter
+from .trunk import TrunkController, TrunkParams
+from .types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
+
+ESTIMATORS = ("pse", "rse")
+
+
+@dataclass(frozen=True)
+class StanceParams(Params):
+    """Which stance estimator decides, from when, and how RSE does."""
+
+    estimator: str = parameter("pse", "pse: gait clock; rse: commanded foot", choices=ESTIMATORS)
+    estimator_start: float = parameter(0.0, "before this time pse decides", "s", low=0.0)
+    height_threshold: float = parameter(0.02, "rse: a higher foot swings", "m", low=0.0)
+    hysteresis: float = parameter(0.005, "rse: a foot lands this far below it", "m", low=0.0)
+    window: int = parameter(15, "rse: samples of the average height", low=1, high=250)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.hysteresis >= self.height_threshold:
+            raise ParameterError(
+                f"StanceParams.hysteresis must be below height_threshold "
+                f"({self.height_threshold} m), got {self.hysteresis}"
+            )
+
+
+class HeightEstimator:
+    """RSE: moving average of the commanded foot height, with hysteresis.
+
+    Args:
+        params: Window, threshold and hysteresis.
+    """
+
+    def __init__(self, params: StanceParams):
+        self.params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """All feet on the ground since ever."""
+        self._history = np.zeros((self.params.window, 4))
+        self._next = 0
+        self.stance = np.ones(4, dtype=bool)
+
+    def update(self, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Average height [m] and stance, each (4,), after a new height [m], (4,)."""
+        self._history[self._next] = height
+        self._next = (self._next + 1) % len(self._history)
+        mean = self._history.sum(axis=0) / len(self._history)
+        threshold = self.params.height_threshold - np.where(self.stance, 0.0, self.params.hysteresis)
+        self.stance = mean < threshold
+        return mean, self.stance
+
+
+class StanceController:
+    """Stance estimate and trunk torques of one tick.
+
+    Args:
+        stance_params: Which estimator decides.
+        trunk_params: Gains of the trunk controller.
+        dt: Control period [s].
+    """
+
+    def __init__(self, stance_params: StanceParams, trunk_params: TrunkParams, dt: float):
+        from . import kinematics  # loads numba
+
+        self.params, self.dt = stance_params, float(dt)
+        self.trunk = TrunkController(trunk_params)
+        self._height = HeightEstimator(stance_params)
+        self._lengths = kinematics.HYQ.lengths()
+        self._feet_and_jacobians = kinematics.feet_and_jacobians
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the estimator of the parameters, with no past."""
+        self._estimator, self._start = self.params.estimator, self.params.estimator_start
+        self._height.reset()
+        self.trunk.reset()
+
+    def set_estimator(self, name: str) -> None:
+        """Let the estimator `name` decide from the next step on, whatever the time.
+
+        Raises:
+            NameUnknownError: There is no such estimator.
+        """
+        self._estimator, self._start = self.params.replace(estimator=name).estimator, 0.0
+
+    def step(
+        self, state: RobotState, target: GaitTarget, command: MotionCommand
+    ) -> tuple[Stance, TrunkTorque]:
+        """Stance and trunk torque for the tick of `state`; call it once per tick."""
+        feet, _ = self._feet_and_jacobians(command.q.reshape(4, 3), self._lengths)
+        ground = target.foot_position[:, 2].min()  # the target always stands on its lowest foot
+        height, low = self._height.update(feet[:, 2] - ground)
+        reactive = self._estimator == "rse" and state.t >= self._start - 0.5 * self.dt
+        legs = (low if reactive else target.stance).copy()
+        stance = Stance(state.tick, state.t, height, legs, ESTIMATORS.index("rse" if reactive else "pse"))
+        return stance, self.trunk.step(state, target, legs)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes say to each other in one tick, as plain dataclasses of arrays.
+
+Each class has a message of the same name and the same fields in ``loco_msgs``
+(a test compares them). ``tick`` counts control periods from 0 and ``t`` is
+simulated time [s]; in the messages ``t`` travels as ``stamp``.
+Arrays over joints have shape (12,) and follow `loco_control.names.JOINTS`;
+arrays over legs have shape (4,) or (4, 3) and follow `LEGS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class RobotState:
+    """What the robot measures at the start of tick `tick`."""
+
+    tick: int
+    t: float  # [s]
+    q: np.ndarray  # joint position [rad], (12,)
+    dq: np.ndarray  # joint velocity [rad/s], (12,)
+    tau: np.ndarray  # joint torque, mean over the last control period [N·m], (12,)
+    grf: np.ndarray  # ground reaction force on each foot, world frame [N], (4, 3)
+    orientation: np.ndarray  # IMU, base to world, x y z w [-], (4,)
+    angular_velocity: np.ndarray  # IMU, base frame [rad/s], (3,)
+    linear_acceleration: np.ndarray  # IMU specific force, base frame, +g at rest [m/s²], (3,)
+    contact: np.ndarray  # foot touches the ground, (4,) bool
+
+
+@dataclass
+class GroundTruth:
+    """What only the simulator knows; no controller reads it."""
+
+    tick: int
+    t: float  # [s]
+    position: np.ndarray  # base origin in world [m], (3,)
+    orientation: np.ndarray  # base to world, x y z w [-], (4,)
+    linear_velocity: np.ndarray  # base origin, base frame [m/s], (3,)
+    angular_velocity: np.ndarray  # base frame [rad/s], (3,)
+
+
+@dataclass
+class GaitTarget:
+    """What the target generator wants at tick `tick`."""
+
+    tick: int
+    t: float  # [s]
+    q: np.ndarray  # joint position [rad], (12,)
+    dq: np.ndarray  # joint velocity [rad/s], (12,)
+    foot_position: np.ndarray  # in the base frame [m], (4, 3)
+    foot_velocity: np.ndarray  # in the base frame [m/s], (4, 3)
+    phase: np.ndarray  # stride phase, 0 at touchdown [-], in [0, 1), (4,)
+    speed: float  # forward speed asked for, smoothed [m/s]
+    frequency: float  # stride frequency asked for, smoothed [Hz]
+    stance: np.ndarray  # the gait clock says stance, (4,) bool
+
+
+@dataclass
+class MotionCommand:
+    """Joint references for the impedance loop of the plant."""
+
+    tick: int
+    t: float  # [s]
+    q: np.ndarray  # joint position [rad], (12,)
+    dq: np.ndarray  # joint velocity [rad/s], (12,)
+
+
+@dataclass
+class Stance:
+    """Which legs carry the trunk, and by which estimator."""
+
+    tick: int
+    t: float  # [s]
+    foot_height: np.ndarray  # averaged height of the commanded foot over its stance height [m], (4,)
+    stance: np.ndarray  # (4,) bool
+    estimator: int  # index in `loco_control.stance.ESTIMATORS`
+
+
+@dataclass
+class TrunkTorque:
+    """Feed-forward torque of the trunk controller, and the legs it stands on."""
+
+    tick: int
+    t: float  # [s]
+    tau: np.ndarray  # [N·m], (12,); zero for swing legs
+    wrench: np.ndarray  # wanted at the trunk, horizontal frame, force then moment [N, N·m], (6,)
+    stance: np.ndarray  # (4,) bool; the plant picks stance or swing gains by it
+
+
+@dataclass
+class LearningState:
+    """What the reflex network did at tick `tick`."""
+
+    tick: int
+    t: float  # [s]
+    prediction: np.ndarray  # HFE, KFE positions [rad] then velocities [rad/s], leg-major, (16,)
+    error: float  # rms over the 8 positions of prediction minus target [rad]
+    weight_norm: float  # Frobenius norm of the readout [-]
+    phase: int  # index in `loco_learning.reflex.PHASES`
+    driving: bool  # the prediction, not the target, is in `motion_command`
+    learning: bool  # the readout was updated at this tick

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Standard messages beside the fast path, for RViz, Foxglove and ``ros2 topic echo``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState
+from tf2_msgs.msg import TFMessage
+
+from loco_control.ros.codec import Codec
+from loco_control.ros.convert import stamp
+from loco_control.ros.node import LocoNode
+from loco_control.ros.topics import topic
+from loco_control.types import GroundTruth, RobotState
+
+_XYZ, _XYZW = "xyz", "xyzw"
+
+
+class ToolTopics:
+    """Publishes joint_states, imu/data, ground_truth/odom, /tf and /clock at their table rates.
+
+    Args:
+        node: Node that owns the publishers.
+        joints: Joint names, in array order.
+        rate: Control rate [Hz].
+    """
+
+    def __init__(self, node: LocoNode, joints: tuple[str, ...], rate: float):
+        self._rate = rate
+        self._topics: dict[str, tuple[Any, Codec, np.ndarray, int]] = {}
+        for name, template in _templates(joints).items():
+            codec = Codec(template)
+            every = max(1, round(rate / topic(name).rate))
+            self._topics[name] = (node.output(name), codec, codec.record(), every)
+
+    def publish(self, state: RobotState, truth: GroundTruth) -> None:
+        """Publish what is due at the tick of `state`."""
+        for name, fill in _FILL.items():
+            publisher, _, record, every = self._topics[name]
+            if state.tick % every == 0:
+                fill(record, state, truth)
+                publisher.publish(record.tobytes())
+
+
+def _templates(joints: tuple[str, ...]) -> dict[str, Any]:
+    zeros = [0.0] * len(joints)
+    states = JointState(name=list(joints), position=zeros, velocity=zeros, effort=zeros)
+    states.header.frame_id = "base_link"
+    imu = Imu()
+    imu.header.frame_id = "base_link"
+    odometry = Odometry(child_frame_id="base_link")
+    odometry.header.frame_id = "odom"
+    transform = TransformStamped(child_frame_id="base_link")
+    transform.header.frame_id = "odom"
+    return {
+        "joint_states": states,
+        "imu/data": imu,
+        "ground_truth/odom": odometry,
+        "/tf": TFMessage(transforms=[transform]),
+        "/clock": Clock(),
+    }
+
+
+def _set(record: np.ndarray, path: str, axes: str, values: np.ndarray) -> None:
+    for axis, value in zip(axes, values, strict=True):
+        record[f"{path}.{axis}"] = value
+
+
+def _joint_states(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
+    stamp(record, "header.stamp", state.t)
+    record["position"], record["velocity"], record["effort"] = state.q, state.dq, state.tau
+
+
+def _imu(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
+    stamp(record, "header.stamp", state.t)
+    _set(record, "orientation", _XYZW, state.orientation)
+    _set(record, "angular_velocity", _XYZ, state.angular_velocity)
+    _set(record, "linear_acceleration", _XYZ, state.linear_acceleration)
+
+
+def _odometry(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
+    stamp(record, "header.stamp", truth.t)
+    _set(record, "pose.pose.position", _XYZ, truth.position)
+    _set(record, "pose.pose.orientation", _XYZW, truth.orientation)
+    _set(record, "twist.twist.linear", _XYZ, truth.linear_velocity)
+    _set(record, "twist.twist.angular", _XYZ, truth.angular_velocity)
+
+
+def _transform(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
+    stamp(record, "transforms.0.header.stamp", truth.t)
+    _set(record, "transforms.0.transform.translation", _XYZ, truth.position)
+    _set(record, "transforms.0.transform.rotation", _XYZW, truth.orientation)
+
+
+def _clock(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
+    stamp(record, "clock", state.t)
+
+
+_FILL = {
+    "joint_states": _joint_states,
+    "imu/data": _imu,
+    "ground_truth/odom": _odometry,
+    "/tf": _transform,
+    "/clock": _clock,
+}
