@@ -46,7 +46,7 @@ class BagWriter:
         if self._path.exists():
             raise BagError(f"{self._path} exists already; choose another folder")
         self.custom = custom_data or {}
-        self._file = open(self._path, "wb", buffering=0)  # noqa: SIM115 (closed in close)
+        self._file = open(self._path, "wb")  # noqa: SIM115 (closed in close)
         self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD)
         self._writer.start("ros2", LIBRARY)
         self._channels: dict[str, _Channel] = {}
@@ -98,6 +98,10 @@ class BagWriter:
         """Put a file (configuration, weights) inside the bag."""
         self._writer.add_attachment(self._end, self._end, name, media_type, data)
 
+    def flush(self) -> None:
+        """Close the chunk in progress and hand it to the system: what a crash cannot take."""
+        self._writer.flush()
+
     def close(self) -> None:
         """Write index, statistics and the final ``metadata.yaml``."""
         if self._file.closed:
@@ -106,6 +110,7 @@ class BagWriter:
         self._writer.add_metadata("rosbag2", {"serialized_metadata": info})
         self._writer.add_metadata(LIBRARY, self.custom)
         self._writer.finish()
+        self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
         self._write_metadata()

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from functools import cache
 from pathlib import Path
-
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from loco_control.exceptions import NameUnknownError
 
@@ -56,15 +56,21 @@ def type_hash(name: str) -> str:
 
 def _file(name: str, suffix: str) -> Path:
     package, _, short = name.partition("/msg/")
-    try:
-        folder = Path(get_package_share_directory(package)) / "msg"
-    except (PackageNotFoundError, ValueError):
-        raise NameUnknownError("installed message package", package, []) from None
+    # Wheels install into the environment's prefix, which no ament path names.
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    folders = [Path(prefix) / "share" / package / "msg" for prefix in prefixes]
+    folder = next((f for f in folders if f.is_dir()), None)
+    if folder is None:
+        raise NameUnknownError("installed message package", package, _packages(prefixes))
     path = folder / f"{short}.{suffix}"
     if not path.is_file():
         known = [p.stem for p in folder.glob(f"*.{suffix}")]
         raise NameUnknownError(f"message in {package}", short, known)
     return path
+
+
+def _packages(prefixes: list[str]) -> list[str]:
+    return [p.parent.name for prefix in prefixes for p in Path(prefix).glob("share/*/msg")]
 
 
 def _nested(text: str, package: str) -> list[str]:

@@ -42,6 +42,7 @@ class RecorderNode(LocoNode):
         for row in _chosen([name for name in wanted if name]):
             self._subscribe(row)
         self.create_timer(0.1, self._tell_if_new)
+        self.create_timer(1.0, self.writer.flush)
         self.announce_ready()
 
     def _subscribe(self, row: Topic) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,81 +11,77 @@ from typing import Any
 
 import yaml
 
+from loco_control.names import JOINTS
 from loco_control.params import to_dict
 from loco_control.ros.convert import Converter
 from loco_control.ros.topics import topic
-from loco_control.types import (
-    GaitTarget,
-    LearningState,
-    MotionCommand,
-    RobotState,
-    Stance,
-    TrunkTorque,
-)
 from loco_learning.experiment import Experiment
-from loco_learning.reflex import PHASES
+from loco_learning.log import PARTS, Log
+from loco_learning.rollout import rollout
+from loco_sim.ros.tools import encoders
 
 from .bag_writer import BagWriter, qos_dict
 from .interfaces import definition, type_hash, type_name
 from .run import Outcome, Progress, describe, duration_of
 
-_TOPICS = {
-    RobotState: "robot_state",
-    GaitTarget: "gait_target",
-    MotionCommand: "motion_command",
-    LearningState: "learning_state",
-    Stance: "stance",
-    TrunkTorque: "trunk_torque",
+TOPIC_OF = {  # in the order of a tick
+    "state": "robot_state",
+    "target": "gait_target",
+    "command": "motion_command",
+    "learning": "learning_state",
+    "stance": "stance",
+    "trunk": "trunk_torque",
 }
-
-
-class TickWriter:
-    """Writes the dataclasses of a tick to a bag, each on its topic."""
-
-    def __init__(self, writer: BagWriter):
-        self._writer = writer
-        self._pack = {cls: Converter(cls).pack for cls in _TOPICS}
-        for name in _TOPICS.values():
-            row = topic(name)
-            kind = type_name(row.type)
-            qos = [qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)]
-            writer.add_topic("/" + name, kind, definition(kind), type_hash(kind), qos)
-
-    def write(self, *values: Any) -> None:
-        """Write values of `loco_control.types` in the order given."""
-        for value in values:
-            cls = type(value)
-            self._writer.write("/" + _TOPICS[cls], self._pack[cls](value), round(value.t * 1e9))
+_TRUTH = "ground_truth/odom"
 
 
 def run_rollout(
     experiment: Experiment, folder: Path, on_progress: Callable[[Progress], None]
 ) -> Outcome:
-    """Run an experiment in this process, without nodes, into a bag of six topics."""
-    from loco_learning.rollout import rollout
-
-    folder = Path(folder)
-    writer = BagWriter(folder, describe(experiment, layout="rollout", clock="asap"))
-    ticks = TickWriter(writer)
-    progress = Progress(duration=duration_of(experiment))
+    """Run an experiment in this process, without nodes, into a bag."""
+    progress = Progress(duration=duration_of(experiment), phase="running")
     began = time.perf_counter()
 
-    def on_tick(*values: Any) -> None:
-        ticks.write(*values)
-        state, learning = values[0], values[3]
-        if state.tick % 250 == 0:
-            progress.sim_time, progress.phase = state.t, PHASES[learning.phase]
-            progress.real_time_factor = state.t / (time.perf_counter() - began)
+    def on_tick(done: int, loop: Any) -> None:
+        if done % 250 == 0:
+            progress.sim_time = done * experiment.dt
+            progress.real_time_factor = progress.sim_time / (time.perf_counter() - began)
             on_progress(progress)
 
-    try:
-        log = rollout(experiment, on_tick=on_tick)
-    finally:
-        text = yaml.safe_dump(to_dict(experiment), sort_keys=False)
-        (folder / "experiment.yaml").write_text(text)
-        writer.attach("experiment.yaml", text.encode())
-        writer.close()
-    outcome = Outcome(folder, fallen=bool(log.fall))
-    outcome.text = log.fall or f"{log.t[-1]:.1f} s simulated"
-    outcome.real_time_factor = log.t[-1] / (time.perf_counter() - began)
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    log = rollout(experiment, on_tick=on_tick, save_weights=str(Path(folder) / "weights.npz"))
+    write_log(log, folder)
+    outcome = Outcome(Path(folder), fallen=bool(log.fall))
+    length = len(log) * experiment.dt
+    outcome.text = f"fell at {length:.2f} s: {log.fall}" if log.fall else f"{length:.1f} s simulated"
+    outcome.real_time_factor = length / log.wall_time
     return outcome
+
+
+def write_log(log: Log, folder: Path) -> None:
+    """Write a log as a bag, tick by tick, with the bytes that the nodes would publish."""
+    writer = BagWriter(folder, describe(log.experiment, layout="rollout", clock="asap"))
+    packs = {part: (name, Converter(PARTS[part]).pack) for part, name in TOPIC_OF.items()}
+    truth = encoders(JOINTS)[_TRUTH]
+    for name in (*TOPIC_OF.values(), _TRUTH):
+        row = topic(name)
+        kind = type_name(row.type)
+        qos = [qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)]
+        writer.add_topic("/" + name, kind, definition(kind), type_hash(kind), qos)
+    for tick in range(len(log)):
+        t = round(log.t[tick] * 1e9)
+        rows = {part: _row(getattr(log, part), PARTS[part], tick) for part in PARTS}
+        writer.write("/" + _TRUTH, truth(rows["state"], rows["truth"]), t)
+        for part, (name, pack) in packs.items():
+            writer.write("/" + name, pack(rows[part]), t)
+    text = yaml.safe_dump(to_dict(log.experiment), sort_keys=False)
+    (Path(folder) / "experiment.yaml").write_text(text)
+    writer.attach("experiment.yaml", text.encode())
+    weights = Path(folder) / "weights.npz"
+    if weights.is_file():
+        writer.attach("weights.npz", weights.read_bytes(), "application/octet-stream")
+    writer.close()
+
+
+def _row(stacked: Any, cls: type, tick: int) -> Any:
+    return cls(**{f.name: getattr(stacked, f.name)[tick] for f in dataclasses.fields(cls)})

@@ -52,13 +52,21 @@ class Codec:
 
     def __init__(self, template: Any):
         self.type = type(template)
-        self._bytes = bytes(serialize_message(template))
-        names, formats, offsets = [], [], []
-        end = _walk(template, "", _HEADER, names, formats, offsets)
-        self.dtype = np.dtype(
-            {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)}
-        )
-        if end > len(self._bytes) or not self._agrees(template):
+        data = bytes(serialize_message(template))
+        layout = _Layout()
+        end = _walk(template, "", _HEADER, layout)
+        if end > len(data):
+            raise ParameterError(f"{self.type.__name__} has no constant CDR layout")
+        self.dtype = np.dtype({**layout.fields, "itemsize": len(data)})
+        # Fast CDR leaves padding as it finds it in memory; ours is zero, so that
+        # equal messages are equal bytes.
+        clean = bytearray(len(data))
+        for start, stop in [(0, _HEADER), *layout.constants]:
+            clean[start:stop] = data[start:stop]
+        values = np.frombuffer(data, self.dtype)
+        np.frombuffer(clean, self.dtype)[:] = values
+        self._bytes = bytes(clean)
+        if not self._agrees(template):
             raise ParameterError(f"{self.type.__name__} has no constant CDR layout")
 
     @property
@@ -105,40 +113,60 @@ def _follow(message: Any, path: str) -> Any:
     return message
 
 
-def _walk(message: Any, prefix: str, at: int, names: list, formats: list, offsets: list) -> int:
-    """Append the numeric fields of `message` from byte `at`; return the end."""
+class _Layout:
+    """Numeric fields for `np.dtype`, and the spans that hold texts and lengths."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, list] = {"names": [], "formats": [], "offsets": []}
+        self.constants: list[tuple[int, int]] = []
+
+    def add(self, path: str, kind: Any, at: int) -> None:
+        for key, value in zip(self.fields, (path, kind, at), strict=True):
+            self.fields[key].append(value)
+
+
+def _walk(message: Any, prefix: str, at: int, layout: _Layout) -> int:
+    """Add the fields of `message` from byte `at` on; return where it ends."""
     for name, kind in message.get_fields_and_field_types().items():
-        at = _field(getattr(message, name), kind, prefix + name, at, names, formats, offsets)
+        at = _field(getattr(message, name), kind, prefix + name, at, layout)
     return at
 
 
-def _field(
-    value: Any, kind: str, path: str, at: int, names: list, formats: list, offsets: list
-) -> int:
-    element, is_sequence = kind, False
-    if kind.startswith("sequence<"):
-        element, is_sequence = kind[len("sequence<") : -1].split(",")[0].strip(), True
-        at = _aligned(at, 4) + 4
+def _field(value: Any, kind: str, path: str, at: int, layout: _Layout) -> int:
+    element, is_sequence = kind, kind.startswith("sequence<")
+    if is_sequence:
+        element = kind[len("sequence<") : -1].split(",")[0].strip()
+        at = _constant(at, 4, 4, layout)
     elif kind.endswith("]"):
         element = kind[: kind.index("[")]
     many = is_sequence or kind.endswith("]")
     if element in _PRIMITIVES:
-        code = np.dtype(_PRIMITIVES[element])
-        count = len(value) if many else 1
-        if many and count == 0:
-            return at
-        at = _aligned(at, code.itemsize)
-        names.append(path)
-        formats.append((code, (count,)) if many else code)
-        offsets.append(at)
-        return at + count * code.itemsize
+        return _numbers(value if many else None, np.dtype(_PRIMITIVES[element]), path, at, layout)
     for index, item in enumerate(value if many else [value]):
-        where = f"{path}.{index}" if many else path
         if element.startswith("string"):
-            at = _aligned(at, 4) + 4 + len(item.encode()) + 1
+            at = _constant(at, 4, 4 + len(item.encode()) + 1, layout)
         else:
-            at = _walk(item, where + ".", at, names, formats, offsets)
+            at = _walk(item, f"{path}.{index}." if many else path + ".", at, layout)
     return at
+
+
+def _numbers(values: Any, code: np.dtype, path: str, at: int, layout: _Layout) -> int:
+    """Add one number (`values` None) or an array of them."""
+    if values is None:
+        at = _aligned(at, code.itemsize)
+        layout.add(path, code, at)
+        return at + code.itemsize
+    if len(values) == 0:
+        return at
+    at = _aligned(at, code.itemsize)
+    layout.add(path, (code, (len(values),)), at)
+    return at + len(values) * code.itemsize
+
+
+def _constant(at: int, alignment: int, length: int, layout: _Layout) -> int:
+    at = _aligned(at, alignment)
+    layout.constants.append((at, at + length))
+    return at + length
 
 
 def _aligned(at: int, size: int) -> int:

@@ -46,7 +46,7 @@ class LocoNode(Node):
         self._diagnostics = self.output("/diagnostics")
         self._on_ready: Callable[[], None] = lambda: None
         self._ready_timer = None
-        self.create_timer(1.0, self._publish_diagnostics)
+        self.create_timer(1.0, self.publish_diagnostics)
 
     def output(self, name: str) -> Any:
         """Publisher of a topic of the table; `publish` takes bytes or a message."""
@@ -106,7 +106,8 @@ class LocoNode(Node):
             self.event("ready")
             self._on_ready()
 
-    def _publish_diagnostics(self) -> None:
+    def publish_diagnostics(self) -> None:
+        """Publish the figures since the last call; a timer does it at 1 Hz."""
         values = {**self._periods.summary(), **self.diagnose()}
         if self._ready_timer is not None:
             values["waiting for"] = ", ".join(self.unmatched())

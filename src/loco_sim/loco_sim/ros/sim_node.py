@@ -26,7 +26,8 @@ from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim import effects
 from loco_sim.ros.tools import ToolTopics
-from loco_sim.simulation import Simulation, SimParams
+from loco_sim.params import SimParams
+from loco_sim.simulation import Simulation
 
 CLOCKS = ("lockstep", "asap", "realtime")
 
@@ -65,7 +66,7 @@ class RobotSimNode(LocoNode):
             1.0 / self.rate,
         )
         self._state_topic, self._pack = self.output("robot_state"), Converter(RobotState).pack
-        self._tools = ToolTopics(self, self.sim.joints, self.rate)
+        self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)
         self.output("robot_description").publish(String(data=self.sim.robot_description))
         self._last = round(self.tick.duration * self.rate) if self.tick.duration else None
         self._waiting_for = set(NODES) | ({"recorder"} if self.recorded else set())
@@ -127,11 +128,23 @@ class RobotSimNode(LocoNode):
 
     def _advance(self, command: MotionCommand, trunk: TrunkTorque) -> None:
         self.state = self.sim.step(command, trunk)
+        if self._over():
+            return
         lagging = self.state.tick - self._recorder_tick > self.tick.flow_window
         if self.recorded and lagging and self.tick.clock == "lockstep":
             self._held = self.state  # published when the recorder has caught up
             return
         self._publish(self.state)
+
+    def _over(self) -> bool:
+        """Whether the run ends here; the last state is not published, as nobody answers it."""
+        s, fallen = self.state, self.sim.fallen
+        if fallen and self.tick.stop_on_fall:
+            self.event("fall", fallen, s.tick, s.t)
+            self._finish(f"fell at {s.t:.2f} s: {fallen}")
+        elif self._last is not None and s.tick >= self._last:
+            self._finish(f"{s.t:.1f} s simulated")
+        return self._finished
 
     def _on_recorder(self, status: RecorderStatus) -> None:
         self._recorder_tick = status.tick
@@ -141,14 +154,8 @@ class RobotSimNode(LocoNode):
 
     def _publish(self, state: RobotState) -> None:
         self._pace()
-        fallen = self.sim.fallen
-        if fallen and not self._finished and self.tick.stop_on_fall:
-            self.event("fall", fallen, state.tick, state.t)
-            self._finish(f"fell at {state.t:.2f} s: {fallen}")
         self._tools.publish(state, self.sim.ground_truth())
         self._state_topic.publish(self._pack(state))
-        if self._last is not None and state.tick >= self._last and not self._finished:
-            self._finish(f"{state.t:.1f} s simulated")
 
     def _pace(self) -> None:
         if self.tick.clock != "lockstep" or not self.tick.speed:
@@ -158,7 +165,8 @@ class RobotSimNode(LocoNode):
 
     def _finish(self, text: str) -> None:
         self._finished = True
-        self.event("finished", text, self.state.tick, self.state.t)
+        self.publish_diagnostics()
+        self.event("finished", text, self.state.tick - 1, self.state.t)
 
     # ---- reports
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,20 +32,31 @@ class ToolTopics:
     """
 
     def __init__(self, node: LocoNode, joints: tuple[str, ...], rate: float):
-        self._rate = rate
-        self._topics: dict[str, tuple[Any, Codec, np.ndarray, int]] = {}
-        for name, template in _templates(joints).items():
-            codec = Codec(template)
-            every = max(1, round(rate / topic(name).rate))
-            self._topics[name] = (node.output(name), codec, codec.record(), every)
+        self._rows = [
+            (node.output(name), encode, max(1, round(rate / topic(name).rate)))
+            for name, encode in encoders(joints).items()
+        ]
 
     def publish(self, state: RobotState, truth: GroundTruth) -> None:
         """Publish what is due at the tick of `state`."""
-        for name, fill in _FILL.items():
-            publisher, _, record, every = self._topics[name]
+        for publisher, encode, every in self._rows:
             if state.tick % every == 0:
-                fill(record, state, truth)
-                publisher.publish(record.tobytes())
+                publisher.publish(encode(state, truth))
+
+
+def encoders(joints: tuple[str, ...]) -> dict[str, Callable[[RobotState, GroundTruth], bytes]]:
+    """Function per tool topic that gives the serialised message of a tick."""
+    return {name: _encoder(template, _FILL[name]) for name, template in _templates(joints).items()}
+
+
+def _encoder(template: Any, fill: Callable) -> Callable[[RobotState, GroundTruth], bytes]:
+    record = Codec(template).record()
+
+    def encode(state: RobotState, truth: GroundTruth) -> bytes:
+        fill(record, state, truth)
+        return record.tobytes()
+
+    return encode
 
 
 def _templates(joints: tuple[str, ...]) -> dict[str, Any]:
