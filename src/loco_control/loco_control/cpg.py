@@ -32,12 +32,13 @@ import numpy as np
 from numba import njit
 
 SPEED, FREQUENCY, DUTY, HEIGHT = range(4)  # of the vector `gait`
+SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the gait
 SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
 MAX_FOOT_SPEED = 10.0  # [m/s]
 
 
 def coupling_matrices(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """cos d_ij and sin d_ij of all pairs of legs, each (4, 4), zero on the diagonal.
+    """Cosine and sine of d_ij for all pairs of legs, each (4, 4), zero on the diagonal.
 
     Args:
         offsets: Phase of each leg when leg 0 touches down, in strides, (4,).
@@ -83,7 +84,7 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps):
         gait: speed [m/s], frequency [Hz], duty factor [-], step height [m], (4,).
         cosine: cos of the wanted phase leads, (4, 4).
         sine: sin of the wanted phase leads, (4, 4).
-        shape: coupling K, alpha [1/s], sharpness b, swing skew k_vf, filter gain k_c [1/s], (5,).
+        shape: K, alpha [1/s], b, k_vf and k_c [1/s], named by `SHAPE`, (5,).
         dt: Control period [s].
         substeps: Euler steps per period.
     """

@@ -22,7 +22,7 @@ PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
     "bound": (0.0, 0.0, 0.5, 0.5),
     "pace": (0.0, 0.5, 0.0, 0.5),
 }
-LIVE = ("speed", "frequency", "duty_factor", "step_height")  # in the order of `cpg.advance`
+LIVE = ("speed", "frequency", "duty_factor", "step_height")  # speed first, as in `cpg.advance`
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,21 @@ class GaitParams(Params):
     filter_gain: float = parameter(60.0, "k_c, pull of a swing foot to its oscillator", "1/s", 0.0)
     substeps: int = parameter(20, "integration steps per control period", low=1, high=1000)
     schedule: list[dict[str, float]] | None = parameter(
-        None, "changes at run time: a list of {time, speed?, frequency?, duty_factor?, step_height?}"
+        None,
+        "list of {time, speed?, frequency?, duty_factor?, step_height?}, applied at their times",
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.schedule, (list, tuple, type(None))):
+            raise ParameterError(f"GaitParams.schedule must be a list, got {self.schedule!r}")
         for change in self.schedule or ():
             _check_change(self, change)
 
 
 def _check_change(params: GaitParams, change: Any) -> None:
-    if not isinstance(change, dict) or not isinstance(change.get("time"), (int, float)):
+    time = change.get("time") if isinstance(change, dict) else None
+    if not isinstance(time, (int, float)) or not time >= 0.0:
         raise ParameterError(f"each change in GaitParams.schedule needs a time [s], got {change!r}")
     params.replace(schedule=None, **_live({k: v for k, v in change.items() if k != "time"}))
 
@@ -82,8 +86,11 @@ class TargetGenerator:
         params: The gait.
         dt: Control period [s].
 
+    Attributes:
+        standing: Joint positions of the robot standing on its foot centres [rad], (12,).
+
     Raises:
-        ParameterError: The foot centres are out of reach.
+        ParameterError: The foot centres or the steps are out of reach.
     """
 
     def __init__(self, params: GaitParams, dt: float):
@@ -93,24 +100,22 @@ class TargetGenerator:
         self.params, self.dt = params, float(dt)
         self._cpg, self._kinematics = cpg, kinematics
         x, y, z = params.origin
-        self._centre = np.stack(
-            [x * kinematics.FRONT, y * kinematics.LEFT, np.full(4, z)], axis=1
-        )
-        kinematics.joint_position(self._centre)  # raises when out of reach
+        self._centre = np.stack([x * kinematics.FRONT, y * kinematics.LEFT, np.full(4, z)], axis=1)
+        self.standing = kinematics.joint_position(self._centre)
         self._lengths = kinematics.HYQ.lengths()
         self._offsets = np.array(PATTERNS[params.pattern])
         self._coupling = cpg.coupling_matrices(self._offsets)
-        self._shape = np.array(
-            [params.coupling, params.convergence, params.sharpness, params.swing_skew,
-             params.filter_gain]
-        )  # fmt: skip
+        self._shape = np.array([getattr(params, name) for name in cpg.SHAPE])
+        self._schedule = self._planned(params)
         self._blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        self.reset()
+        self._advance()  # compile now, not in the first tick of the gait
         self.reset()
 
     def reset(self) -> None:
         """Stand again at time 0; changes made by `set` are forgotten."""
         self._goal = self.params.replace(schedule=None)
-        self._changes = sorted(self.params.schedule or (), key=lambda change: change["time"])
+        self._changes = list(self._schedule)
         self._wanted = self._vector(self._goal)
         self._gait = self._wanted.copy()
         self._gait[self._cpg.SPEED] = 0.0
@@ -123,25 +128,21 @@ class TargetGenerator:
 
         Raises:
             NameUnknownError: The parameter cannot change at run time.
-            ParameterError: The value is out of range.
+            ParameterError: The value is out of range, or its steps are out of reach.
         """
-        self._goal = self._goal.replace(**_live(changes))
-        self._wanted = self._vector(self._goal)
+        goal = self._goal.replace(**_live(changes))
+        self._wanted = self._vector(goal)
+        self._goal = goal
 
     def step(self, state: RobotState) -> GaitTarget:
         """Target for the tick of `state`; call it once per tick."""
-        while self._changes and state.t >= self._changes[0]["time"] - 0.5 * self.dt:
-            change = dict(self._changes.pop(0))
-            change.pop("time")
-            self.set(**change)
+        while self._changes and state.t >= self._changes[0][0] - 0.5 * self.dt:
+            self.set(**self._changes.pop(0)[1])
         moving = state.t >= self.params.start_time - 0.5 * self.dt
         feet, velocity = self._centre.copy(), np.zeros((4, 3))
+        self._smooth(moving)
         if moving:
-            self._smooth()
-            velocity[:, ::2] = self._cpg.advance(
-                self._state, self._foot, self._gait, *self._coupling, self._shape, self.dt,
-                self.params.substeps,
-            )  # fmt: skip
+            velocity[:, ::2] = self._advance()
             feet[:, ::2] += self._foot
         q, dq = self._kinematics.inverse(feet, velocity, self._lengths)
         return GaitTarget(
@@ -157,12 +158,32 @@ class TargetGenerator:
             stance=self._state[:, 1] <= 0.0 if moving else np.ones(4, dtype=bool),
         )
 
-    def _smooth(self) -> None:
+    def _advance(self) -> np.ndarray:
+        return self._cpg.advance(
+            *(self._state, self._foot, self._gait, *self._coupling, self._shape),
+            *(self.dt, self.params.substeps),
+        )
+
+    def _smooth(self, moving: bool) -> None:
+        if not moving:  # nothing to be gentle to: take all but the speed at once
+            self._halfway[1:] = self._gait[1:] = self._wanted[1:]
+            return
         self._halfway += self._blend * (self._wanted - self._halfway)
         self._gait += self._blend * (self._halfway - self._gait)
 
-    @staticmethod
-    def _vector(params: GaitParams) -> np.ndarray:
+    def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
+        """Times and changes of the schedule in order; raises when one is out of reach."""
+        goal, planned = params.replace(schedule=None), []
+        for change in sorted(params.schedule or (), key=lambda change: change["time"]):
+            values = {name: value for name, value in change.items() if name != "time"}
+            goal = goal.replace(**values)
+            self._vector(goal)
+            planned.append((change["time"], values))
+        return planned
+
+    def _vector(self, params: GaitParams) -> np.ndarray:
+        """What the oscillators follow, (4,); raises when a step leaves the reach of the legs."""
+        half_step = 0.5 * params.speed * params.duty_factor / params.frequency
+        for x, z in ((half_step, 0.0), (-half_step, 0.0), (0.0, params.step_height)):
+            self._kinematics.joint_position(self._centre + [x, 0.0, z])
         return np.array([getattr(params, name) for name in LIVE])
-
-

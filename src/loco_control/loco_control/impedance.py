@@ -58,7 +58,7 @@ def impedance_torque(
     kd: np.ndarray,
     feed_forward: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """tau = kp (q_d - q) + kd (dq_d - dq) + tau_feed_forward.
+    """Torque kp (q_d - q) + kd (dq_d - dq) + feed_forward.
 
     Positions in [rad], velocities in [rad/s], kp in [N·m/rad], kd in [N·m·s/rad],
     torques in [N·m]; every array (12,) or of one broadcastable shape.

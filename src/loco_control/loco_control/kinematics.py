@@ -75,7 +75,7 @@ def foot_position(q: np.ndarray, geometry: LegGeometry = HYQ) -> np.ndarray:
 
 
 def jacobian(q: np.ndarray, geometry: LegGeometry = HYQ) -> np.ndarray:
-    """d foot / d q of each leg, base frame [m/rad], (4, 3, 3): rows x y z, columns haa hfe kfe."""
+    """Derivative d foot / d q of each leg in the base frame [m/rad], (4, 3, 3)."""
     return feet_and_jacobians(_legs(q), geometry.lengths())[1]
 
 

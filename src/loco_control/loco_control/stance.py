@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .exceptions import ParameterError
 from .params import Params, parameter
 from .trunk import TrunkController, TrunkParams
 from .types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
@@ -27,17 +26,14 @@ class StanceParams(Params):
 
     estimator: str = parameter("pse", "pse: gait clock; rse: commanded foot", choices=ESTIMATORS)
     estimator_start: float = parameter(0.0, "before this time pse decides", "s", low=0.0)
-    height_threshold: float = parameter(0.02, "rse: a higher foot swings", "m", low=0.0)
-    hysteresis: float = parameter(0.005, "rse: a foot lands this far below it", "m", low=0.0)
+    height_threshold: float = parameter(0.02, "rse: a higher foot swings", "m", low=0.001, high=0.1)
+    hysteresis: float = parameter(
+        0.25,
+        "rse: share of the threshold by which a landing foot must be below it",
+        low=0.0,
+        high=0.9,
+    )
     window: int = parameter(15, "rse: samples of the average height", low=1, high=250)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.hysteresis >= self.height_threshold:
-            raise ParameterError(
-                f"StanceParams.hysteresis must be below height_threshold "
-                f"({self.height_threshold} m), got {self.hysteresis}"
-            )
 
 
 class HeightEstimator:
@@ -62,8 +58,8 @@ class HeightEstimator:
         self._history[self._next] = height
         self._next = (self._next + 1) % len(self._history)
         mean = self._history.sum(axis=0) / len(self._history)
-        threshold = self.params.height_threshold - np.where(self.stance, 0.0, self.params.hysteresis)
-        self.stance = mean < threshold
+        share = np.where(self.stance, 1.0, 1.0 - self.params.hysteresis)
+        self.stance = mean < share * self.params.height_threshold
         return mean, self.stance
 
 
@@ -108,6 +104,7 @@ class StanceController:
         ground = target.foot_position[:, 2].min()  # the target always stands on its lowest foot
         height, low = self._height.update(feet[:, 2] - ground)
         reactive = self._estimator == "rse" and state.t >= self._start - 0.5 * self.dt
+        estimator = ESTIMATORS.index("rse" if reactive else "pse")
         legs = (low if reactive else target.stance).copy()
-        stance = Stance(state.tick, state.t, height, legs, ESTIMATORS.index("rse" if reactive else "pse"))
+        stance = Stance(state.tick, state.t, height, legs, estimator)
         return stance, self.trunk.step(state, target, legs)

@@ -22,7 +22,6 @@ from .params import Params, parameter
 from .types import GaitTarget, RobotState, TrunkTorque
 
 MAX_HEADING_ERROR = math.radians(45.0)
-BASE_WEIGHT, RIDGE = 1000.0, 1e-4  # of the weighted pseudo-inverse of the RCF
 MAPPINGS = ("nullspace", "minimum_force")
 
 
@@ -50,53 +49,6 @@ class TrunkParams(Params):
     min_stance_legs: int = parameter(2, "no torque with fewer legs in stance", low=1, high=4)
 
 
-def grasp_map(feet: np.ndarray) -> np.ndarray:
-    """G, (6, 3n): forces on `feet` [m], (n, 3), to force and moment about the origin."""
-    count = len(feet)
-    G = np.zeros((6, count, 3))
-    G[0, :, 0] = G[1, :, 1] = G[2, :, 2] = 1.0
-    x, y, z = feet.T
-    G[3, :, 1], G[3, :, 2] = -z, y
-    G[4, :, 0], G[4, :, 2] = z, -x
-    G[5, :, 0], G[5, :, 1] = -y, x
-    return G.reshape(6, 3 * count)
-
-
-def nullspace_forces(wrench: np.ndarray, feet: np.ndarray, jacobians: np.ndarray) -> np.ndarray:
-    """Ground forces of the null-space mapping: nearly the least joint torque.
-
-    The RCF projects the wrench by (I - J_h^+ J_h)^T with J_h = [J | G^T] and
-    J_h^+ = W J_h^T (J_h W J_h^T + ridge I)^-1. Its joint part is -J^T f with
-
-        (J J^T + weight G^T G + ridge I) f = weight G^T w,
-
-    the minimum of |J^T f|² + weight |G f - w|² + ridge |f|².
-
-    Args:
-        wrench: w, force [N] then moment [N·m] about the origin, (6,).
-        feet: Stance feet [m], (n, 3), in the frame of the wrench.
-        jacobians: d foot / d q of their legs [m/rad], (n, 3, 3), in the same frame.
-
-    Returns:
-        Ground force on each foot [N], (n, 3).
-    """
-    G = grasp_map(feet)
-    normal = BASE_WEIGHT * (G.T @ G)
-    normal.flat[:: len(normal) + 1] += RIDGE
-    for leg, block in enumerate(jacobians @ jacobians.transpose(0, 2, 1)):
-        rows = slice(3 * leg, 3 * leg + 3)
-        normal[rows, rows] += block
-    return np.linalg.solve(normal, BASE_WEIGHT * (G.T @ wrench)).reshape(-1, 3)
-
-
-def minimum_forces(wrench: np.ndarray, feet: np.ndarray) -> np.ndarray:
-    """Ground forces [N], (n, 3), of least norm whose wrench is nearest to `wrench`, (6,)."""
-    G = grasp_map(feet)
-    normal = G @ G.T
-    normal.flat[::7] += 1e-9  # two feet cannot turn the trunk about the line between them
-    return (G.T @ np.linalg.solve(normal, wrench)).reshape(-1, 3)
-
-
 class TrunkController:
     """Virtual springs and dampers on height, roll, pitch and heading.
 
@@ -105,9 +57,9 @@ class TrunkController:
     """
 
     def __init__(self, params: TrunkParams):
-        from . import kinematics  # loads numba
+        from . import forces, kinematics  # loads numba
 
-        self.params = params
+        self.params, self._mappings = params, forces
         self._lengths = kinematics.HYQ.lengths()
         self._turned_feet = kinematics.turned_feet
         self.reset()
@@ -121,6 +73,7 @@ class TrunkController:
         roll, pitch, yaw = roll_pitch_yaw(state.orientation)
         if self._heading is None:
             self._heading = yaw
+        turned = wrap_angle(yaw - self._heading)
         tau, wrench = np.zeros((4, 3)), np.zeros(6)
         legs = np.flatnonzero(stance)
         if self.params.enabled and len(legs) >= self.params.min_stance_legs:
@@ -130,7 +83,7 @@ class TrunkController:
             feet, J, velocity = self._turned_feet(q, dq, R, spin, self._lengths)
             height, rise = -sum(feet[legs, 2]) / len(legs), -sum(velocity[legs, 2]) / len(legs)
             lift = self._lift(-min(target.foot_position[:, 2]), height, rise)
-            wrench[2:] = lift, *self._moment(roll, pitch, yaw, spin)
+            wrench[2:] = lift, *self._moment(roll, pitch, turned, spin)
             forces = self._forces(wrench, feet[legs], J[legs])
             for leg, force in zip(legs, forces, strict=True):
                 tau[leg] = -force @ J[leg]
@@ -140,21 +93,20 @@ class TrunkController:
         p = self.params
         return p.height_kp * (wanted - height) - p.height_kd * rise + p.mass * p.gravity
 
-    def _moment(self, roll: float, pitch: float, yaw: float, spin: np.ndarray) -> tuple:
+    def _moment(self, roll: float, pitch: float, turned: float, spin: np.ndarray) -> tuple:
         p = self.params
-        off = wrap_angle(self._heading - yaw) if p.heading_hold else 0.0
-        off = min(max(off, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
+        turned = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
         return (
             -p.roll_kp * roll - p.roll_kd * spin[0],
             -p.pitch_kp * pitch - p.pitch_kd * spin[1],
-            p.yaw_kp * off - p.yaw_kd * spin[2],
+            -(p.yaw_kp * turned if p.heading_hold else 0.0) - p.yaw_kd * spin[2],
         )
 
     def _forces(self, wrench: np.ndarray, feet: np.ndarray, J: np.ndarray) -> np.ndarray:
         if self.params.mapping == "nullspace":
-            forces = nullspace_forces(wrench, feet, J)
+            forces = self._mappings.nullspace_forces(wrench, feet, J)
         else:
-            forces = minimum_forces(wrench, feet)
+            forces = self._mappings.minimum_forces(wrench, feet)
         if self.params.push_only:
             np.maximum(forces[:, 2], 0.0, out=forces[:, 2])
         return forces

@@ -119,7 +119,7 @@ def _add_studies(commands) -> None:
     p.add_argument("--out", type=Path, help="results folder (default results/NAME)")
     p.add_argument("--seeds", type=int, help="only the first N seeds")
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
-    p.add_argument("what", help="rls, graph, rollout or messages")
+    p.add_argument("what", help="rls, graph or messages")
     p.add_argument("--json", type=Path, help="write the rows to this file too")
 
 

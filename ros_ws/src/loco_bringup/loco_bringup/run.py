@@ -201,8 +201,11 @@ class _Watch:
             waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
             raise GraphError(f"not ready after {START_TIMEOUT:.0f} s; {waits or 'no node spoke'}")
         if self._started and idle > STALL_TIMEOUT:
-            t = self._progress.sim_time
-            raise GraphError(f"no tick for {STALL_TIMEOUT:.0f} s, stopped at {t:.3f} s")
+            raise GraphError(
+                f"nothing moved for {STALL_TIMEOUT:.0f} s at {self._progress.sim_time:.3f} s; "
+                f"last tick {self._final_tick if self._finished else 'not reached'}, "
+                f"recorder at tick {self._recorder_tick}"
+            )
 
     def _on_event(self, event: Any) -> None:
         self._moved = time.monotonic()

@@ -112,7 +112,7 @@ def _rows() -> tuple[Topic, ...]:
         Topic("robot_description", String, LATCHED, 0, sim, (), "URDF text"),
         Topic("/diagnostics", DiagnosticArray, STATE, 0, "any", (), "1 Hz of wall time, every node"),
         Topic("events", Event, LATCHED_LOG, 0, "any", nodes, "ready, phase, fall, finished, error"),
-        Topic("recorder_status", RecorderStatus, COMMAND, 0, recorder, (sim,),
+        Topic("recorder_status", RecorderStatus, LATCHED, 0, recorder, (sim,),
               "how far the recorder is; lockstep waits for it"),
         Topic("cmd_vel", TwistStamped, COMMAND, 0, "any", (target,),
               "forward speed wanted, twist.linear.x [m/s]"),

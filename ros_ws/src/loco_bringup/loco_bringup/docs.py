@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco docs`: the reference tables of ``docs/``, printed from the code."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from loco_control.params import Params
+
+from .console import console
+
+_NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
+
+
+def show_docs(write: bool) -> None:
+    """Print the pages, or write them into ``docs/`` of the clone."""
+    for name, text in pages().items():
+        if write:
+            path = root() / "docs" / name
+            path.write_text(text)
+            console.print(f"wrote {path}")
+        else:
+            console.print(text, markup=False)
+
+
+def root() -> Path:
+    """Top folder of the clone."""
+    return Path(__file__).resolve().parents[4]
+
+
+def pages() -> dict[str, str]:
+    """Name and text of every generated page."""
+    return {
+        "topics.md": _topics(),
+        "messages.md": _messages(),
+        "parameters.md": _parameters(),
+        "effects.md": _effects(),
+    }
+
+
+def _topics() -> str:
+    from loco_control.ros.topics import TOPICS
+
+    rows = [
+        (
+            f"`{t.name}`",
+            f"`{t.type.__module__.split('.')[0]}/{t.type.__name__}`",
+            ("reliable" if t.qos.reliable else "best effort")
+            + (", transient local" if t.qos.latched else "")
+            + f", depth {t.qos.depth}",
+            f"{t.rate:g} Hz" if t.rate else "on event",
+            t.writer,
+            ", ".join(t.readers) or "tools",
+            t.doc,
+        )
+        for t in TOPICS.values()
+    ]
+    head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "what it says")
+    return _page(
+        "Topics",
+        "Names are relative unless they start with `/`. Depth is the reader's; writers keep "
+        "1000 messages for the recorder. Rates are per simulated second.",
+        _table(head, rows),
+    )
+
+
+def _messages() -> str:
+    parts = []
+    for path in sorted((root() / "src" / "loco_msgs" / "msg").glob("*.msg")):
+        lines = path.read_text().splitlines()
+        intro = lines[0].lstrip("# ")
+        rows = []
+        for line in lines[1:]:
+            declared, _, comment = line.partition("#")
+            kind, name = declared.split()
+            text, unit = _split_unit(comment.strip())
+            rows.append((f"`{name}`", f"`{kind}`", unit, text))
+        parts.append(f"## {path.stem}\n\n{intro}\n\n{_table(('field', 'type', 'unit', 'meaning'), rows)}")
+    return _page("Messages", "Package `loco_msgs`; every array on the control path has a fixed size.", *parts)
+
+
+def _split_unit(comment: str) -> tuple[str, str]:
+    """Comment and the unit in its last brackets."""
+    if comment.endswith("]") and "[" in comment:
+        text, _, unit = comment[:-1].rpartition("[")
+        return text.strip(), unit
+    return comment, ""
+
+
+def _parameters() -> str:
+    from loco_learning.experiment import Experiment
+
+    return _page(
+        "Parameters",
+        "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
+        "declare the same names as ROS parameters.",
+        _table(("key", "default", "unit", "range", "meaning"), _rows(Experiment(), "")),
+    )
+
+
+def _effects() -> str:
+    from loco_sim import effects
+
+    parts = []
+    for name in effects.names():
+        cls = effects.EFFECTS[name]
+        table = _table(("parameter", "default", "unit", "range", "meaning"), _rows(cls(), ""))
+        parts.append(f"## {name}\n\n{_dedent(cls.__doc__)}\n\n{table}")
+    intro = (
+        "Departures of the plant from the ideal robot. An experiment lists them in order: "
+        "`effects: [{name: push, force: [0, 30, 0], start: 5, stop: 6}]`. Defaults are off."
+    )
+    return _page("Effects", intro, *parts)
+
+
+def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
+    for f in dataclasses.fields(params):
+        value = getattr(params, f.name)
+        if isinstance(value, Params):
+            yield from _rows(value, f"{prefix}{f.name}.")
+        elif not f.name.startswith("_"):
+            meta = f.metadata
+            yield (f"`{prefix}{f.name}`", _code(value), meta.get("unit", "-"), _range(meta), meta.get("doc", ""))
+
+
+def _code(value: Any) -> str:
+    return f"`{list(value) if isinstance(value, tuple) else value}`"
+
+
+def _range(meta: Any) -> str:
+    if meta.get("choices"):
+        return ", ".join(f"`{c}`" for c in meta["choices"])
+    low, high = meta.get("low"), meta.get("high")
+    if low is None and high is None:
+        return ""
+    left = "(-inf" if low is None else f"[{low:g}"
+    right = "inf)" if high is None else f"{high:g}]"
+    return f"{left}, {right}"
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(head)
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _page(title: str, intro: str, *parts: str) -> str:
+    return "\n\n".join((f"# {title}", _NOTE, intro, *parts)) + "\n"
+
+
+def _dedent(text: str | None) -> str:
+    import inspect
+
+    return inspect.cleandoc(text or "")

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Proof, from a bag alone, that the readout drives hips and knees in the test phase.
+
+The bag holds the network as it was at the first tick of test, and every force
+that it felt from there on. The network is run again over those forces, without
+any target, and must give the recorded commands. No recorded flag is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import BagError
+from loco_control.types import GaitTarget
+from loco_learning.log import Log
+from loco_learning.params import PHASES
+from loco_learning.reflex import REFERENCES, ReflexNetwork
+
+from .bag import Bag
+from .bag_log import read_log
+
+WEIGHTS = "weights.npz"
+TOLERANCE = 1e-9  # on one machine the difference is 0; another may round differently [rad]
+
+
+@dataclass(frozen=True)
+class ReadoutCheck:
+    """Commands of the test phase beside those of the network run again.
+
+    Columns are the 8 HFE and KFE positions [rad], then the 8 velocities [rad/s].
+    """
+
+    t: np.ndarray  # [s], (T,)
+    commanded: np.ndarray  # recorded `motion_command`, (T, 16)
+    recomputed: np.ndarray  # network of the bag, run over the recorded forces, (T, 16)
+    target: np.ndarray  # recorded `gait_target`, (T, 16)
+    abduction: float  # largest distance of the HAA commands from their targets [rad, rad/s]
+
+    @property
+    def error(self) -> float:
+        """Largest difference of command and network over ticks and columns."""
+        return float(np.max(np.abs(self.commanded - self.recomputed)))
+
+    @property
+    def target_distance(self) -> np.ndarray:
+        """Largest difference of command and target at each tick, (T,)."""
+        return np.max(np.abs(self.commanded - self.target), axis=1)
+
+    @property
+    def drives(self) -> bool:
+        """The network gives every command, and the target gives none."""
+        return self.error <= TOLERANCE < float(np.min(self.target_distance))
+
+    def summary(self) -> str:
+        """The result in one line."""
+        verdict = "the readout drives" if self.drives else "the readout does NOT drive"
+        positions = np.abs(self.commanded - self.target)[:, :8]
+        return (
+            f"{verdict} HFE and KFE from {self.t[0]:.3f} s to {self.t[-1]:.3f} s: over "
+            f"{len(self.t)} ticks, commands are {self.error:.1e} at most from the network run "
+            f"again, and {np.sqrt(np.mean(positions**2)):.1e} rad (rms) from the target"
+        )
+
+
+def check_readout(bag: Bag | str | Path) -> ReadoutCheck:
+    """Run the network of a bag again over its test phase.
+
+    Raises:
+        BagError: The bag has no network, no test phase, or misses ticks in it.
+        MissingFileError: There is no such bag.
+    """
+    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    return check_log(read_log(bag), weights_of(bag))
+
+
+def weights_of(bag: Bag) -> bytes:
+    """The network that a bag carries, as the bytes of its file.
+
+    Raises:
+        BagError: It carries none: an open-loop run, or one that ended before test.
+    """
+    if WEIGHTS not in bag.attachments():
+        raise BagError(
+            f"{bag.path.name} carries no {WEIGHTS}: the run had no network or ended before test"
+        )
+    return bag.attachment(WEIGHTS)
+
+
+def check_log(log: Log, weights: bytes) -> ReadoutCheck:
+    """`check_readout` of a log that is read already.
+
+    Args:
+        log: The run.
+        weights: Network file, written right after the first tick of test.
+    """
+    rows = _rows(log)
+    network = _load(weights)
+    # The network is given no target: what it answers cannot come from there.
+    nowhere = dataclasses.replace(_row(log.target, rows.start), q=_NOTHING, dq=_NOTHING)
+    recomputed = np.array([_outputs(network, log, row, nowhere) for row in range(*_span(rows))])
+    haa = np.setdiff1d(np.arange(24), REFERENCES)
+    commanded, target = _references(log.command, rows), _references(log.target, rows)
+    return ReadoutCheck(
+        log.t[rows],
+        commanded[:, REFERENCES],
+        recomputed,
+        target[:, REFERENCES],
+        float(np.max(np.abs(commanded - target)[:, haa])),
+    )
+
+
+_NOTHING = np.full(12, np.nan)
+
+
+def _rows(log: Log) -> slice:
+    """Ticks of test after the first, which the saved network has seen already."""
+    test = log.phase(PHASES[-1])
+    if test.stop - test.start < 2:
+        raise BagError("the run has no test phase, so nothing shows that the readout drives")
+    ticks = log.state.tick[test]
+    gaps = np.flatnonzero(np.diff(ticks) != 1)
+    if len(gaps):
+        raise BagError(
+            f"tick {ticks[gaps[0]] + 1} of the test phase is not in the bag, so the network "
+            "cannot be run again over what it felt"
+        )
+    return slice(test.start + 1, test.stop)
+
+
+def _load(weights: bytes) -> ReflexNetwork:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / WEIGHTS
+        path.write_bytes(weights)
+        return ReflexNetwork.load(path)
+
+
+def _outputs(network: ReflexNetwork, log: Log, row: int, target: GaitTarget) -> np.ndarray:
+    command, _ = network.step(_row(log.state, row), target)
+    return np.concatenate((command.q, command.dq))[REFERENCES]
+
+
+def _references(part: Any, rows: slice) -> np.ndarray:
+    return np.concatenate((part.q[rows], part.dq[rows]), axis=1)  # (T, 24)
+
+
+def _row(part: Any, row: int) -> Any:
+    return type(part)(*[getattr(part, f.name)[row] for f in dataclasses.fields(part)])
+
+
+def _span(rows: slice) -> tuple[int, int]:
+    return rows.start, rows.stop

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Look of the report's figures: one colour per meaning, phases shaded, small SVG files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from loco_learning.log import Log
+from loco_learning.params import PHASES
+
+# Colours of Okabe and Ito, safe for colour-blind readers. The target is a broad pale line, so
+# that a thin line exactly on it still shows.
+TARGET = {"color": "#8cc5ea", "linewidth": 3.2, "solid_capstyle": "butt"}
+COMMAND = {"color": "#d55e00", "linewidth": 1.1}
+MEASURED = {"color": "#222222", "linewidth": 0.8}
+OTHER = {"color": "#0072b2", "linewidth": 1.1}  # anything that is none of the three
+BOUND = {"color": "#222222", "linewidth": 0.9, "linestyle": (0, (4, 3))}
+TINTS = {"stand": "#f1f1f1", "train": "#e3eef7", "closing": "#fdf0d5", "test": "#e2f3ea"}
+
+WIDTH = 7.4  # of every figure [in]
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": "#666666",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "path.simplify_threshold": 0.2,
+    "svg.hashsalt": "loco",  # the same bag gives the same bytes
+}
+_ANONYMOUS = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Everything drawn inside has the report's style."""
+    with mpl.rc_context(STYLE):
+        yield
+
+
+def canvas(rows: int, columns: int, height: float, **more: object) -> tuple[Figure, np.ndarray]:
+    """Figure without a window, and its axes, (rows, columns).
+
+    Args:
+        rows: Of axes.
+        columns: Of axes.
+        height: Of the figure [in].
+        more: For `Figure.subplots`.
+    """
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **more)
+
+
+def svg(figure: Figure) -> bytes:
+    """Figure as SVG without date and addresses."""
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", metadata=_ANONYMOUS)
+    return file.getvalue()
+
+
+def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """One legend for all axes, above them, where it hides no data."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
+
+
+def phase_name(log: Log, name: str) -> str:
+    """What a phase is called; without a network nothing trains."""
+    return name if log.experiment.learner.enabled or name == "stand" else "open loop"
+
+
+def phases(log: Log) -> list[tuple[str, float, float]]:
+    """Phases that were reached: name, start and end [s]."""
+    found = []
+    for name in PHASES:
+        ticks = log.phase(name)
+        if ticks.stop > ticks.start:
+            found.append((name, float(log.t[ticks.start]), float(log.t[ticks.stop - 1]) + log.dt))
+    return found
+
+
+def shade(axes: np.ndarray, log: Log) -> None:
+    """Tint the phases behind time axes and name them above the first."""
+    spans = phases(log)
+    whole = spans[-1][2] - spans[0][1]
+    for each in axes.flat:
+        each.set_xlim(spans[0][1], spans[-1][2])
+        for name, start, stop in spans:
+            each.axvspan(start, stop, color=TINTS[name], linewidth=0, zorder=-10)
+    top = axes.flat[0]
+    for name, start, stop in spans:
+        if stop - start > 0.06 * whole:
+            top.annotate(
+                phase_name(log, name),
+                ((start + stop) / 2, 1.0), (0, 2), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="center", va="bottom", fontsize=8, color="#555555",
+            )  # fmt: skip
+
+
+def envelope(t: np.ndarray, y: np.ndarray, buckets: int = 450) -> tuple[np.ndarray, ...]:
+    """Times, smallest and largest value of each of so many stretches of a signal.
+
+    Keeps every peak of a long signal in a small drawing.
+
+    Args:
+        t: Times, (T,).
+        y: Signal, (T,); NaN where unknown.
+        buckets: At most so many stretches.
+    """
+    edges = np.unique(np.linspace(0, len(y), min(buckets, len(y)) + 1).astype(int))[:-1]
+    low = np.fmin.reduceat(y, edges)
+    return t[edges], low, np.fmax.reduceat(y, edges)
+
+
+def every(t: np.ndarray, points: int = 900) -> slice:
+    """Rows of a smooth signal that are worth drawing."""
+    return slice(None, None, max(1, len(t) // points))
+
+
+def flag_spans(t: np.ndarray, flag: np.ndarray, dt: float) -> list[tuple[float, float]]:
+    """Start and length [s] of each stretch in which a flag is up."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flag, [False])).astype(int)))
+    return [
+        (float(t[a]), float(t[b - 1] - t[a]) + dt)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]

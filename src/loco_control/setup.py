@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+from setuptools import find_packages, setup
+
+setup(
+    name="loco_control",
+    version="0.1.0",
+    description="Gait generator, stance and trunk control of a quadruped: NumPy, with ROS 2 nodes at the rim",
+    license="Apache-2.0",
+    packages=find_packages(include=["loco_control*"]),
+    package_data={
+        "": [f"**/*.{kind}" for kind in ("yaml", "urdf", "html", "j2", "css", "js", "svg")]
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/loco_control"]),
+        ("share/loco_control", ["package.xml"]),
+    ],
+    entry_points={
+        "console_scripts": [
+            "target_generator = loco_control.ros.target_node:main",
+            "stance_controller = loco_control.ros.stance_node:main",
+        ]
+    },
+    zip_safe=False,
+)

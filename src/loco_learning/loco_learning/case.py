@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run of a study, reduced to what tables and figures need."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from loco_control.exceptions import ParameterError
+from loco_control.params import to_dict
+
+from . import metrics, signals, trial
+from .experiment import Experiment
+from .log import Log
+
+FORMAT = 1
+COARSE = 10  # slow curves keep each tenth tick
+FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Verdict, metrics and curves of one run."""
+
+    name: str
+    variant: str
+    seed: int
+    experiment: dict[str, Any]
+    verdict: dict[str, Any]
+    metrics: dict[str, dict[str, float]]  # by phase and name
+    real_time_factor: float
+    curves: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write to one ``.npz`` file, whole or not at all."""
+        meta = {k: v for k, v in vars(self).items() if k != "curves"}
+        part = path.with_suffix(f".{os.getpid()}.part")
+        with open(part, "wb") as file:
+            np.savez_compressed(file, meta=json.dumps({"format": FORMAT, **meta}), **self.curves)
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> CaseResult:
+        """Read what `save` wrote.
+
+        Raises:
+            ParameterError: It is not a case result of this format.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                curves = dict(file)
+            meta = json.loads(str(curves.pop("meta")))
+            if meta.pop("format") != FORMAT:
+                raise ParameterError(f"{path} is a case result of another version")
+            return cls(**meta, curves=curves)
+        except (OSError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise ParameterError(f"{path} is not a case result ({error})") from error
+
+
+def run_case(
+    name: str, variant: str, seed: int, experiment: Experiment, folder: Path
+) -> CaseResult:
+    """Run one case and write its result; the function that workers call."""
+    from .rollout import rollout  # loads physics, in the worker
+
+    log = rollout(experiment, seed)
+    result = reduce(log, name, variant)
+    result.save(Path(folder) / f"{name}.npz")
+    return result
+
+
+def reduce(log: Log, name: str, variant: str) -> CaseResult:
+    """Verdict, metrics and curves of a log."""
+    return CaseResult(
+        name=name,
+        variant=variant,
+        seed=log.seed,
+        experiment=json.loads(json.dumps(to_dict(log.experiment))),
+        verdict=trial.judge(log).as_dict(),
+        metrics=metrics.table(log),
+        real_time_factor=len(log) * log.dt / log.wall_time,
+        curves={**_error(log), **_feet(log), **_cycle(log), **_trunk(log)},
+    )
+
+
+def _error(log: Log) -> dict[str, np.ndarray]:
+    """Smoothed NRMSE over the whole run, and the lag while the prediction drives."""
+    trotting = log.cut(slice(log.phase("train").start, None))
+    if not log.experiment.learner.enabled or len(trotting) < metrics.period(log):
+        return {}
+    target, prediction = metrics.target_and_prediction(trotting)
+    smooth = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    curves = {"error_t": trotting.t[::COARSE], "error": smooth[::COARSE]}
+    found = trial.course(log)
+    if found:
+        curves |= {"lag_t": found.t[::COARSE], "lag": found.lag[::COARSE]}
+    return curves
+
+
+def _feet(log: Log) -> dict[str, np.ndarray]:
+    """Heights of the front feet at the end of the run, wanted and commanded [m]."""
+    end = log.cut(slice(max(0, len(log) - round(FEET_SECONDS / log.dt)), None))
+    ground = -abs(log.experiment.gait.origin[2])
+    height = metrics.feet(end.command.q)[:, :2, 2] - ground
+    return {
+        "feet_t": end.t,
+        "feet_target": end.target.foot_position[:, :2, 2] - ground,
+        "feet": height,
+    }
+
+
+def _cycle(log: Log) -> dict[str, np.ndarray]:
+    """Limit cycle of the test phase in the two principal components of the target [-]."""
+    test = log.cut(log.phase("test"))
+    if not log.experiment.learner.enabled or len(test) < metrics.period(log):
+        return {}
+    target, actual = signals.limit_cycle(metrics.outputs_wanted(test), test.learning.prediction)
+    return {"cycle_t": test.t, "cycle_target": target, "cycle": actual}
+
+
+def _trunk(log: Log) -> dict[str, np.ndarray]:
+    """Position and attitude of the trunk over the whole run."""
+    angles = signals.roll_pitch_yaw(log.truth.orientation)
+    return {
+        "trunk_t": log.t[::COARSE],
+        "trunk_position": log.truth.position[::COARSE],
+        "trunk_angles": angles[::COARSE],
+    }

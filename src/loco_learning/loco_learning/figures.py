@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures and tables of a study, from its case results."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .case import CaseResult
+from .params import PHASES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = {"pse": "#2a7f4f", "rse": "#c0392b", "open": "#34568b"}
+OTHER = ("#34568b", "#b8860b", "#6a3d9a", "#444444")
+TARGET = "#34568b"
+VERDICT = ("nrmse", "amplitude", "slip", "lag", "frequency")
+
+FIGURES: dict[str, Callable[[Sequence[CaseResult]], Figure]] = {}
+
+
+def figure(function: Callable[[Sequence[CaseResult]], Figure]) -> Callable:
+    """Register a figure under the name of its function."""
+    FIGURES[function.__name__] = function
+    return function
+
+
+def _new(columns: int, size: tuple[float, float], **kwargs: Any) -> tuple[Figure, np.ndarray]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=size, layout="constrained", dpi=120)
+    FigureCanvasAgg(made)  # no display, and no global state as pyplot has
+    axes = np.atleast_1d(made.subplots(1, columns, **kwargs))
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+    return made, axes
+
+
+def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
+    groups: dict[str, list[CaseResult]] = {}
+    for result in results:
+        groups.setdefault(result.variant, []).append(result)
+    return groups
+
+
+def _colour(variant: str, index: int) -> str:
+    return COLOURS.get(variant, OTHER[index % len(OTHER)])
+
+
+def _marks(ax: Any, result: CaseResult, low: float = -np.inf) -> None:
+    """Vertical lines where phases and effects begin, with their names above the axes."""
+    learner = result.experiment["learner"]
+    starts = np.cumsum([learner[phase] for phase in PHASES])
+    marks = {phase: t for phase, t in zip(PHASES[1:], starts[:-1], strict=True) if learner[phase]}
+    for effect in result.experiment["effects"]:
+        marks[effect["name"].replace("_", " ")] = effect.get("start", 0.0)
+    for name, t in marks.items():
+        if t >= low:
+            ax.axvline(t, color="0.6", lw=0.8, ls="-" if name in PHASES else ":", zorder=0)
+            ax.annotate(name, (t, 1.01), xycoords=ax.get_xaxis_transform(), color="0.4")
+
+
+@figure
+def nrmse_over_time(results: Sequence[CaseResult]) -> Figure:
+    """Smoothed NRMSE of all trials over time, as figure 8.3."""
+    made, (ax,) = _new(1, (9.0, 4.0))
+    for i, (variant, cases) in enumerate(_variants(results).items()):
+        colour, label = _colour(variant, i), f"{variant.upper()} ({len(cases)} trials)"
+        for case in cases:
+            if "error" in case.curves:
+                t, error = case.curves["error_t"], case.curves["error"]
+                ax.plot(t, error, color=colour, lw=0.9, alpha=0.8, label=label)
+                label = None
+                if case.verdict["fall"]:
+                    ax.plot(t[-1], error[-1], "x", color=colour, ms=7, mew=2)
+    learner = results[0].experiment["learner"]
+    closing = learner["stand"] + learner["train"]
+    ax.set_xlim(max(0.0, closing - 10.0), max(case.verdict["end"] for case in results))
+    _marks(ax, results[0], closing - 10.0)
+    bound = results[0].experiment["criterion"]["nrmse"]
+    ax.axhline(bound, color="0.5", lw=0.8, ls="--", label=f"failure above {bound:g}")
+    ax.set(xlabel="time [s]", ylabel="NRMSE, mean over one stride [-]", ylim=(0.0, None))
+    ax.legend(loc="upper left", frameon=False)
+    return made
+
+
+@figure
+def limit_cycles(results: Sequence[CaseResult]) -> Figure:
+    """Limit cycle of one trial per variant in the target's principal components, as figure 8.4."""
+    groups = {
+        v: [c for c in cases if "cycle" in c.curves] for v, cases in _variants(results).items()
+    }
+    groups = {v: cases for v, cases in groups.items() if cases}
+    made, axes = _new(max(1, len(groups)), (4.6 * max(1, len(groups)), 4.4), sharex=True, sharey=True)
+    for ax, (variant, cases) in zip(axes, groups.items(), strict=False):
+        case = _typical(cases)
+        t, path = case.curves["cycle_t"], case.curves["cycle"]
+        last = len(t) - max(1, len(t) // 10)
+        ax.plot(*case.curves["cycle_target"][:300].T, color=TARGET, lw=2.0, label="target")
+        ax.scatter(*path[:last].T, c=t[:last], cmap="autumn_r", s=1.0, lw=0, rasterized=True)
+        ax.plot(*path[last:].T, color="black", lw=0.8, label="last tenth of the test")
+        ax.set(title=f"{variant.upper()}, seed {case.seed}", xlabel="1st component [-]")
+        ax.set_aspect("equal", adjustable="box")
+    axes[0].set_ylabel("2nd component [-]")
+    made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return made
+
+
+@figure
+def foot_heights(results: Sequence[CaseResult]) -> Figure:
+    """Heights of the front feet at the end of one trial per variant, as figure 8.5."""
+    groups = _variants(results)
+    made, axes = _new(len(groups), (5.2 * len(groups), 3.4), sharey=True)
+    for ax, (variant, cases) in zip(axes, groups.items(), strict=True):
+        case = _typical(cases)
+        t = case.curves["feet_t"]
+        shown = t > t[-1] - 3.0
+        for foot, (leg, colour) in enumerate((("LF", "#d97706"), ("RF", "#15803d"))):
+            wanted = 100.0 * case.curves["feet_target"][shown, foot]
+            ax.plot(t[shown], wanted, color=colour, lw=1.0, ls=":", label=f"{leg} target")
+            sent = 100.0 * case.curves["feet"][shown, foot]
+            ax.plot(t[shown], sent, color=colour, lw=1.5, label=f"{leg} network")
+        ax.set(title=f"{variant.upper()}, seed {case.seed}", xlabel="time [s]")
+    axes[0].set_ylabel("height of the foot [cm]")
+    made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return made
+
+
+@figure
+def trunk(results: Sequence[CaseResult]) -> Figure:
+    """Height, attitude and path of the trunk."""
+    made, axes = _new(3, (11.0, 3.4))
+    for i, case in enumerate(results):
+        colour = _colour(case.variant, i)
+        t, position = case.curves["trunk_t"], case.curves["trunk_position"]
+        axes[0].plot(t, 100.0 * position[:, 2], color=colour, lw=0.6)
+        for k, name in enumerate(("roll", "pitch", "yaw")):
+            label = name if i == 0 else None
+            axes[1].plot(t, case.curves["trunk_angles"][:, k], color=OTHER[k], lw=0.6, label=label)
+        axes[2].plot(position[:, 0], position[:, 1], color=colour, lw=0.8)
+    axes[0].set(xlabel="time [s]", ylabel="trunk height [cm]")
+    axes[1].set(xlabel="time [s]", ylabel="trunk attitude [rad]")
+    axes[1].legend(frameon=False)
+    axes[2].set(xlabel="x [m]", ylabel="y [m]")
+    return made
+
+
+def _typical(cases: Sequence[CaseResult]) -> CaseResult:
+    """Case in the middle by its largest smoothed NRMSE, of those that lasted longest."""
+    end = max(case.verdict["end"] for case in cases)
+    lasting = [case for case in cases if case.verdict["end"] > end - 1.0]
+    ranked = sorted(lasting, key=lambda case: (case.verdict["nrmse"], case.seed))
+    return ranked[len(ranked) // 2]
+
+
+def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list[Path]:
+    """Write table (``table.md``, ``cases.csv``) and figures (``.png``); returns their paths."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {"table.md": markdown(study, results), "cases.csv": as_csv(study, results)}
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for name in study.figures:
+        FIGURES[name](results).savefig(folder / f"{name}.png")
+    return [folder / name for name in texts] + [folder / f"{name}.png" for name in study.figures]
+
+
+def rows(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
+    """One mapping per case: verdict, then the metrics of the study's phase."""
+    made = []
+    for case in results:
+        values = case.metrics.get(study.phase, {})
+        row = {"variant": case.variant, "seed": case.seed, "survived": case.verdict["survived"]}
+        row |= {"failed": " ".join(case.verdict["failed"]) or "-", "end": case.verdict["end"]}
+        row |= {f"trial {key}": case.verdict[key] for key in VERDICT}
+        row |= {name: values.get(name, float("nan")) for name in study.metrics}
+        made.append(row)
+    return made
+
+
+def as_csv(study: Any, results: Sequence[CaseResult]) -> str:
+    """Table of the cases with all digits."""
+    table = rows(study, results)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    return text.getvalue()
+
+
+def markdown(study: Any, results: Sequence[CaseResult]) -> str:
+    """Summary per variant, then one row per case, to read."""
+    parts = [f"# {study.name}", "", study.description, "", "## Failures by criterion", ""]
+    parts += _table(summary(results))
+    parts += ["", f"## Cases (metrics of the phase {study.phase!r})", ""]
+    parts += _table(rows(study, results))
+    return "\n".join(parts) + "\n"
+
+
+def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
+    """One mapping per variant: trials, survivors, and how many failed by each criterion."""
+    made = []
+    for variant, cases in _variants(results).items():
+        row: dict[str, Any] = {"variant": variant, "trials": len(cases)}
+        row["survived"] = sum(case.verdict["survived"] for case in cases)
+        for name in ("fall", "phase_slip", "freeze", "nrmse"):
+            row[name] = sum(name in case.verdict["failed"] for case in cases)
+        for name in ("frequency", "lag"):
+            values = [case.verdict[name] for case in cases]
+            row[f"{name} mean"], row[f"{name} std"] = np.mean(values), np.std(values)
+        row["real-time factor"] = np.mean([case.real_time_factor for case in cases])
+        made.append(row)
+    return made
+
+
+def _table(table: list[dict[str, Any]]) -> list[str]:
+    def text(value: Any) -> str:
+        return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+    lines = ["| " + " | ".join(table[0]) + " |", "|" + "---|" * len(table[0])]
+    return lines + ["| " + " | ".join(map(text, row.values())) + " |" for row in table]

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that was said in a run, one array per field over all ticks."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.params import to_dict
+from loco_control.types import (
+    GaitTarget,
+    GroundTruth,
+    LearningState,
+    MotionCommand,
+    RobotState,
+    Stance,
+    TrunkTorque,
+)
+
+from .experiment import Experiment, from_values
+from .params import PHASES
+
+FORMAT = 1
+PARTS = {
+    "state": RobotState,
+    "target": GaitTarget,
+    "command": MotionCommand,
+    "learning": LearningState,
+    "stance": Stance,
+    "trunk": TrunkTorque,
+    "truth": GroundTruth,
+}
+
+
+@dataclass
+class Log:
+    """A run: the messages of all ticks, stacked.
+
+    Each part is the dataclass of the message of that name with its fields
+    stacked along a first axis over ticks: ``log.state.q`` has shape (T, 12),
+    ``log.learning.error`` shape (T,).
+    """
+
+    state: RobotState
+    target: GaitTarget
+    command: MotionCommand
+    learning: LearningState
+    stance: Stance
+    trunk: TrunkTorque
+    truth: GroundTruth
+    experiment: Experiment = field(default_factory=Experiment)
+    seed: int = 0
+    fall: str = ""  # why the robot fell; empty if it did not
+    reflex_time: np.ndarray = field(default_factory=lambda: np.empty(0))  # wall clock [s], (T,)
+    wall_time: float = float("nan")  # of the whole run [s]
+
+    def __len__(self) -> int:
+        return len(self.state.tick)
+
+    @property
+    def t(self) -> np.ndarray:
+        """Simulated time [s], (T,)."""
+        return self.state.t
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return self.experiment.dt
+
+    @property
+    def complete(self) -> bool:
+        """The run lasted as long as its experiment says."""
+        return len(self) >= self.experiment.ticks
+
+    def phase(self, name: str) -> slice:
+        """Ticks of a phase of `PHASES`; empty if it was not reached."""
+        ticks = np.flatnonzero(self.learning.phase == PHASES.index(name))
+        return slice(int(ticks[0]), int(ticks[-1]) + 1) if len(ticks) else slice(0, 0)
+
+    def cut(self, interval: slice) -> Log:
+        """The same run, only the ticks of `interval`."""
+        parts = {name: stack(getattr(self, name), interval) for name in PARTS}
+        return dataclasses.replace(self, **parts, reflex_time=self.reflex_time[interval])
+
+    def save(self, path: str | Path) -> None:
+        """Write arrays, experiment, seed and outcome to one ``.npz`` file."""
+        meta = {
+            "format": FORMAT,
+            "experiment": to_dict(self.experiment),
+            "seed": self.seed,
+            "fall": self.fall,
+            "wall_time": self.wall_time,
+        }
+        arrays = {
+            f"{name}.{f.name}": getattr(getattr(self, name), f.name)
+            for name in PARTS
+            for f in dataclasses.fields(PARTS[name])
+        }
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "wb") as file:
+            np.savez(file, meta=json.dumps(meta), reflex_time=self.reflex_time, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read what `save` wrote.
+
+        Raises:
+            MissingFileError: There is no such file.
+            ParameterError: It is not a log of this format.
+        """
+        if not Path(path).is_file():
+            raise MissingFileError(f"no log file {path}")
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+            meta = json.loads(str(arrays["meta"]))
+            if meta["format"] != FORMAT:
+                raise ParameterError(f"{path} has log format {meta['format']!r}, not {FORMAT}")
+            parts = {
+                name: kind(**{f.name: arrays[f"{name}.{f.name}"] for f in dataclasses.fields(kind)})
+                for name, kind in PARTS.items()
+            }
+        except (OSError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            raise ParameterError(f"{path} is not a log file ({error})") from error
+        return cls(
+            **parts,
+            experiment=from_values(meta["experiment"]),
+            seed=meta["seed"],
+            fall=meta["fall"],
+            reflex_time=arrays["reflex_time"],
+            wall_time=meta["wall_time"],
+        )
+
+
+class Column:
+    """Grows a stacked message tick by tick, in arrays of a known length."""
+
+    def __init__(self, kind: type, length: int):
+        self._kind, self._length, self._arrays = kind, length, []
+
+    def add(self, row: int, message: Any) -> None:
+        """Copy the fields of a message to a row."""
+        if not self._arrays:
+            self._arrays = [self._empty(getattr(message, name)) for name in self._names()]
+            self._pairs = list(zip(self._names(), self._arrays, strict=True))
+        for name, array in self._pairs:
+            array[row] = getattr(message, name)
+
+    def stacked(self, rows: int) -> Any:
+        """The message class with its first `rows` rows as arrays."""
+        return self._kind(*[array[:rows] for array in self._arrays])
+
+    def _names(self) -> list[str]:
+        return [f.name for f in dataclasses.fields(self._kind)]
+
+    def _empty(self, value: Any) -> np.ndarray:
+        value = np.asarray(value)
+        return np.zeros((self._length, *value.shape), value.dtype)
+
+
+def stack(part: Any, interval: slice) -> Any:
+    """Rows `interval` of a stacked message."""
+    return dataclasses.replace(
+        part, **{f.name: getattr(part, f.name)[interval] for f in dataclasses.fields(part)}
+    )

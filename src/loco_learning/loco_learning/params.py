@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the reflex network and of the failure criterion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import Params, parameter
+
+PHASES = ("stand", "train", "closing", "test")
+ACTIVATIONS = ("tanh", "relu")
+SCALINGS = ("plateau", "author")
+
+
+@dataclass(frozen=True)
+class LearnerParams(Params):
+    """Shape, scaling and schedule of the reflex network.
+
+    Two scalings exist. ``plateau`` divides each force by `grf_scale`, so that a
+    leg that carries half the robot reads 1, and draws the hidden weights for
+    the fan-in; it works over a wide range of settings. ``author`` is the
+    running min-max scaling of inputs, hidden inputs and targets found in the
+    thesis author's code; it is fragile (see ``hyq_author_scaling``).
+
+    With `weights` the readout is loaded and never changed: during ``train`` the
+    target drives while the delay line fills, and ``test`` runs as saved.
+    """
+
+    enabled: bool = parameter(True, "false: the target drives for ever (open loop)")
+    memory: int = parameter(80, "delay-line length M", "tick", 1, 1000)
+    neurons: int = parameter(80, "hidden neurons N", "-", 1, 5000)
+    activation: str = parameter("tanh", "hidden activation", choices=ACTIVATIONS)
+    scaling: str = parameter("plateau", "input, hidden and target scaling", choices=SCALINGS)
+    regularisation: float = parameter(1e-3, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
+    gain: float = parameter(1.0, "factor on the hidden weights", "-", 0.0, 100.0)
+    hidden_bias: float = parameter(0.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
+    window: int = parameter(15, "moving average of the vertical forces", "tick", 1, 1000)
+    grf_scale: float = parameter(415.7, "force that reads 1: half the weight", "N", 1.0, 1e5)
+    grf_threshold: float = parameter(0.0, "averaged forces below read 0", "N", 0.0, 1e4)
+    stand: float = parameter(1.0, "phase: standing, delay line fills", "s", 0.0, 1e5)
+    train: float = parameter(15.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
+    closing: float = parameter(15.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
+    test: float = parameter(15.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
+    closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
+    weights: str = parameter("", "file with trained weights; empty: learn them", "path")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.duration <= 0.0:
+            raise ParameterError("stand + train + closing + test must last longer than 0 s")
+
+    @property
+    def durations(self) -> dict[str, float]:
+        """Length of each phase [s], in the order of `PHASES`."""
+        return {phase: getattr(self, phase) for phase in PHASES}
+
+    @property
+    def duration(self) -> float:
+        """Length of all phases together [s]."""
+        return sum(self.durations.values())
+
+
+@dataclass(frozen=True)
+class CriterionParams(Params):
+    """When a trial counts as failed; each bound is reported on its own.
+
+    All but the fall are judged while the prediction drives, in closing and test.
+    A sine that lags its target by an angle a has an NRMSE of sin(a/2)/sqrt(2): the
+    default bound of 0.3 is a lag of 50 degrees, or a seventh of a stride.
+    """
+
+    fall: bool = parameter(True, "a fall in any phase is a failure")
+    phase_slip: float = parameter(1.0, "largest lag behind the target", "stride", 0.0, 1e3)
+    freeze: float = parameter(0.2, "smallest stride amplitude, of the target's", "-", 0.0, 1.0)
+    nrmse: float = parameter(0.3, "largest NRMSE smoothed over one stride", "-", 0.0, 1e3)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reflex network: forces on the feet in, references for hips and knees out."""
+
+from __future__ import annotations
+
+import zlib
+from bisect import bisect_right
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
+
+from . import weights
+from .params import PHASES, LearnerParams
+from .readout import Readout
+from .reservoir import DelayLine, ElmLayer, GrfFilter
+from .scaling import INPUTS, OUTPUTS, SCALING
+
+# HFE and KFE of each leg, leg-major; HAA always follows the target.
+OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
+REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
+STAND, TRAIN, CLOSING, TEST = range(len(PHASES))
+
+
+class ReflexNetwork:
+    """Delay line, fixed hidden layer and readout, trained while the robot trots.
+
+    ==========  ===============  =====================================
+    phase       drives the legs  readout
+    ==========  ===============  =====================================
+    stand       target           rests, the delay line fills
+    train       target           learns at each tick
+    closing     prediction       learns ever more rarely
+    test        prediction       rests
+    ==========  ===============  =====================================
+
+    In closing, of each block of ticks the last share rho only predicts, where
+    rho grows from 0 to 1; what ramps is the learning, never a mix of signals.
+    Source: thesis section 7.2.3; the block from the author's code.
+
+    Args:
+        params: Shape, scaling and schedule.
+        dt: Control period [s].
+        seed: Seed of the hidden weights.
+    """
+
+    def __init__(self, params: LearnerParams, dt: float, seed: int = 0):
+        self.params, self.dt, self.seed = params, dt, seed
+        rng = np.random.default_rng([seed, zlib.crc32(b"reflex")])
+        p = params
+        self.scaling = SCALING[p.scaling](p)
+        self.grf_filter = GrfFilter(p.window, p.grf_threshold)
+        self.delay_line = DelayLine(p.memory, INPUTS)
+        width = self.scaling.weight_width
+        self.hidden = ElmLayer(
+            INPUTS * p.memory, p.neurons, width, p.hidden_bias, p.activation, rng
+        )
+        first = self.scaling.first_weights(p, rng)
+        self.readout = Readout(p.neurons, OUTPUTS, p.regularisation, first)
+        ends = np.cumsum(list(p.durations.values()))
+        self._ends = [round(end / dt) for end in ends.tolist()]  # first tick after each phase
+        self.refresh()
+        if p.weights:
+            weights.restore_weights(self, p.weights)
+
+    def reset(self) -> None:
+        """Forget the past; trained weights too, unless they came from a file."""
+        self.grf_filter.reset()
+        self.delay_line.reset()
+        self.scaling.reset()
+        self.readout.reset()
+        self.refresh()
+        if self.params.weights:
+            weights.restore_weights(self, self.params.weights)
+
+    def refresh(self) -> None:
+        """Recompute what is derived from the weights, after they were replaced."""
+        flat = self.readout.weights.ravel()
+        self._norm = sqrt(flat.dot(flat))
+
+    def step(self, state: RobotState, target: GaitTarget) -> tuple[MotionCommand, LearningState]:
+        """Answer one tick.
+
+        Args:
+            state: What the robot measures.
+            target: What the gait generator wants at the same tick.
+
+        Returns:
+            Joint references for the plant, and what the network did.
+        """
+        phase = self._phase_of(state.tick)
+        learning = self._learns(state.tick, phase)
+        driving = self.params.enabled and phase >= CLOSING
+        references = np.concatenate((target.q, target.dq))
+        wanted = references[REFERENCES]
+        prediction = self._predict(state, wanted, learning)
+        if driving:
+            references[REFERENCES] = prediction
+        command = MotionCommand(state.tick, state.t, references[:12], references[12:])
+        missed = prediction[:8] - wanted[:8]
+        error = sqrt(missed.dot(missed) / 8.0)
+        return command, LearningState(
+            state.tick, state.t, prediction, error, self._norm, phase, driving, learning
+        )
+
+    def _predict(self, state: RobotState, wanted: np.ndarray, learning: bool) -> np.ndarray:
+        """Output (16,) for this tick, after the update if there is one (eq. 3.17)."""
+        if not self.params.enabled:
+            return np.zeros(OUTPUTS)
+        grf = self.grf_filter.step(state.grf[:, 2])
+        line = self.delay_line.step(self.scaling.inputs(grf, learning))
+        u = self.hidden.step(self.scaling.hidden(line, learning))
+        if not learning:
+            return self.scaling.output(self.readout.predict(u))
+        value = self.readout.learn(u, self.scaling.fit_target(wanted))
+        self.refresh()
+        return self.scaling.output(value)
+
+    def phase_at(self, t: float) -> int:
+        """Index in `PHASES` at simulated time t [s]; test goes on after its end."""
+        return self._phase_of(round(t / self.dt))
+
+    def _phase_of(self, tick: int) -> int:
+        return min(bisect_right(self._ends, tick), TEST)
+
+    def _learns(self, tick: int, phase: int) -> bool:
+        if not self.params.enabled or self.params.weights or phase not in (TRAIN, CLOSING):
+            return False
+        if phase == TRAIN:
+            return True
+        start, stop = self._ends[TRAIN], self._ends[CLOSING]
+        rho = (tick - start) / (stop - start)
+        block = self.params.closing_block
+        return tick % block < block * (1.0 - rho)
+
+    def parts(self) -> dict[str, object]:
+        """Parts with a `state()` to save, by name."""
+        return {
+            "hidden": self.hidden,
+            "readout": self.readout,
+            "scaling": self.scaling,
+            "grf_filter": self.grf_filter,
+            "delay_line": self.delay_line,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write weights, configuration, seed and running state to one ``.npz`` file."""
+        weights.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReflexNetwork:
+        """Network as it was saved; it goes on exactly where the saved one stopped.
+
+        Raises:
+            MissingFileError: There is no such file.
+            ParameterError: The file is not one of ours, or of another version.
+        """
+        return weights.load(cls, path)

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A URDF that effects may edit before the world is built from it."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+def add_point_mass(
+    mass: float, com: np.ndarray, inertia: np.ndarray, extra: float, position: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia of a body with a point mass fixed to it.
+
+    I' = I + m d(c - c') + m_extra d(r - c') with d(v) = |v|² 1 - v vᵀ (parallel axes).
+
+    Args:
+        mass: Mass of the body [kg].
+        com: Its centre of mass [m], (3,).
+        inertia: Its inertia about `com` [kg·m²], (3, 3).
+        extra: Mass to add [kg].
+        position: Where [m], (3,), in the frame of `com`.
+    """
+    total = mass + extra
+    if extra == 0.0:
+        return mass, com, inertia
+    new_com = (mass * com + extra * position) / total
+
+    def shift(v: np.ndarray) -> np.ndarray:
+        return v @ v * np.eye(3) - np.outer(v, v)
+
+    moved = inertia + mass * shift(com - new_com) + extra * shift(position - new_com)
+    return total, new_com, moved
+
+
+class Description:
+    """The parts of a URDF that physics depends on, readable and changeable by name."""
+
+    def __init__(self, urdf: str):
+        """Parse a URDF.
+
+        Raises:
+            ParameterError: The text is not XML or not a robot.
+        """
+        try:
+            self._root = ET.fromstring(urdf)
+        except ET.ParseError as error:
+            raise ParameterError(f"the robot description is not XML: {error}") from None
+        if self._root.tag != "robot":
+            raise ParameterError(f"a URDF starts with <robot>, this one with <{self._root.tag}>")
+
+    def links(self) -> list[str]:
+        """Names of the links, in the order of the file."""
+        return [link.get("name", "") for link in self._root.iter("link")]
+
+    def root_link(self) -> str:
+        """Name of the link that is nobody's child."""
+        children = {child.get("link") for child in self._root.iter("child")}
+        return next(name for name in self.links() if name not in children)
+
+    def efforts(self) -> dict[str, float]:
+        """Torque limit [N·m] of each joint that moves; infinite where the URDF has none."""
+        limits = {}
+        for joint in self._root.findall("joint"):
+            if joint.get("type") in ("revolute", "continuous", "prismatic"):
+                limit = joint.find("limit")
+                effort = None if limit is None else limit.get("effort")
+                limits[joint.get("name", "")] = math.inf if effort is None else float(effort)
+        return limits
+
+    def damping(self, joint: str) -> float:
+        """Viscous damping of a joint [N·m·s/rad]."""
+        found = self._find("joint", joint).find("dynamics")
+        return 0.0 if found is None else float(found.get("damping", 0.0))
+
+    def mass(self) -> float:
+        """Mass of all links [kg]."""
+        return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
+
+    def add_mass(self, link: str, mass: float, position: tuple[float, float, float]) -> None:
+        """Fix a point mass [kg] to a link, at a position in its frame [m].
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia, or turned axes for it.
+        """
+        inertial = self._find("link", link).find("inertial")
+        origin = None if inertial is None else inertial.find("origin")
+        if inertial is None or (origin is not None and _turned(origin)):
+            raise ParameterError(f"link {link!r} needs an <inertial> along its own axes")
+        if origin is None:
+            origin = ET.SubElement(inertial, "origin", xyz="0 0 0")
+        weight, tensor = inertial.find("mass"), inertial.find("inertia")
+        ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
+        inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        com = np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
+        total, com, inertia = add_point_mass(
+            float(weight.get("value")), com, inertia, mass, np.asarray(position, dtype=float)
+        )
+        weight.set("value", repr(float(total)))
+        origin.set("xyz", " ".join(repr(float(v)) for v in com))
+        for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
+            tensor.set(key, repr(float(value)))
+
+    def text(self, folder: Path | None = None) -> str:
+        """The URDF; with `folder`, relative mesh files are found from there."""
+        root = ET.fromstring(ET.tostring(self._root))
+        for mesh in root.iter("mesh") if folder else ():
+            mesh.set("filename", str(folder / mesh.get("filename", "")))
+        return ET.tostring(root, encoding="unicode")
+
+    def _find(self, tag: str, name: str) -> ET.Element:
+        for element in self._root.findall(tag):
+            if element.get("name") == name:
+                return element
+        raise NameUnknownError(tag, name, [e.get("name", "") for e in self._root.findall(tag)])
+
+
+def _turned(origin: ET.Element) -> bool:
+    return any(float(v) != 0.0 for v in origin.get("rpy", "0 0 0").split())

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Named physical effects: what one is, the registry, and how experiments list them.
+
+An effect is a dataclass of parameters, each with unit and range, whose defaults
+switch it off, and a few hooks. To add one: derive from `Effect` with a name,
+declare the parameters, override the hooks it needs, import its module in
+``effects/__init__.py``. The tests over the registry then cover it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.params import Params, from_dict, parameter
+from loco_control.types import RobotState
+
+if TYPE_CHECKING:
+    from ..world import World
+
+EFFECTS: dict[str, type[Effect]] = {}
+
+
+@dataclass
+class Effect:
+    """One departure of the plant from the ideal robot, e.g. a delay or a push.
+
+    The simulation calls only hooks that a subclass overrides, in the order in
+    which the experiment lists the effects, and only between `start` and `stop`.
+    A hook returns new arrays and never changes those it was given.
+    """
+
+    name: ClassVar[str] = ""
+
+    start: float = parameter(0.0, "the effect begins", "s", low=0.0)
+    stop: float = parameter(math.inf, "the effect ends", "s", low=0.0)
+
+    def __init_subclass__(cls, name: str, **kwargs: Any) -> None:
+        """Enter the class in the registry.
+
+        Raises:
+            ParameterError: The name is taken.
+        """
+        super().__init_subclass__(**kwargs)
+        if name in EFFECTS:
+            raise ParameterError(f"there is an effect named {name!r} already")
+        cls.name = name
+        EFFECTS[name] = cls
+
+    def __post_init__(self) -> None:
+        Params.__post_init__(self)  # the same checks, without being frozen: hooks keep state
+        if self.stop < self.start:
+            raise ParameterError(
+                f"effect {self.name}: stop ({self.stop:g} s) is before start ({self.start:g} s)"
+            )
+
+    def configure(self, world: World) -> None:
+        """Change the world before it is built: `world.description`, `world.friction`.
+
+        Called at every reset, first, whatever `start` says. `world.dt` is the
+        physics step, `world.robot` the robot.
+        """
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Forget everything; `rng` is this effect's own random stream from now on."""
+
+    def on_command(
+        self, q: np.ndarray, dq: np.ndarray, t: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Motion command as the drives get it.
+
+        Called before every physics step. Between two commands the same arrays come
+        again (`is`), so an effect can tell a new command from an old one.
+
+        Args:
+            q: Desired joint positions [rad], (n,).
+            dq: Desired joint velocities [rad/s], (n,).
+            t: Time [s].
+        """
+        return q, dq
+
+    def on_torque(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """Torque on the joints, given what the drives want within their limits.
+
+        Called before every physics step.
+
+        Args:
+            tau: Torque [N·m], (n,).
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            dt: Physics step [s].
+            t: Time [s].
+        """
+        return tau
+
+    def on_step(self, world: World, t: float) -> None:
+        """Act on the world, e.g. push it. Called before every physics step."""
+
+    def on_measurement(self, state: RobotState) -> RobotState:
+        """What the sensors say, given the truth. Called once per control period."""
+        return state
+
+
+def names() -> list[str]:
+    """Names of all effects."""
+    return sorted(EFFECTS)
+
+
+def make(name: str, **params: Any) -> Effect:
+    """Effect by name.
+
+    Raises:
+        NameUnknownError: No such effect, or no such parameter.
+        ParameterError: A parameter has the wrong type or is out of range.
+    """
+    if name not in EFFECTS:
+        raise NameUnknownError("effect", str(name), EFFECTS)
+    return from_dict(EFFECTS[name], params, f"effect {name}")
+
+
+def from_list(specs: Iterable[Mapping[str, Any]] | None) -> list[Effect]:
+    """Effects from an experiment's list: ``[{name: push, force: [0, 40, 0], start: 3}, …]``.
+
+    Raises:
+        NameUnknownError: An effect or a parameter is not known.
+        ParameterError: An entry is not a mapping with a name, or a value is wrong.
+    """
+    effects = []
+    for i, spec in enumerate(specs or ()):
+        if not isinstance(spec, Mapping) or "name" not in spec:
+            raise ParameterError(f"effects[{i}] must be a mapping with a 'name', got {spec!r}")
+        effects.append(make(**{str(key): value for key, value in spec.items()}))
+    return effects
+
+
+def to_list(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Inverse of `from_list`, with every parameter."""
+    return [{"name": effect.name, **dataclasses.asdict(effect)} for effect in effects]
+
+
+def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
+    """One random stream per effect, keyed by the seed and the effect's name.
+
+    So adding an effect does not change the noise of another. An effect listed
+    twice gets two streams.
+    """
+    seen: dict[str, int] = {}
+    made = []
+    for effect in effects:
+        count = seen[effect.name] = seen.get(effect.name, -1) + 1
+        made.append(np.random.default_rng([seed, count, *effect.name.encode()]))
+    return made
+
+
+def overrides(effect: Effect, hook: str) -> bool:
+    """Whether the effect's class has a hook of its own."""
+    return getattr(type(effect), hook) is not getattr(Effect, hook)
+
+
+def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, float, Any]]:
+    """First physics step, the one after the last, and function of each effect with a hook.
+
+    Args:
+        effects: In the order in which they act.
+        hook: Name of a method of `Effect`.
+        dt: Physics step [s].
+    """
+    return [
+        (round(e.start / dt), round(e.stop / dt) if e.stop < math.inf else e.stop, getattr(e, hook))
+        for e in effects
+        if overrides(e, hook)
+    ]

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults: a sensor that freezes, commands that get lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import parameter
+from loco_control.types import RobotState
+
+from .base import Effect
+
+if TYPE_CHECKING:
+    from ..world import World
+
+CHANNELS = ("q", "dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration")
+
+
+@dataclass
+class SensorStuck(Effect, name="sensor_stuck"):
+    """A sensor repeats what it said when the fault began."""
+
+    channel: str = parameter("none", "which sensor", choices=("none", *CHANNELS))
+    index: int = parameter(-1, "which joint, foot or axis; -1 is all", low=-1)
+
+    def configure(self, world: World) -> None:
+        sizes = {"grf": len(world.robot.feet), "orientation": 4}
+        sizes |= dict.fromkeys(("q", "dq", "tau"), len(world.robot.joints))
+        size = sizes.get(self.channel, 3)
+        if self.index >= size:
+            raise ParameterError(
+                f"effect sensor_stuck: index of {self.channel} must be in [-1, {size - 1}], "
+                f"got {self.index}"
+            )
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._held: np.ndarray | None = None
+
+    def on_measurement(self, state: RobotState) -> RobotState:
+        if self.channel == "none":
+            return state
+        value = getattr(state, self.channel)
+        if self._held is None:
+            self._held = value
+        return replace(state, **{self.channel: stuck(value, self._held, self.index)})
+
+
+def stuck(value: np.ndarray, held: np.ndarray, index: int) -> np.ndarray:
+    """`value` with the element (or row) `index` replaced by the one in `held`; all if -1."""
+    if index < 0:
+        return held
+    mixed = value.copy()
+    mixed[index] = held[index]
+    return mixed
+
+
+@dataclass
+class CommandDropout(Effect, name="command_dropout"):
+    """Motion commands get lost; the drives keep the last one that arrived."""
+
+    probability: float = parameter(0.0, "that a command is lost", low=0.0, high=1.0)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._sent: np.ndarray | None = None
+        self._arrived: tuple[np.ndarray, np.ndarray] | None = None
+
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
+        if q is not self._sent:  # a new command, not the old one again
+            self._sent = q
+            lost = self._rng.random() < self.probability
+            if self._arrived is None or not lost:
+                self._arrived = (q, dq)
+        return self._arrived

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot as the plant sees it: a URDF and the ``robot.yaml`` beside it.
+
+Everything that differs between robots is in these two files; ``world.py`` and
+``simulation.py`` know neither the number of joints nor that feet come in fours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.params import Params, from_dict, parameter
+
+from .description import Description
+
+ASSETS = Path(__file__).parent / "assets"
+
+
+@dataclass(frozen=True)
+class FallLimits(Params):
+    """Beyond these a robot counts as fallen. Source: facts 3.8 for HyQ."""
+
+    height: float = parameter(-1e9, "base origin lower than this", "m")
+    roll: float = parameter(10.0, "|roll| larger than this", "rad", low=0.0)
+    pitch: float = parameter(10.0, "|pitch| larger than this", "rad", low=0.0)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What ``robot.yaml`` says, checked against the URDF.
+
+    Attributes:
+        name: Name of the folder.
+        urdf: Text of the URDF.
+        folder: Where the URDF lies; meshes are found from here.
+        joints: Actuated joints, in the order of every (n,) array.
+        feet: Links whose ground reaction force is sensed, in the order of (m, 3) arrays.
+        standing: Joint positions at the start [rad], (n,).
+        effort: Torque limit of each joint [N·m], (n,), from the URDF.
+        fixed_base: The base is bolted to the world.
+        height: Height of the base at the start [m]; None puts the lowest foot on the ground.
+        fall: When the robot counts as fallen.
+    """
+
+    name: str
+    urdf: str
+    folder: Path
+    joints: tuple[str, ...]
+    feet: tuple[str, ...]
+    standing: np.ndarray
+    effort: np.ndarray
+    fixed_base: bool = False
+    height: float | None = None
+    fall: FallLimits = FallLimits()
+
+
+def names() -> list[str]:
+    """Robots that come with the package."""
+    return sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml"))
+
+
+def load(name_or_path: str | Path) -> Robot:
+    """Read a robot by name, or by the path of its ``robot.yaml`` or of the folder with it.
+
+    Raises:
+        NameUnknownError: No such robot comes with the package.
+        MissingFileError: The path, or the URDF it names, does not exist.
+        ParameterError: The file is not what it should be, or does not fit the URDF.
+    """
+    path = _path(name_or_path)
+    values = _read(path)
+    urdf = path.parent / str(values["urdf"])
+    if not urdf.is_file():
+        raise MissingFileError(f"{path}: there is no URDF at {urdf}")
+    text = urdf.read_text(encoding="utf-8")
+    joints, feet = tuple(values["joints"]), tuple(values.get("feet") or ())
+    limits = _check_names(path, Description(text), joints, feet)
+    standing = np.asarray(values.get("standing") or np.zeros(len(joints)), dtype=float)
+    if standing.shape != (len(joints),):
+        raise ParameterError(
+            f"{path}: standing must have {len(joints)} values, got {standing.size}"
+        )
+    height = values.get("height")
+    return Robot(
+        name=path.parent.name,
+        urdf=text,
+        folder=path.parent,
+        joints=joints,
+        feet=feet,
+        standing=standing,
+        effort=limits,
+        fixed_base=bool(values.get("fixed_base", False)),
+        height=None if height is None else float(height),
+        fall=from_dict(FallLimits, values.get("fall"), f"{path}: fall"),
+    )
+
+
+def _path(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.parent == Path(".") and not path.suffix and not path.exists():
+        if str(name_or_path) not in names():
+            raise NameUnknownError("robot", str(name_or_path), names())
+        path = ASSETS / path
+    path = path / "robot.yaml" if path.is_dir() else path
+    if not path.is_file():
+        raise MissingFileError(f"there is no robot at {path}")
+    return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{path} is not YAML: {error}") from None
+    known = ("urdf", "joints", "feet", "standing", "fixed_base", "height", "fall")
+    if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
+        raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
+    for key in values:
+        if key not in known:
+            raise NameUnknownError(f"key in {path}", key, known)
+    return values
+
+
+def _check_names(path: Path, description: Description, joints: tuple, feet: tuple) -> np.ndarray:
+    """Effort limit of each joint; every joint and foot must be in the URDF."""
+    efforts = description.efforts()
+    for kind, wanted, known in (("joint", joints, efforts), ("link", feet, description.links())):
+        for name in wanted:
+            if name not in known:
+                raise NameUnknownError(f"{kind} of the URDF that {path} names", name, known)
+    return np.array([efforts[j] for j in joints])

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the robot's sensors and the ground truth say about the state of the world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError
+from loco_control.types import GroundTruth, RobotState
+
+from .geometry import Rotation, Triple, roll_pitch, rotate_back, rotation_matrix
+from .robot import FallLimits
+from .world import Base
+
+
+def specific_force(
+    rotation: Rotation, before: Triple, after: Triple, period: float, gravity: float
+) -> Triple:
+    """What an accelerometer at the base origin reads, mean over a period: Rᵀ (dv/dt - g).
+
+    Args:
+        rotation: Base to world.
+        before: Velocity of the base origin at the start, in world [m/s].
+        after: At the end.
+        period: Between the two [s].
+        gravity: Acceleration of gravity, downwards [m/s²].
+
+    Returns:
+        Specific force in the base frame [m/s²]: (0, 0, +g) at rest.
+    """
+    x, y, z = ((b - a) / period for a, b in zip(before, after, strict=True))
+    return rotate_back(rotation, (x, y, z + gravity))
+
+
+def robot_state(
+    tick: int,
+    t: float,
+    joints: tuple[Sequence[float], Sequence[float]],
+    tau: Sequence[float],
+    grf: Sequence[float],
+    base: Base,
+    acceleration: Triple,
+    rotation: Rotation,
+    threshold: float,
+) -> RobotState:
+    """Fresh `RobotState` from plain numbers.
+
+    Args:
+        tick: Control periods since reset.
+        t: Time [s].
+        joints: Positions [rad] and velocities [rad/s], each (n,).
+        tau: Torque [N·m], (n,).
+        grf: Ground reaction forces, x y z of each foot in turn, world [N], (3 m,).
+        base: State of the base.
+        acceleration: Specific force, base frame [m/s²].
+        rotation: Base to world, as in `base`.
+        threshold: Force above which a foot counts as in contact [N].
+    """
+    n, m = len(tau), len(grf)
+    gyro = rotate_back(rotation, base.angular_velocity)
+    # One array and slices of it: making an array costs more than filling it.
+    values = np.array((*joints[0], *joints[1], *tau, *grf, *base.orientation, *gyro, *acceleration))
+    touches = [x * x + y * y + z * z > threshold * threshold
+               for x, y, z in zip(grf[::3], grf[1::3], grf[2::3], strict=True)]  # fmt: skip
+    imu = 3 * n + m
+    return RobotState(
+        tick=tick,
+        t=t,
+        q=values[:n],
+        dq=values[n : 2 * n],
+        tau=values[2 * n : 3 * n],
+        grf=values[3 * n : imu].reshape(-1, 3),
+        orientation=values[imu : imu + 4],
+        angular_velocity=values[imu + 4 : imu + 7],
+        linear_acceleration=values[imu + 7 :],
+        contact=np.array(touches, dtype=bool),
+    )
+
+
+def ground_truth(tick: int, t: float, base: Base) -> GroundTruth:
+    """Fresh `GroundTruth`, velocities turned into the base frame."""
+    rotation = rotation_matrix(base.orientation)
+    return GroundTruth(
+        tick=tick,
+        t=t,
+        position=np.array(base.position),
+        orientation=np.array(base.orientation),
+        linear_velocity=np.array(rotate_back(rotation, base.velocity)),
+        angular_velocity=np.array(rotate_back(rotation, base.angular_velocity)),
+    )
+
+
+def fall_reason(base: Base, rotation: Rotation, limits: FallLimits) -> str | None:
+    """Why the robot counts as fallen, or None. Source: facts 3.8."""
+    height = base.position[2]
+    if height < limits.height:
+        return f"base height {height:.3f} m is below {limits.height:g} m"
+    for name, angle in zip(("roll", "pitch"), roll_pitch(rotation), strict=True):
+        limit = limits.roll if name == "roll" else limits.pitch
+        if abs(angle) > limit:
+            return f"{name} {angle:.3f} rad is beyond {limit:g} rad"
+    return None
+
+
+def check_finite(t: float, *values: Sequence[float]) -> None:
+    """Raise when any number is not finite.
+
+    Raises:
+        DivergedError: The physics has diverged.
+    """
+    if not isfinite(sum(map(sum, values))):
+        raise DivergedError(
+            f"the simulated state is not finite at t = {t:.3f} s: gains too large for the "
+            "physics rate, or an effect out of proportion"
+        )

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant: what stands where a robot's hardware driver would.
+
+Every control period it takes a motion command and a trunk torque, holds them
+while physics and the joint impedance loop run at their faster rate, and gives
+back what the sensors measured:
+
+    sim = Simulation(SimParams(), ImpedanceParams())
+    state = sim.reset()
+    while sim.fallen is None:
+        state = sim.step(command, trunk)
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, ParameterError
+from loco_control.impedance import ImpedanceParams
+from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
+
+from . import robot as robots
+from .drive import Drive, substeps
+from .effects.base import Effect, overrides, streams, windows
+from .geometry import rotation_matrix
+from .params import SimParams
+from .sensing import check_finite, fall_reason, ground_truth, robot_state, specific_force
+from .world import World
+
+log = logging.getLogger(__name__)
+
+
+class Simulation:
+    """One robot, its drives, its sensors and the effects that an experiment lists.
+
+    Attributes:
+        robot: The robot simulated.
+        dt: Control period [s].
+        physics_dt: Physics step, sub-steps included [s].
+        fallen: Why the robot counts as fallen, None while it does not; stays until reset.
+        rejected: Commands since reset that were not finite and so were not used.
+    """
+
+    def __init__(
+        self,
+        params: SimParams,
+        impedance: ImpedanceParams,
+        effects: Sequence[Effect] = (),
+        seed: int = 0,
+        dt: float = 0.004,
+        robot: str | robots.Robot = "hyq",
+        standing: np.ndarray | None = None,
+    ):
+        """Build the world; nothing moves before `reset`.
+
+        Args:
+            params: Physics and sensors.
+            impedance: Gains of the joint impedance.
+            effects: Departures from the ideal plant; the order matters.
+            seed: Of the random streams of the effects.
+            dt: Control period [s], a whole multiple of the physics step.
+            robot: Name, path or `Robot`.
+            standing: Joint positions at the start [rad], (n,); default the robot's.
+
+        Raises:
+            ParameterError: `dt` does not fit the physics rate, or the damping gains
+                need more sub-steps than `params.max_substeps`.
+        """
+        self.robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
+        self.dt, self._params, self._impedance = dt, params, impedance
+        self._effects, self._seed = list(effects), seed
+        self._standing = np.array(self.robot.standing if standing is None else standing, float)
+        self._steps = periods(dt, params.physics_rate)
+        self._world = World(self.robot, params, dt / self._steps)
+        self._refine()
+        self.physics_dt = self._world.dt
+        self._drive = Drive(impedance, self.robot.effort, len(self.robot.feet))
+        self._force_count, self._mean_grf = 3 * len(self.robot.feet), params.grf == "mean"
+        self.reset()
+
+    @property
+    def robot_description(self) -> str:
+        """URDF of the robot as it is simulated, payloads included."""
+        return self._world.description.text()
+
+    def _refine(self) -> None:
+        """Sub-step physics until explicit damping is harmless (`drive.substeps`)."""
+        world, joints = self._world, self.robot.joints
+        world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        inertia = world.joint_inertia(self._standing)
+        damping = np.array([world.description.damping(joint) for joint in joints])
+        legs, dt = len(self.robot.feet), world.dt
+        count = substeps(self._impedance, inertia, damping, legs, dt, self._params)
+        if count > 1:
+            log.info("every physics step is divided by %d: the damping gains need it", count)
+        self._steps *= count
+        world.dt = self.dt / self._steps
+
+    def _functions(self, hook: str) -> list[Any]:
+        return [getattr(e, hook) for e in self._effects if overrides(e, hook)]
+
+    def reset(self, seed: int | None = None) -> RobotState:
+        """Build the world anew, the robot standing at rest, and measure at tick 0.
+
+        Args:
+            seed: New seed of the effects; None keeps the one before.
+        """
+        self._seed = self._seed if seed is None else seed
+        self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
+            effect.reset(rng)
+        self._on_command, self._on_torque, self._on_step, self._on_measurement = (
+            windows(self._effects, hook, self.physics_dt)
+            for hook in ("on_command", "on_torque", "on_step", "on_measurement")
+        )
+        self._affected = bool(self._on_command or self._on_torque or self._on_step)
+        self._tick = self._step = self.rejected = 0
+        self.fallen: str | None = None
+        self._drive.reset(self._standing)
+        self._joints, self._base = self._world.joint_states(), self._world.base()
+        no_tau, no_force = [0.0] * len(self.robot.joints), [0.0] * self._force_count
+        return self._sense(no_tau, no_force, self._base.velocity)
+
+    # ---- one control period ------------------------------------------------------
+
+    def step(self, command: MotionCommand, trunk: TrunkTorque) -> RobotState:
+        """Run one control period with the command held, then measure.
+
+        Args:
+            command: Joint references.
+            trunk: Feed-forward torque and the legs that use stance gains.
+
+        Raises:
+            DivergedError: The state is no longer finite; or the command is not, and
+                `SimParams.safety` is off.
+        """
+        if not self._drive.accept(command, trunk):
+            self._reject()
+        world, before = self._world, self._base.velocity
+        taus, grf = [], [0.0] * self._force_count
+        torque = self._affected_torque if self._affected else self._drive.torque
+        for left in range(self._steps, 0, -1):
+            tau = torque(self._joints)
+            world.step(tau)
+            taus.append(tau)
+            self._joints = world.joint_states()
+            self._step += 1
+            if self._mean_grf or left == 1:
+                world.add_ground_forces(grf)
+        self._tick += 1
+        if self._mean_grf:
+            grf = [force / self._steps for force in grf]
+        tau = [total / self._steps for total in map(sum, zip(*taus, strict=True))]
+        self._base = world.base()
+        return self._sense(tau, grf, before)
+
+    def _reject(self) -> None:
+        t = self._tick * self.dt
+        if not self._params.safety:
+            raise DivergedError(f"the command at t = {t:.3f} s is not finite")
+        self.rejected += 1
+        log.warning("command at t = %.3f s is not finite: the last good one is kept", t)
+
+    def _affected_torque(self, joints: tuple) -> list[float]:
+        """Joint torques of this physics step with every effect that is on."""
+        step, t, drive = self._step, self._step * self.physics_dt, self._drive
+        if self._on_command:
+            q, dq = drive.q, drive.dq
+            for start, stop, change in self._on_command:
+                if start <= step < stop:
+                    q, dq = change(q, dq, t)
+            drive.follow(q, dq)
+        tau = drive.torque(joints)
+        if self._on_torque:
+            now = np.array(tau)
+            q, dq = (np.array([joint[i] for joint in joints]) for i in (0, 1))
+            for start, stop, change in self._on_torque:
+                if start <= step < stop:
+                    now = change(now, q, dq, self.physics_dt, t)
+            tau = now.tolist()
+        for start, stop, act in self._on_step:
+            if start <= step < stop:
+                act(self._world, t)
+        return tau
+
+    def _sense(self, tau: list[float], grf: list[float], before: tuple) -> RobotState:
+        base, t = self._base, self._tick * self.dt
+        q, dq, _, _ = zip(*self._joints, strict=True)
+        check_finite(t, q, dq, base.position, base.velocity, tau)
+        rotation = rotation_matrix(base.orientation)
+        if self.fallen is None:
+            self.fallen = fall_reason(base, rotation, self.robot.fall)
+        force = specific_force(rotation, before, base.velocity, self.dt, self._params.gravity)
+        threshold = self._params.contact_threshold
+        state = robot_state(
+            self._tick, t, (q, dq), tau, grf, base, force, rotation, threshold
+        )
+        for start, stop, change in self._on_measurement:
+            if start <= self._step < stop:
+                state = change(state)
+        return state
+
+    # ---- beside the sensors ------------------------------------------------------
+
+    def ground_truth(self) -> GroundTruth:
+        """What only the simulator knows, at the current tick."""
+        return ground_truth(self._tick, self._tick * self.dt, self._base)
+
+    def close(self) -> None:
+        """Free the physics engine; calling again does nothing."""
+        self._world.close()
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def periods(dt: float, rate: float) -> int:
+    """Physics steps per control period.
+
+    Raises:
+        ParameterError: Not a whole number of at least one.
+    """
+    steps = dt * rate
+    if dt <= 0.0 or round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ParameterError(
+            f"the control period ({dt:g} s) must be a whole multiple of the physics step "
+            f"({1.0 / rate:g} s)"
+        )
+    return round(steps)

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The physics engine behind one door: the only module that imports PyBullet.
+
+A `World` is one robot on flat ground in a PyBullet client of its own. It speaks
+in joints, feet and links by name and order of the `Robot`; it knows nothing of
+controllers, sensors or effects. Numbers go in and out as plain lists, because for
+a dozen joints that is several times faster than arrays.
+
+PyBullet's habits that this module hides:
+    * the base pose it reports is that of the centre of mass, along principal axes;
+    * torques and external forces last for one step and must be given again;
+    * torque limits of the URDF are not enforced (the caller clips);
+    * a world is bit-reproducible when it is rebuilt, not when it is set back.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import weakref
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pybullet
+
+from .description import Description
+from .geometry import multiply, rotate, rotation_matrix
+from .params import SimParams
+from .robot import Robot
+
+Triple = tuple[float, float, float]
+GROUND_FRICTION = 1.0  # PyBullet multiplies the two; so the robot's is the contact's
+
+
+class Base(NamedTuple):
+    """State of the root link's frame, in the world."""
+
+    position: Triple  # [m]
+    orientation: tuple[float, float, float, float]  # x y z w
+    velocity: Triple  # of the frame's origin [m/s]
+    angular_velocity: Triple  # [rad/s]
+
+
+class World:
+    """One robot on the ground.
+
+    Attributes:
+        description: The URDF, which `configure` functions may edit.
+        friction: Friction of single links; others have the world's.
+        dt: Physics step [s].
+    """
+
+    def __init__(self, robot: Robot, params: SimParams, dt: float):
+        self.robot, self.params, self.dt = robot, params, dt
+        self._client = pybullet.connect(pybullet.DIRECT)
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client)
+        self._body = self._ground = -1
+        self.description = Description(robot.urdf)
+        self.friction: dict[str, float] = {}
+
+    def close(self) -> None:
+        """Free the client; calling again does nothing."""
+        self._disconnect()
+
+    def rebuild(
+        self,
+        q: Sequence[float],
+        configure: Iterable[Callable[[World], None]] = (),
+        height: float | None = None,
+    ) -> None:
+        """Build the world anew, with the robot at rest.
+
+        Args:
+            q: Joint positions [rad], (n,).
+            configure: Called with this world before the robot is loaded; may edit
+                `description` and `friction`.
+            height: Of the base [m]; None puts the lowest foot on the ground.
+        """
+        self.description, self.friction = Description(self.robot.urdf), {}
+        for function in configure:
+            function(self)
+        self._load(0.0 if height is None else height)
+        self._place(q)
+        if height is None and self.robot.feet:
+            self._load(-self._lowest_foot())
+            self._place(q)
+
+    def _load(self, height: float) -> None:
+        c, p = self._client, self.params
+        pybullet.resetSimulation(physicsClientId=c)
+        pybullet.setTimeStep(self.dt, physicsClientId=c)
+        pybullet.setGravity(0.0, 0.0, -p.gravity, physicsClientId=c)
+        pybullet.setPhysicsEngineParameter(
+            numSolverIterations=p.solver_iterations,
+            deterministicOverlappingPairs=1,
+            enableFileCaching=0,
+            physicsClientId=c,
+        )
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=c)
+        self._ground = pybullet.createMultiBody(0, plane, physicsClientId=c)
+        pybullet.changeDynamics(
+            self._ground, -1, lateralFriction=GROUND_FRICTION, restitution=1.0, physicsClientId=c
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "robot.urdf"
+            file.write_text(self.description.text(self.robot.folder), encoding="utf-8")
+            self._body = pybullet.loadURDF(
+                str(file),
+                [0.0, 0.0, height],
+                useFixedBase=self.robot.fixed_base,
+                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+                physicsClientId=c,
+            )
+        self._index()
+        self._set_contacts()
+
+    def _index(self) -> None:
+        """Look up joints and links by name; switch PyBullet's own joint motors off."""
+        c, body = self._client, self._body
+        count = pybullet.getNumJoints(body, physicsClientId=c)
+        info = [pybullet.getJointInfo(body, i, physicsClientId=c) for i in range(count)]
+        joint = {i[1].decode(): i[0] for i in info}
+        self._links = {i[12].decode(): i[0] for i in info}
+        self._links[self.description.root_link()] = -1
+        self._joints = [joint[name] for name in self.robot.joints]
+        self._moving = [i[0] for i in info if i[2] != pybullet.JOINT_FIXED]
+        self._foot_slot = {self._links[foot]: 3 * k for k, foot in enumerate(self.robot.feet)}
+        pybullet.setJointMotorControlArray(
+            body,
+            self._joints,
+            pybullet.VELOCITY_CONTROL,
+            forces=[0.0] * len(self._joints),
+            physicsClientId=c,
+        )
+        inertial = pybullet.getDynamicsInfo(body, -1, physicsClientId=c)
+        x, y, z, w = inertial[4]
+        self._com, self._com_turn_back = inertial[3], (-x, -y, -z, w)
+
+    def _set_contacts(self) -> None:
+        p = self.params
+        for name, link in self._links.items():
+            pybullet.changeDynamics(
+                self._body,
+                link,
+                lateralFriction=self.friction.get(name, p.friction),
+                restitution=p.restitution,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+                physicsClientId=self._client,
+            )
+            if p.contact_stiffness > 0.0:
+                pybullet.changeDynamics(
+                    self._body,
+                    link,
+                    contactStiffness=p.contact_stiffness,
+                    contactDamping=p.contact_damping,
+                    physicsClientId=self._client,
+                )
+
+    def _place(self, q: Sequence[float]) -> None:
+        for joint, value in zip(self._joints, q, strict=True):
+            pybullet.resetJointState(self._body, joint, float(value), physicsClientId=self._client)
+
+    def _lowest_foot(self) -> float:
+        """Height of the lowest foot's underside over the base origin [m]."""
+        lowest = []
+        for foot in self.robot.feet:
+            shape = pybullet.getCollisionShapeData(
+                self._body, self._links[foot], physicsClientId=self._client
+            )
+            round_foot = shape and shape[0][2] == pybullet.GEOM_SPHERE
+            radius = shape[0][3][0] if round_foot else 0.0
+            lowest.append(self.link_position(foot)[2] - radius)
+        return min(lowest) - self.base().position[2]
+
+    # ---- one physics step --------------------------------------------------------
+
+    def step(self, tau: Sequence[float]) -> None:
+        """Apply joint torques [N·m], (n,), and advance one physics step."""
+        pybullet.setJointMotorControlArray(
+            self._body,
+            self._joints,
+            pybullet.TORQUE_CONTROL,
+            forces=tau,
+            physicsClientId=self._client,
+        )
+        pybullet.stepSimulation(self._client)
+
+    def joint_states(self) -> tuple[tuple[float, float, tuple, float], ...]:
+        """Per joint: position [rad], velocity [rad/s], and two things of no use here."""
+        return pybullet.getJointStates(self._body, self._joints, self._client)
+
+    def add_ground_forces(self, total: list[float]) -> None:
+        """Add the last step's force of the ground on each foot [N], world frame.
+
+        Args:
+            total: x y z of each foot in turn, (3 m,); changed in place.
+        """
+        slots = self._foot_slot
+        for contact in pybullet.getContactPoints(
+            self._body, self._ground, physicsClientId=self._client
+        ):
+            slot = slots.get(contact[3])
+            if slot is None:
+                continue
+            (nx, ny, nz), force = contact[7], contact[9]
+            u, (ux, uy, uz), v, (vx, vy, vz) = contact[10:14]
+            total[slot] += nx * force + ux * u + vx * v
+            total[slot + 1] += ny * force + uy * u + vy * v
+            total[slot + 2] += nz * force + uz * u + vz * v
+
+    def base(self) -> Base:
+        """State of the root link's frame (its origin, not its centre of mass)."""
+        com, turn = pybullet.getBasePositionAndOrientation(self._body, self._client)
+        (vx, vy, vz), omega = pybullet.getBaseVelocity(self._body, self._client)
+        orientation = multiply(turn, self._com_turn_back)
+        ax, ay, az = rotate(rotation_matrix(orientation), self._com)  # origin to com, in world
+        wx, wy, wz = omega
+        velocity = (vx - wy * az + wz * ay, vy - wz * ax + wx * az, vz - wx * ay + wy * ax)
+        return Base((com[0] - ax, com[1] - ay, com[2] - az), orientation, velocity, omega)
+
+    def push(self, force: Sequence[float], link: str | None = None, point: Triple = (0, 0, 0)):
+        """Apply a force for the next step.
+
+        Args:
+            force: In the world frame [N], (3,).
+            link: Name of the link; None is the root link.
+            point: Where, in the frame of the link [m].
+        """
+        index = -1 if link is None else self._links[link]
+        if index < 0:
+            base = self.base()
+            arm = rotate(rotation_matrix(base.orientation), point)
+            at = [p + a for p, a in zip(base.position, arm, strict=True)]
+        else:
+            state = pybullet.getLinkState(self._body, index, physicsClientId=self._client)
+            arm = rotate(rotation_matrix(state[5]), point)
+            at = [p + a for p, a in zip(state[4], arm, strict=True)]
+        pybullet.applyExternalForce(
+            self._body, index, force, at, pybullet.WORLD_FRAME, physicsClientId=self._client
+        )
+
+    # ---- questions asked rarely --------------------------------------------------
+
+    def link_position(self, link: str) -> Triple:
+        """Position of a link's frame in the world [m]."""
+        index = self._links[link]
+        if index < 0:
+            return self.base().position
+        return pybullet.getLinkState(
+            self._body, index, computeForwardKinematics=1, physicsClientId=self._client
+        )[4]
+
+    def joint_inertia(self, q: Sequence[float]) -> np.ndarray:
+        """Inertia that the joints feel [kg·m²], (n, n), base free to move unless fixed.
+
+        M_qq - M_qb M_bb^-1 M_bq of the joint-space mass matrix: what is left when
+        the base follows without being held.
+        """
+        position = dict(zip(self._joints, map(float, q), strict=True))
+        moving = [position.get(j, 0.0) for j in self._moving]
+        mass = np.array(
+            pybullet.calculateMassMatrix(self._body, moving, physicsClientId=self._client)
+        )
+        base = 0 if self.robot.fixed_base else 6
+        order = [base + self._moving.index(j) for j in self._joints]
+        joints, cross = mass[np.ix_(order, order)], mass[np.ix_(order, range(base))]
+        if not base:
+            return joints
+        return joints - cross @ np.linalg.solve(mass[:base, :base], cross.T)
+
+    # ---- pictures ----------------------------------------------------------------
+
+    def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
+        """Put the robot somewhere, for a picture: the base frame and the joints."""
+        x, y, z, w = self._com_turn_back
+        offset = rotate(rotation_matrix(orientation), self._com)
+        com = [float(p + a) for p, a in zip(position, offset, strict=True)]
+        turn = multiply(orientation, (-x, -y, -z, w))
+        pybullet.resetBasePositionAndOrientation(
+            self._body, com, [float(v) for v in turn], physicsClientId=self._client
+        )
+        self._place(q)
+
+    def corners(self, margin: float = 0.08) -> np.ndarray:
+        """Corners of a box around each link, in world [m], (8 * links, 3).
+
+        Args:
+            margin: Added on all sides, for what is seen but does not collide [m].
+        """
+        boxes = [
+            pybullet.getAABB(self._body, link, physicsClientId=self._client)
+            for link in self._links.values()
+        ]
+        sides = np.array(boxes) + [[-margin], [margin]]  # (links, 2, 3)
+        pick = np.indices((2, 2, 2)).reshape(3, 8)
+        return sides[:, pick, np.arange(3)[:, None]].transpose(0, 2, 1).reshape(-1, 3)
+
+    def picture(
+        self, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], light: Triple
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The robot alone, drawn in software.
+
+        Args:
+            view: World to camera, OpenGL convention, (4, 4).
+            projection: Camera to clip space, (4, 4).
+            size: Width and height [pixel].
+            light: Direction towards the light, world frame.
+
+        Returns:
+            Colours (height, width, 3) in [0, 1] and where the robot is (height, width) bool.
+        """
+        width, height = size
+        _, _, colours, _, bodies = pybullet.getCameraImage(
+            width,
+            height,
+            view.T.ravel().tolist(),
+            projection.T.ravel().tolist(),
+            lightDirection=light,
+            lightAmbientCoeff=0.62,
+            lightDiffuseCoeff=0.45,
+            lightSpecularCoeff=0.10,
+            shadow=0,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._client,
+        )
+        rgb = np.reshape(colours, (height, width, 4))[:, :, :3] / 255.0
+        return rgb, np.reshape(bodies, (height, width)) == self._body

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node sets, and the ROS parameters an experiment becomes."""
+
+import pytest
+from loco_bringup import node_set
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.ros.topics import NODES
+from loco_learning.experiment import load
+
+
+def content(experiment):
+    run = {"recorded": True, "recorder": {"bag": "b"}, "weights": "w.npz"}
+    tick = {"clock": "lockstep", "speed": 0.0, "duration": 1.0}
+    return node_set.parameter_file(node_set.load("hyq"), experiment, tick, run)
+
+
+def test_the_set_holds_the_nodes_of_the_topic_table():
+    assert {spec.name for spec in node_set.load("hyq")} == set(NODES)
+
+
+def test_every_experiment_value_reaches_a_node():
+    overrides = {"gait.speed": 0.11, "learner.memory": 33, "trunk.mass": 70.0, "seed": 9}
+    made = content(load("hyq_trot_reflex", overrides))
+    at = {name: node["ros__parameters"] for name, node in made.items()}
+    assert at["target_generator"]["gait"]["speed"] == 0.11
+    assert at["reflex_network"]["learner"]["memory"] == 33
+    assert at["stance_controller"]["trunk"]["mass"] == 70.0
+    assert at["robot_sim"]["seed"] == at["reflex_network"]["seed"] == 9
+
+
+@pytest.mark.parametrize("text", ["nodes: 3", "nodes: [{class: a}]", "nodes: [", "[]"])
+def test_broken_sets_are_named(tmp_path, text):
+    path = tmp_path / "set.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=r"set\.yaml is not a node set"):
+        node_set.load(str(path))
+
+
+def test_unknown_parts_name_the_known(tmp_path):
+    path = tmp_path / "set.yaml"
+    path.write_text("nodes: [{name: a, class: b, parameters: [gate]}]")
+    with pytest.raises(NameUnknownError, match="gait"):
+        node_set.load(str(path))

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joining by tick, and the one way nodes are spun."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from loco_control.ros.convert import Converter
+from loco_control.ros.node import PeriodMeter, TickJoin
+from loco_control.types import MotionCommand, TrunkTorque
+
+
+def command(tick):
+    return MotionCommand(tick, tick * 0.004, np.full(12, float(tick)), np.zeros(12))
+
+
+def torque(tick):
+    return TrunkTorque(tick, tick * 0.004, np.zeros(12), np.zeros(6), np.ones(4, bool))
+
+
+@pytest.fixture
+def joined():
+    calls = []
+    converters = {"a": Converter(MotionCommand), "b": Converter(TrunkTorque)}
+    join = TickJoin(converters, lambda a, b: calls.append((a.tick, b.tick)), PeriodMeter())
+    send_a, send_b = join.receiver("a"), join.receiver("b")
+    return (
+        join,
+        calls,
+        lambda tick: send_a(converters["a"].pack(command(tick))),
+        lambda tick: send_b(converters["b"].pack(torque(tick))),
+    )
+
+
+def test_step_runs_once_when_all_have_the_tick_in_any_order(joined):
+    join, calls, a, b = joined
+    a(0), b(0), b(1), a(1)
+    assert calls == [(0, 0), (1, 1)]
+
+
+def test_duplicates_and_old_ticks_are_counted_and_not_answered(joined):
+    join, calls, a, b = joined
+    a(3), b(3), a(3), b(2)
+    assert calls == [(3, 3)]
+    assert join.stale == 2
+
+
+def test_different_ticks_do_not_meet(joined):
+    join, calls, a, b = joined
+    a(1), b(2)
+    assert calls == []
+    a(2)
+    assert calls == [(2, 2)]
+
+
+def test_period_meter_starts_anew_after_each_summary():
+    meter = PeriodMeter()
+    for _ in range(3):
+        meter.mark()
+        time.sleep(0.002)
+    first, second = meter.summary(), meter.summary()
+    assert first["ticks"] == 2
+    assert first["period_max_ms"] >= first["period_mean_ms"] >= 2.0
+    assert second["ticks"] == 0
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_waiting_node_ends_with_code_0_on_a_signal(number):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "loco_control.ros.target_node"],
+        stderr=subprocess.PIPE,
+        env=fresh_environment(),
+    )
+    time.sleep(2.0)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 0, errors.decode()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("gait.duty_factor:=1.7", "duty_factor"),
+        ("gait.pattern:=tort", "trot"),
+        ("gait.speed:=fast", "gait.speed"),
+    ],
+)
+def test_a_wrong_parameter_is_one_clear_line_and_exit_code_2(setting, message):
+    done = subprocess.run(
+        [sys.executable, "-m", "loco_control.ros.target_node", "--ros-args", "-p", setting],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=fresh_environment(),
+    )
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def fresh_environment():
+    env = dict(os.environ)
+    env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    return env

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each controller node alone, over real DDS: a test publishes ticks and reads the answers."""
+
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import TwistStamped
+from loco_control.gait import GaitParams, TargetGenerator
+from loco_control.ros.convert import Converter
+from loco_control.ros.node import LocoNode
+from loco_control.ros.stance_node import StanceControllerNode
+from loco_control.ros.target_node import TargetGeneratorNode
+from loco_control.ros.topics import topic
+from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
+from loco_learning.ros.reflex_node import ReflexNetworkNode
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64, String
+
+pytestmark = pytest.mark.ros
+
+
+class Bench:
+    """A node under test and a node that plays the rest of the graph."""
+
+    def __init__(self, make):
+        rclpy.init(args=[])
+        self.executor = EventsExecutor()
+        self.node: LocoNode = make()
+        self.tester = rclpy.create_node("tester")
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.tester)
+        self._publishers, self._received, self._subscriptions = {}, {}, []
+
+    def publisher(self, name):
+        row = topic(name)
+        publisher = self.tester.create_publisher(row.type, row.name, row.qos.writer())
+        self.wait(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+    def listen(self, name, cls):
+        row, got = topic(name), []
+        converter = Converter(cls)
+        subscription = self.tester.create_subscription(
+            row.type,
+            row.name,
+            lambda data: got.append(converter.unpack(converter.codec.decode(data))),
+            row.qos.reader(100),
+            raw=True,
+        )
+        self._subscriptions.append(subscription)
+        self.wait(lambda: subscription.get_publisher_count() > 0)
+        return got
+
+    def wait(self, condition, timeout=20.0):
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, "timed out"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def close(self):
+        self.node.close()
+        self.node.destroy_node()
+        self.tester.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def bench():
+    made = []
+
+    def make(cls):
+        made.append(Bench(cls))
+        return made[-1]
+
+    yield make
+    for b in made:
+        b.close()
+
+
+def standing(tick):
+    q = np.tile([-0.12, 0.70, -1.42], 4) * np.repeat([1, 1, -1, -1], 3)
+    q[0::3] = -0.12
+    grf = np.zeros((4, 3))
+    grf[:, 2] = 207.0
+    return RobotState(
+        tick, tick * 0.004, q, np.zeros(12), np.zeros(12), grf,
+        np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.ones(4, bool),
+    )  # fmt: skip
+
+
+def walk(bench, states, answers, ticks, start=0, pack=Converter(RobotState).pack):
+    for tick in range(start, start + ticks):
+        states.publish(pack(standing(tick)))
+        bench.wait(lambda tick=tick: answers and answers[-1].tick == tick)
+
+
+def test_target_node_answers_as_the_generator_does_without_ros(bench):
+    b = bench(TargetGeneratorNode)
+    states, targets = b.publisher("robot_state"), b.listen("gait_target", GaitTarget)
+    walk(b, states, targets, 300)
+    generator = TargetGenerator(GaitParams(), 0.004)
+    pack = Converter(GaitTarget).pack
+    expected = [pack(generator.step(standing(k))) for k in range(300)]
+    assert [pack(t) for t in targets] == expected
+
+
+def test_speed_and_frequency_follow_topics_smoothly(bench):
+    b = bench(TargetGeneratorNode)
+    states, targets = b.publisher("robot_state"), b.listen("gait_target", GaitTarget)
+    walk(b, states, targets, 900)
+    velocity = TwistStamped()
+    velocity.twist.linear.x = 0.1
+    b.publisher("cmd_vel").publish(velocity)
+    b.publisher("gait_frequency").publish(Float64(data=1.2))
+    walk(b, states, targets, 900, start=900)
+    speeds = np.array([t.speed for t in targets])
+    assert speeds[899] == pytest.approx(0.25, abs=0.02)
+    assert speeds[-1] == pytest.approx(0.1, abs=0.005)
+    assert targets[-1].frequency == pytest.approx(1.2, abs=0.02)
+    assert np.abs(np.diff(speeds[900:])).max() < 0.01  # no jump
+
+
+def test_live_parameters_change_and_bad_values_are_refused(bench):
+    b = bench(TargetGeneratorNode)
+    refused = b.node.set_parameters([Parameter("gait.duty_factor", value=0.99)])[0]
+    assert not refused.successful
+    assert "0.99" in refused.reason or "range" in refused.reason
+    assert b.node.set_parameters([Parameter("gait.speed", value=0.1)])[0].successful
+    fixed = b.node.set_parameters([Parameter("gait.pattern", value="walk")])[0]
+    assert not fixed.successful
+
+
+def test_stance_node_switches_estimator_while_it_runs(bench):
+    b = bench(StanceControllerNode)
+    states, commands = b.publisher("robot_state"), b.publisher("motion_command")
+    targets = b.publisher("gait_target")
+    stances, torques = b.listen("stance", Stance), b.listen("trunk_torque", TrunkTorque)
+    generator = TargetGenerator(GaitParams(start_time=0.0), 0.004)
+    packs = [Converter(c).pack for c in (RobotState, GaitTarget, MotionCommand)]
+
+    def tick(k):
+        state = standing(k)
+        target = generator.step(state)
+        states.publish(packs[0](state))
+        commands.publish(packs[2](MotionCommand(k, state.t, target.q, target.dq)))
+        targets.publish(packs[1](target))
+        b.wait(lambda: torques and torques[-1].tick == k and stances[-1].tick == k)
+        return target
+
+    for k in range(100):
+        target = tick(k)
+        np.testing.assert_array_equal(stances[-1].stance, target.stance)
+    assert {s.estimator for s in stances} == {0}
+    estimator = b.publisher("stance_estimator")
+    for name in ("no such", "rse"):  # the wrong one is refused and changes nothing
+        estimator.publish(String(data=name))
+        for _ in range(50):
+            b.executor.spin_once(timeout_sec=0.01)
+    for k in range(100, 300):
+        tick(k)
+    assert stances[-1].estimator == 1
+    assert {tuple(s.stance) for s in stances[-150:]} - {tuple(s.stance) for s in stances[:1]}
+    swing = ~np.repeat(torques[-1].stance, 3)
+    assert not torques[-1].tau[swing].any()
+
+
+def test_reflex_node_passes_the_target_through_while_it_stands(bench):
+    b = bench(ReflexNetworkNode)
+    states, targets = b.publisher("robot_state"), b.publisher("gait_target")
+    commands = b.listen("motion_command", MotionCommand)
+    generator = TargetGenerator(GaitParams(), 0.004)
+    for k in range(50):
+        state = standing(k)
+        target = generator.step(state)
+        states.publish(Converter(RobotState).pack(state))
+        targets.publish(Converter(GaitTarget).pack(target))
+        b.wait(lambda k=k: commands and commands[-1].tick == k)
+        np.testing.assert_array_equal(commands[-1].q, target.q)
+    assert b.node.diagnose()["phase"] == "stand"

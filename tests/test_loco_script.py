@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ./loco script, run with a stand-in for Python that only writes down its arguments."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+TOOLS = "sh cat cksum cp chmod dirname env flock mkdir readlink rm sleep tail".split()
+
+# Each stage by a part of the command that does it, in order.
+VENV = "-m venv"
+REQUIREMENTS = "pip install --require-hashes"
+TF2_MSGS = "src/tf2_msgs"
+LOCO_MSGS = "src/loco_msgs"
+PACKAGES = "pip install --no-deps --no-build-isolation -e"
+COMMAND = "-m loco_bringup.cli"
+STAGES = [VENV, REQUIREMENTS, TF2_MSGS, LOCO_MSGS, PACKAGES]
+
+STAND_IN = """#!/bin/sh
+echo "$*" >>"$CALLS"
+case "$*" in
+*${KILL_AT:-nothing}*) kill -9 $PPID; exit ;;
+*${FAIL_AT:-nothing}*) echo "out of cheese" >&2; exit 3 ;;
+esac
+case "$1 $2" in
+"-c "*) echo "$0" ;;
+"-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
+"-m loco_bringup.cli") env >"$CALLS.env" ;;
+esac
+"""
+
+
+class Checkout:
+    """A copy of the script with the files it reads, and a PATH of a few tools."""
+
+    def __init__(self, folder: Path, script: Path) -> None:
+        self.root = folder / "with space" / "loco"
+        self.bin = folder / "bin"
+        self.calls = folder / "calls"
+        for file in (
+            "requirements/lock.txt",
+            "pyproject.toml",
+            "src/loco_msgs/CMakeLists.txt",
+            "src/loco_msgs/msg/A.msg",
+            "src/tf2_msgs/CMakeLists.txt",
+            "src/tf2_msgs/msg/B.msg",
+        ):
+            (self.root / file).parent.mkdir(parents=True, exist_ok=True)
+            (self.root / file).write_text("one\n")
+        shutil.copy(script, self.root / "loco")
+        self.bin.mkdir()
+        for tool in TOOLS:
+            (self.bin / tool).symlink_to(shutil.which(tool))
+        self.add("cc", "#!/bin/sh\n")
+        self.add("c++", "#!/bin/sh\n")
+        self.environment = {
+            "PATH": str(self.bin),
+            "HOME": str(folder),
+            "CALLS": str(self.calls),
+        }
+
+    def add(self, name: str, text: str = STAND_IN) -> Path:
+        """Put an executable on the PATH (or elsewhere, when `name` is a path)."""
+        path = self.bin / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+        return path
+
+    def popen(self, *arguments: str, **environment: str) -> subprocess.Popen:
+        """Start the script; its output can be read with `communicate`."""
+        return subprocess.Popen(
+            [self.root / "loco", *arguments],
+            env=self.environment | environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def start(self, *arguments: str, **environment: str) -> tuple[int, str, list[str]]:
+        """Run the script: exit status, what it told the user, and what it made Python do."""
+        self.calls.write_text("")
+        process = self.popen(*arguments, **environment)
+        _, told = process.communicate(timeout=30)
+        calls = [line for line in self.calls.read_text().splitlines() if line.startswith("-m")]
+        return process.returncode, told, calls
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, repository: Path) -> Checkout:
+    made = Checkout(tmp_path, repository / "loco")
+    made.add("python3.11")
+    return made
+
+
+def stages(calls: list[str]) -> list[str]:
+    """Which stages the calls belong to, in order and once each."""
+    return list(dict.fromkeys(s for call in calls for s in [*STAGES, COMMAND] if s in call))
+
+
+def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
+    status, told, calls = checkout.start("report", "a bag")
+    assert status == 0
+    assert stages(calls) == [*STAGES, COMMAND]
+    assert calls[-1] == "-m loco_bringup.cli report a bag"
+    assert "ready" in told
+
+
+def test_second_start_only_runs_the_command(checkout):
+    checkout.start()
+    assert checkout.start("list") == (0, "", ["-m loco_bringup.cli list"])
+
+
+def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
+    checkout.start()
+    link = tmp_path / "link"
+    link.symlink_to(checkout.root / "loco")
+    subprocess.run([link], env=checkout.environment, cwd="/", check=True)
+    assert checkout.calls.read_text().endswith("-m loco_bringup.cli\n")
+
+
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("requirements/lock.txt", STAGES),
+        ("src/loco_msgs/msg/A.msg", [TF2_MSGS, LOCO_MSGS]),
+        ("src/loco_msgs/CMakeLists.txt", [TF2_MSGS, LOCO_MSGS]),
+        ("src/tf2_msgs/msg/B.msg", [TF2_MSGS, LOCO_MSGS]),
+        ("pyproject.toml", [PACKAGES]),
+    ],
+)
+def test_a_changed_file_repeats_the_stages_made_from_it(checkout, file, expected):
+    checkout.start()
+    (checkout.root / file).write_text("two\n")
+    assert stages(checkout.start()[2]) == [*expected, COMMAND]
+    assert stages(checkout.start()[2]) == [COMMAND]
+
+
+def test_a_moved_folder_gets_a_new_environment(checkout):
+    checkout.start()
+    checkout.root = checkout.root.rename(checkout.root.with_name("moved"))
+    assert stages(checkout.start()[2]) == [*STAGES, COMMAND]
+
+
+def test_an_environment_whose_python_is_gone_is_made_anew(checkout):
+    checkout.start()
+    (checkout.root / ".venv/bin/python").unlink()
+    assert stages(checkout.start()[2]) == [*STAGES, COMMAND]
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_killed_setup_repairs_itself(checkout, stage):
+    """What came before the stage is kept, but never half an environment."""
+    status, _, _ = checkout.start(KILL_AT=stage)
+    assert status == -9
+    status, _, calls = checkout.start()
+    assert status == 0
+    first = {VENV: VENV, REQUIREMENTS: VENV, TF2_MSGS: TF2_MSGS, LOCO_MSGS: TF2_MSGS}
+    assert stages(calls)[0] == first.get(stage, stage)
+    assert stages(checkout.start()[2]) == [COMMAND]
+
+
+def test_a_failing_step_shows_the_end_of_the_log(checkout):
+    status, told, calls = checkout.start(FAIL_AT=REQUIREMENTS)
+    assert status == 1
+    assert "out of cheese" in told
+    assert ".venv/setup.log" in told
+    assert stages(calls) == [VENV, REQUIREMENTS]
+
+
+def test_two_starts_at_once_make_one_environment(checkout):
+    checkout.calls.write_text("")
+    processes = [checkout.popen(), checkout.popen()]
+    told = [process.communicate(timeout=30)[1] for process in processes]
+    calls = checkout.calls.read_text()
+    assert [process.returncode for process in processes] == [0, 0]
+    assert calls.count(VENV) == 1
+    assert calls.count(COMMAND) == 2
+    assert "waiting for another set-up" in "".join(told)
+
+
+def test_a_missing_python_is_told(checkout):
+    (checkout.bin / "python3.11").unlink()
+    status, told, _ = checkout.start()
+    assert status == 1
+    assert "found no CPython 3.10 to 3.13" in told
+    assert "LOCO_PYTHON" in told
+
+
+def test_a_python_that_will_not_do_is_passed_over(checkout):
+    checkout.add("python3.11", "#!/bin/sh\nexit 1\n")
+    usable = checkout.add("python3.12")
+    _, told, _ = checkout.start()
+    assert f"making .venv with {usable}" in told
+
+
+def test_pyenv_is_searched(checkout, tmp_path):
+    (checkout.bin / "python3.11").unlink()
+    usable = checkout.add(str(tmp_path / ".pyenv/versions/3.11.7/bin/python"))
+    _, told, _ = checkout.start()
+    assert f"making .venv with {usable}" in told
+
+
+def test_the_python_asked_for_is_used_or_refused(checkout):
+    usable = checkout.add("my-python")
+    assert f"making .venv with {usable}" in checkout.start(LOCO_PYTHON="my-python")[1]
+    shutil.rmtree(checkout.root / ".venv")
+    status, told, _ = checkout.start(LOCO_PYTHON="no-python")
+    assert status == 1
+    assert "LOCO_PYTHON=no-python is not CPython 3.10 to 3.13" in told
+
+
+@pytest.mark.parametrize("compiler", ["cc", "c++"])
+def test_a_missing_compiler_is_told_before_anything_is_installed(checkout, compiler):
+    (checkout.bin / compiler).unlink()
+    status, told, calls = checkout.start()
+    assert status == 1
+    assert f"compiler '{compiler}'" in told
+    assert calls == []
+
+
+def seen_by_the_command(checkout: Checkout) -> dict[str, str]:
+    """Environment variables in which the loco command was started."""
+    text = Path(f"{checkout.calls}.env").read_text()
+    return dict(line.partition("=")[::2] for line in text.splitlines())
+
+
+def test_threads_and_discovery_are_limited(checkout):
+    checkout.start()
+    seen = seen_by_the_command(checkout)
+    assert seen["OMP_NUM_THREADS"] == seen["OPENBLAS_NUM_THREADS"] == "1"
+    assert seen["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    checkout.start(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    assert seen_by_the_command(checkout)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+
+
+@pytest.mark.parametrize("sign", ["AMENT_PREFIX_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"])
+def test_libraries_of_another_ros_are_dropped(checkout, sign):
+    other = {sign: "/opt/ros/jazzy", "LD_LIBRARY_PATH": "/opt", "PYTHONPATH": "/opt"}
+    checkout.start(**other)
+    assert not set(other) & set(seen_by_the_command(checkout))
+
+
+def test_colcon_runs_in_the_workspace_with_the_environment(checkout):
+    (checkout.root / "ros_ws").mkdir()
+    _, _, calls = checkout.start("colcon", "build", "--packages-select", "loco_sim")
+    assert calls[-1] == "-m colcon build --packages-select loco_sim"
+
+
+def test_the_probe_accepts_this_python(checkout):
+    """The only test that runs a real interpreter: the one of the tests is a legal one."""
+    text = (checkout.root / "loco").read_text()
+    probe = text.split("probe='")[1].split("'\n")[0]
+    base = os.path.realpath("/proc/self/exe")
+    subprocess.run([base, "-c", probe], check=True, capture_output=True)

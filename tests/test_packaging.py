@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is written in several files agrees: versions, links, messages, requirements, data."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import fnmatch
+import inspect
+import math
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+from loco_control import types
+
+ROOT = Path(__file__).resolve().parent.parent
+PYTHON_PACKAGES = {
+    "loco_control": ROOT / "src/loco_control",
+    "loco_sim": ROOT / "src/loco_sim",
+    "loco_learning": ROOT / "src/loco_learning",
+    "loco_bringup": ROOT / "ros_ws/src/loco_bringup",
+}
+MESSAGES = ROOT / "src/loco_msgs/msg"
+
+# The messages that are only for people and tools, and the type that only the simulator has.
+WITHOUT_TYPE = {"Event", "RecorderStatus"}
+WITHOUT_MESSAGE = {"GroundTruth"}
+
+
+def read(path: str) -> str:
+    return (ROOT / path).read_text()
+
+
+def match(pattern: str, text: str) -> str:
+    found = re.search(pattern, text, re.MULTILINE)
+    assert found, f"no {pattern!r}"
+    return found[1]
+
+
+# --- versions and links ---------------------------------------------------------
+
+
+def test_versions_agree():
+    versions = {"pyproject.toml": match(r'^version = "(.+)"', read("pyproject.toml"))}
+    for folder in [*PYTHON_PACKAGES.values(), MESSAGES.parent]:
+        manifest = folder / "package.xml"
+        versions[str(manifest)] = ElementTree.parse(manifest).findtext("version")
+    for name, folder in PYTHON_PACKAGES.items():
+        setup = (folder / "setup.py").read_text()
+        versions[f"{name}/setup.py"] = match(r'version="(.+)"', setup)
+        init = (folder / name / "__init__.py").read_text()
+        if "__version__" in init:
+            versions[f"{name}/__init__.py"] = match(r'__version__ = "(.+)"', init)
+    assert len(set(versions.values())) == 1, versions
+
+
+@pytest.mark.parametrize("package", ["loco_control", "loco_sim", "loco_learning", "loco_msgs"])
+def test_the_workspace_links_to_the_packages(package):
+    link = ROOT / "ros_ws/src" / package
+    assert link.is_symlink()
+    assert str(link.readlink()) == f"../../src/{package}"
+    assert (link / "package.xml").is_file()
+
+
+def test_every_package_of_ours_is_in_the_workspace():
+    ours = {path.parent.name for path in (ROOT / "src").glob("loco_*/package.xml")}
+    linked = {path.parent.name for path in (ROOT / "ros_ws/src").glob("*/package.xml")}
+    assert linked == ours | {"loco_bringup"}
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_marker_and_script_folder_are_those_of_ros2_run(package):
+    folder = PYTHON_PACKAGES[package]
+    assert (folder / "resource" / package).read_text() == ""
+    assert (folder / "setup.cfg").read_text().count(f"$base/lib/{package}\n") == 2
+
+
+# --- what setup.py and package.xml promise ----------------------------------------
+
+
+def setup_arguments(package: str) -> dict[str, ast.expr]:
+    """Keyword arguments of setup() in the setup.py of a package."""
+    tree = ast.parse((PYTHON_PACKAGES[package] / "setup.py").read_text())
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    call = next(call for call in calls if getattr(call.func, "id", "") == "setup")
+    return {keyword.arg: keyword.value for keyword in call.keywords}
+
+
+def entry_points(package: str) -> list[str]:
+    return ast.literal_eval(setup_arguments(package)["entry_points"])["console_scripts"]
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_every_executable_has_its_function(package):
+    for entry in entry_points(package):
+        module, function = entry.split(" = ")[1].split(":")
+        path = PYTHON_PACKAGES[package] / (module.replace(".", "/") + ".py")
+        assert path.is_file(), f"{entry}: no such module"
+        body = ast.parse(path.read_text()).body
+        assert function in {n.name for n in body if isinstance(n, ast.FunctionDef)}, entry
+
+
+def imported_packages(package: str) -> set[str]:
+    """First names of everything that the modules of a package import."""
+    names = set()
+    for path in (PYTHON_PACKAGES[package] / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module.split(".")[0])
+    return names - {package} - set(sys.stdlib_module_names)
+
+
+# Names in package.xml of what is imported under another name. What rosdep does not know
+# is installed by pip, from requirements/runtime.in.
+ROSDEP = {
+    "PIL": "python3-pil",
+    "matplotlib": "python3-matplotlib",
+    "numpy": "python3-numpy",
+    "psutil": "python3-psutil",
+    "rich": "python3-rich",
+    "scipy": "python3-scipy",
+    "yaml": "python3-yaml",
+}
+ONLY_PIP = {"cma", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"}
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_package_xml_names_what_is_imported(package):
+    manifest = ElementTree.parse(PYTHON_PACKAGES[package] / "package.xml").getroot()
+    named = {element.text for element in manifest.findall("exec_depend")}
+    imported = {ROSDEP.get(name, name) for name in imported_packages(package) - ONLY_PIP}
+    assert imported - named == set(), "imported, but not in package.xml"
+    launch = {"launch", "launch_ros"} if package == "loco_bringup" else set()
+    assert named - imported - launch == set(), "in package.xml, but not imported"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_data_files_are_installed(package):
+    """Everything that is not Python has a kind listed in pyproject.toml and setup.py."""
+    listed = re.findall(r'"\*\*/(\*\.\w+)"', read("pyproject.toml"))
+    kinds = re.search(r"for kind in (\(.*?\))", (PYTHON_PACKAGES[package] / "setup.py").read_text())
+    assert [f"*.{kind}" for kind in ast.literal_eval(kinds[1])] == listed
+    for path in (PYTHON_PACKAGES[package] / package).rglob("*"):
+        if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
+            assert any(fnmatch.fnmatch(path.name, kind) for kind in listed), path
+
+
+# --- requirements -------------------------------------------------------------------
+
+
+def named_requirements(file: str) -> set[str]:
+    lines = [line.split("#")[0].strip() for line in read(file).splitlines()]
+    return {re.split(r"[\[<>=~ ;]", line)[0].lower() for line in lines if line}
+
+
+def locked_requirements() -> list[str]:
+    """Blocks of the lock file, one requirement with its hashes each."""
+    text = re.sub(r"^ *#.*\n", "", read("requirements/lock.txt"), flags=re.MULTILINE)
+    return re.split(r"\n(?=\S)", text.strip())
+
+
+def test_every_locked_requirement_has_a_version_and_a_hash():
+    for block in locked_requirements():
+        assert re.match(r"[a-z0-9-]+==\S+ ", block), block.splitlines()[0]
+        assert "--hash=sha256:" in block, block.splitlines()[0]
+
+
+@pytest.mark.parametrize("file", ["runtime.in", "test.in", "build.in"])
+def test_every_named_requirement_is_locked(file):
+    locked = {block.split("==")[0] for block in locked_requirements()}
+    assert named_requirements(f"requirements/{file}") - locked == set()
+
+
+def test_no_package_index_is_named():
+    """Where packages come from is the user's pip configuration, never ours."""
+    option = re.compile(r"--(extra-)?index-url|--find-links|--trusted-host|pypi\.|pythonhosted")
+    files = [*ROOT.glob("requirements/*"), *ROOT.glob("docker/*"), ROOT / ".ci/run", ROOT / "loco"]
+    files += [ROOT / "pyproject.toml"]
+    for path in files:
+        assert not option.search(path.read_text().replace("--no-emit-index-url", "")), path
+
+
+# --- messages -----------------------------------------------------------------------
+
+
+def message_fields(path: Path) -> dict[str, str]:
+    """Field names of a .msg file and their types."""
+    lines = [line.split("#")[0].split() for line in path.read_text().splitlines()]
+    return {line[1]: line[0] for line in lines if line}
+
+
+def dataclass_fields(cls: type) -> dict[str, str]:
+    """Fields of a dataclass with the message type that carries each.
+
+    The length of an array is the shape its comment ends with: ``# force [N], (4, 3)``.
+    """
+    expected = {}
+    scalars = {"int": ("uint64", "uint8"), "float": ("float64",), "bool": ("bool",)}
+    for line in inspect.getsource(cls).splitlines():
+        found = re.match(r"    (\w+): ([\w.]+)(.*)", line)
+        if not found:
+            continue
+        name, kind, comment = found.groups()
+        if kind == "np.ndarray":
+            shape = re.findall(r"\(([\d, ]+)\)", comment)[-1]
+            length = math.prod(int(n) for n in shape.split(",") if n.strip())
+            element = "bool" if "bool" in comment or name == "stance" else "float64"
+            expected[name] = (f"{element}[{length}]",)
+        else:
+            expected[name] = scalars[kind]
+    assert list(expected) == [field.name for field in dataclasses.fields(cls)]
+    return expected
+
+
+def types_of_ours() -> dict[str, type]:
+    return {n: c for n, c in vars(types).items() if dataclasses.is_dataclass(c)}
+
+
+def test_every_message_has_a_type_and_every_type_a_message():
+    messages = {path.stem for path in MESSAGES.glob("*.msg")}
+    assert messages - WITHOUT_TYPE == set(types_of_ours()) - WITHOUT_MESSAGE
+
+
+@pytest.mark.parametrize("name", sorted(set(types_of_ours()) - WITHOUT_MESSAGE))
+def test_message_and_type_have_the_same_fields(name):
+    message = message_fields(MESSAGES / f"{name}.msg")
+    fields = dataclass_fields(types_of_ours()[name])
+    assert message.pop("stamp") == "builtin_interfaces/Time"  # travels as stamp, is t in Python
+    assert fields.pop("t") == ("float64",)
+    assert set(message) == set(fields)
+    for field, legal in fields.items():
+        assert message[field] in legal, field
+
+
+@pytest.mark.parametrize("path", sorted(MESSAGES.glob("*.msg")), ids=lambda path: path.stem)
+def test_every_message_carries_tick_and_stamp_first(path):
+    fields = message_fields(path)
+    assert list(fields.items())[:2] == [("stamp", "builtin_interfaces/Time"), ("tick", "uint64")]
+
+
+@pytest.mark.parametrize("package", ["loco_msgs", "tf2_msgs"])
+def test_every_message_is_built(package):
+    listed = re.findall(r"msg/\w+\.msg", read(f"src/{package}/CMakeLists.txt"))
+    there = sorted(f"msg/{path.name}" for path in (ROOT / "src" / package / "msg").glob("*"))
+    assert sorted(listed) == there
+
+
+def test_installed_messages_are_those_of_the_source():
+    """The messages that were built have the fields of the files: nobody runs old ones."""
+    import loco_msgs.msg
+
+    for path in MESSAGES.glob("*.msg"):
+        built = getattr(loco_msgs.msg, path.stem).get_fields_and_field_types()
+        assert list(built) == list(message_fields(path)), path.stem
+
+
+def test_tf_message_is_the_one_of_every_other_installation():
+    """Same name and same definition, so the same type hash: /tf can be read by anybody."""
+    from tf2_msgs.msg import TFMessage
+
+    assert TFMessage.get_fields_and_field_types() == {
+        "transforms": "sequence<geometry_msgs/TransformStamped>"
+    }
