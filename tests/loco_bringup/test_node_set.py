@@ -21,7 +21,7 @@ def test_the_set_holds_the_nodes_of_the_topic_table():
 def test_every_experiment_value_reaches_a_node():
     overrides = {"gait.speed": 0.11, "learner.memory": 33, "trunk.mass": 70.0, "seed": 9}
     made = content(load("hyq_trot_reflex", overrides))
-    at = {name: node["ros__parameters"] for name, node in made.items()}
+    at = {name.split("/")[-1]: node["ros__parameters"] for name, node in made.items()}
     assert at["target_generator"]["gait"]["speed"] == 0.11
     assert at["reflex_network"]["learner"]["memory"] == 33
     assert at["stance_controller"]["trunk"]["mass"] == 70.0

@@ -3,7 +3,10 @@
 
 import numpy as np
 import pytest
+
 from loco_control.types import GaitTarget, RobotState
+from loco_learning.experiment import load
+from loco_learning.rollout import rollout
 
 DT = 0.004
 
@@ -41,3 +44,9 @@ def drive():
         return [network.step(state_at(k, force), target_at(k)) for k in range(start, stop)]
 
     return run
+
+
+@pytest.fixture(scope="session")
+def short_log():
+    """Log of the experiment hyq_short; do not change it."""
+    return rollout(load("hyq_short"))

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+
 from loco_learning.bench import bench_rls, textbook_step
 from loco_learning.readout import Readout
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_learning.params import SCALINGS
 from loco_learning.reflex import OUTPUT_JOINTS, PHASES, LearnerParams, ReflexNetwork
@@ -164,11 +165,11 @@ def rewrite(path, **changes):
 def test_broken_weight_files_are_refused(tmp_path):
     path = tmp_path / "net.npz"
     path.write_text("not a zip")
-    with pytest.raises(ParameterError, match="is not a weight file"):
+    with pytest.raises(ParameterError, match="is not a weights file"):
         ReflexNetwork.load(path)
     network(neurons=10).save(path)
     rewrite(path, format=99)
-    with pytest.raises(ParameterError, match="weight format 99, this version reads 1"):
+    with pytest.raises(ParameterError, match="weights file of format 99; wanted is .* format 1"):
         ReflexNetwork.load(path)
     network(neurons=10).save(path)
     rewrite(path, **{"readout.weights": np.zeros((3, 16))})

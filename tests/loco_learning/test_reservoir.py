@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+
 from loco_learning.reservoir import DelayLine, ElmLayer, GrfFilter
 
 

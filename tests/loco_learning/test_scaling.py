@@ -3,8 +3,9 @@
 
 import numpy as np
 import pytest
+
 from loco_learning.params import SCALINGS, LearnerParams
-from loco_learning.scaling import INPUTS, OUTPUTS, SCALING, RunningScaler
+from loco_learning.scaling import OUTPUTS, SCALING, RunningScaler
 
 
 def scheme(name, **changes):
@@ -36,7 +37,7 @@ def test_running_scaler_undoes_itself_and_survives_constants():
 
 def test_plateau_reads_one_under_half_the_weight_and_clips_peaks():
     plateau = scheme("plateau")
-    sample = plateau.inputs(np.array([0.0, 415.7, 1e4, -5.0]), True)
+    sample = plateau.sample(np.array([0.0, 415.7, 1e4, -5.0]), True)
     np.testing.assert_allclose(sample, [0.0, 1.0, 1.5, 0.0, 1.0])
 
 
@@ -50,12 +51,12 @@ def test_output_undoes_fit_target(name):
 
 def test_author_ranges_rest_while_not_learning():
     author = scheme("author")
-    np.testing.assert_array_equal(author.inputs(np.full(4, 300.0), False), np.zeros(INPUTS))
-    author.inputs(np.zeros(4), True)
-    author.inputs(np.full(4, 800.0), True)
-    beyond = author.inputs(np.full(4, 1600.0), False)
+    np.testing.assert_array_equal(author.sample(np.full(4, 300.0), False), np.zeros(5))
+    author.sample(np.zeros(4), True)
+    author.sample(np.full(4, 800.0), True)
+    beyond = author.sample(np.full(4, 1600.0), False)
     np.testing.assert_allclose(beyond, [3.5, 3.5, 3.5, 3.5, -0.5])
-    line = np.zeros((6, INPUTS))
+    line = np.zeros((6, 5))
     author.hidden(line, True)
     author.hidden(line + 2.0, True)
     np.testing.assert_allclose(author.hidden(line + 1.0, False), np.zeros(30), atol=1e-12)
@@ -66,7 +67,7 @@ def test_reset_forgets(name):
     made, rng = scheme(name), np.random.default_rng(2)
 
     def run():
-        rows = [made.inputs(force, True).copy() for force in rng_forces]
+        rows = [made.sample(force, True).copy() for force in rng_forces]
         return np.array(rows)
 
     rng_forces = rng.uniform(0.0, 900.0, (10, 4))

@@ -4,21 +4,18 @@
 from __future__ import annotations
 
 import json
-import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from loco_control.exceptions import ParameterError
+
 from loco_control.params import to_dict
 
-from . import metrics, signals, trial
+from . import archive, metrics, signals, trial
 from .experiment import Experiment
 from .log import Log
 
-FORMAT = 1
 COARSE = 10  # slow curves keep each tenth tick
 FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
 
@@ -39,27 +36,18 @@ class CaseResult:
     def save(self, path: Path) -> None:
         """Write to one ``.npz`` file, whole or not at all."""
         meta = {k: v for k, v in vars(self).items() if k != "curves"}
-        part = path.with_suffix(f".{os.getpid()}.part")
-        with open(part, "wb") as file:
-            np.savez_compressed(file, meta=json.dumps({"format": FORMAT, **meta}), **self.curves)
-        part.replace(path)
+        archive.write(path, "case", meta, self.curves, compress=True)
 
     @classmethod
     def load(cls, path: Path) -> CaseResult:
         """Read what `save` wrote.
 
         Raises:
-            ParameterError: It is not a case result of this format.
+            MissingFileError: There is no such file.
+            ParameterError: It is not a case result of this version.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                curves = dict(file)
-            meta = json.loads(str(curves.pop("meta")))
-            if meta.pop("format") != FORMAT:
-                raise ParameterError(f"{path} is a case result of another version")
-            return cls(**meta, curves=curves)
-        except (OSError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise ParameterError(f"{path} is not a case result ({error})") from error
+        meta, curves = archive.read(path, "case")
+        return cls(**meta, curves=curves)
 
 
 def run_case(

@@ -72,14 +72,13 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Figure:
     """Smoothed NRMSE of all trials over time, as figure 8.3."""
     made, (ax,) = _new(1, (9.0, 4.0))
     for i, (variant, cases) in enumerate(_variants(results).items()):
-        colour, label = _colour(variant, i), f"{variant.upper()} ({len(cases)} trials)"
-        for case in cases:
-            if "error" in case.curves:
-                t, error = case.curves["error_t"], case.curves["error"]
-                ax.plot(t, error, color=colour, lw=0.9, alpha=0.8, label=label)
-                label = None
-                if case.verdict["fall"]:
-                    ax.plot(t[-1], error[-1], "x", color=colour, ms=7, mew=2)
+        colour = _colour(variant, i)
+        ax.plot([], [], color=colour, label=f"{variant.upper()} ({len(cases)} trials)")
+        for case in (case for case in cases if "error" in case.curves):
+            t, error = case.curves["error_t"], case.curves["error"]
+            ax.plot(t, error, color=colour, lw=0.9, alpha=0.8)
+            if case.verdict["fall"]:
+                ax.plot(t[-1], error[-1], "x", color=colour, ms=7, mew=2)
     learner = results[0].experiment["learner"]
     closing = learner["stand"] + learner["train"]
     ax.set_xlim(max(0.0, closing - 10.0), max(case.verdict["end"] for case in results))
@@ -98,7 +97,8 @@ def limit_cycles(results: Sequence[CaseResult]) -> Figure:
         v: [c for c in cases if "cycle" in c.curves] for v, cases in _variants(results).items()
     }
     groups = {v: cases for v, cases in groups.items() if cases}
-    made, axes = _new(max(1, len(groups)), (4.6 * max(1, len(groups)), 4.4), sharex=True, sharey=True)
+    columns = max(1, len(groups))
+    made, axes = _new(columns, (4.6 * columns, 4.4), sharex=True, sharey=True)
     for ax, (variant, cases) in zip(axes, groups.items(), strict=False):
         case = _typical(cases)
         t, path = case.curves["cycle_t"], case.curves["cycle"]
@@ -109,7 +109,12 @@ def limit_cycles(results: Sequence[CaseResult]) -> Figure:
         ax.set(title=f"{variant.upper()}, seed {case.seed}", xlabel="1st component [-]")
         ax.set_aspect("equal", adjustable="box")
     axes[0].set_ylabel("2nd component [-]")
-    made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    made.legend(
+        *axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=2,
+        title="dots: the test phase, from yellow to red",
+    )
     return made
 
 

@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from loco_control.exceptions import MissingFileError, ParameterError
+
 from loco_control.params import to_dict
 from loco_control.types import (
     GaitTarget,
@@ -23,10 +21,10 @@ from loco_control.types import (
     TrunkTorque,
 )
 
+from . import archive
 from .experiment import Experiment, from_values
 from .params import PHASES
 
-FORMAT = 1
 PARTS = {
     "state": RobotState,
     "target": GaitTarget,
@@ -61,12 +59,12 @@ class Log:
     wall_time: float = float("nan")  # of the whole run [s]
 
     def __len__(self) -> int:
-        return len(self.state.tick)
+        return len(self.learning.prediction)
 
     @property
     def t(self) -> np.ndarray:
         """Simulated time [s], (T,)."""
-        return self.state.t
+        return np.asarray(self.state.t)
 
     @property
     def dt(self) -> float:
@@ -91,7 +89,6 @@ class Log:
     def save(self, path: str | Path) -> None:
         """Write arrays, experiment, seed and outcome to one ``.npz`` file."""
         meta = {
-            "format": FORMAT,
             "experiment": to_dict(self.experiment),
             "seed": self.seed,
             "fall": self.fall,
@@ -102,9 +99,8 @@ class Log:
             for name in PARTS
             for f in dataclasses.fields(PARTS[name])
         }
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "wb") as file:
-            np.savez(file, meta=json.dumps(meta), reflex_time=self.reflex_time, **arrays)
+        arrays["reflex_time"] = self.reflex_time
+        archive.write(path, "log", meta, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Log:
@@ -112,22 +108,13 @@ class Log:
 
         Raises:
             MissingFileError: There is no such file.
-            ParameterError: It is not a log of this format.
+            ParameterError: It is not a log of this version.
         """
-        if not Path(path).is_file():
-            raise MissingFileError(f"no log file {path}")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = dict(file)
-            meta = json.loads(str(arrays["meta"]))
-            if meta["format"] != FORMAT:
-                raise ParameterError(f"{path} has log format {meta['format']!r}, not {FORMAT}")
-            parts = {
-                name: kind(**{f.name: arrays[f"{name}.{f.name}"] for f in dataclasses.fields(kind)})
-                for name, kind in PARTS.items()
-            }
-        except (OSError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            raise ParameterError(f"{path} is not a log file ({error})") from error
+        meta, arrays = archive.read(path, "log")
+        parts = {
+            name: kind(**{f.name: arrays[f"{name}.{f.name}"] for f in dataclasses.fields(kind)})
+            for name, kind in PARTS.items()
+        }
         return cls(
             **parts,
             experiment=from_values(meta["experiment"]),
@@ -142,7 +129,8 @@ class Column:
     """Grows a stacked message tick by tick, in arrays of a known length."""
 
     def __init__(self, kind: type, length: int):
-        self._kind, self._length, self._arrays = kind, length, []
+        self._kind, self._length = kind, length
+        self._arrays: list[np.ndarray] = []
 
     def add(self, row: int, message: Any) -> None:
         """Copy the fields of a message to a row."""

@@ -35,6 +35,7 @@ class LearnerParams(Params):
     regularisation: float = parameter(1e-3, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
     gain: float = parameter(1.0, "factor on the hidden weights", "-", 0.0, 100.0)
     hidden_bias: float = parameter(0.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
+    bias_input: bool = parameter(True, "a constant input beside the four forces (eq. 7.2)")
     window: int = parameter(15, "moving average of the vertical forces", "tick", 1, 1000)
     grf_scale: float = parameter(415.7, "force that reads 1: half the weight", "N", 1.0, 1e5)
     grf_threshold: float = parameter(0.0, "averaged forces below read 0", "N", 0.0, 1e4)

@@ -7,15 +7,17 @@ import zlib
 from bisect import bisect_right
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
 
 from . import weights
 from .params import PHASES, LearnerParams
 from .readout import Readout
 from .reservoir import DelayLine, ElmLayer, GrfFilter
-from .scaling import INPUTS, OUTPUTS, SCALING
+from .scaling import OUTPUTS, SCALING
 
 # HFE and KFE of each leg, leg-major; HAA always follows the target.
 OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
@@ -51,10 +53,10 @@ class ReflexNetwork:
         p = params
         self.scaling = SCALING[p.scaling](p)
         self.grf_filter = GrfFilter(p.window, p.grf_threshold)
-        self.delay_line = DelayLine(p.memory, INPUTS)
-        width = self.scaling.weight_width
+        inputs, width = self.scaling.inputs, self.scaling.weight_width
+        self.delay_line = DelayLine(p.memory, inputs)
         self.hidden = ElmLayer(
-            INPUTS * p.memory, p.neurons, width, p.hidden_bias, p.activation, rng
+            inputs * p.memory, p.neurons, width, p.hidden_bias, p.activation, rng
         )
         first = self.scaling.first_weights(p, rng)
         self.readout = Readout(p.neurons, OUTPUTS, p.regularisation, first)
@@ -109,7 +111,7 @@ class ReflexNetwork:
         if not self.params.enabled:
             return np.zeros(OUTPUTS)
         grf = self.grf_filter.step(state.grf[:, 2])
-        line = self.delay_line.step(self.scaling.inputs(grf, learning))
+        line = self.delay_line.step(self.scaling.sample(grf, learning))
         u = self.hidden.step(self.scaling.hidden(line, learning))
         if not learning:
             return self.scaling.output(self.readout.predict(u))
@@ -134,7 +136,7 @@ class ReflexNetwork:
         block = self.params.closing_block
         return tick % block < block * (1.0 - rho)
 
-    def parts(self) -> dict[str, object]:
+    def parts(self) -> dict[str, Any]:
         """Parts with a `state()` to save, by name."""
         return {
             "hidden": self.hidden,

@@ -6,8 +6,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+
 from loco_control.exceptions import DivergedError
 from loco_control.gait import TargetGenerator
 from loco_control.stance import StanceController
@@ -41,7 +43,7 @@ class Loop:
         self.state = self.sim.reset()
         self.reflex_time = 0.0
 
-    def step(self) -> dict[str, object]:
+    def step(self) -> dict[str, Any]:
         """One control period; returns its messages by the names of `log.PARTS`."""
         state, truth = self.state, self.sim.ground_truth()
         target = self.generator.step(state)

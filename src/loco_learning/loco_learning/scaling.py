@@ -11,7 +11,7 @@ import numpy as np
 
 from .params import LearnerParams
 
-INPUTS = 5  # four vertical forces and a bias, eq. (7.2)
+FEET = 4  # vertical forces; with the constant five inputs, eq. (7.2)
 OUTPUTS = 16  # eight positions and eight velocities, eq. (7.1)
 
 
@@ -25,10 +25,11 @@ class PlateauScaling:
     """
 
     def __init__(self, params: LearnerParams):
+        self.inputs = FEET + params.bias_input
         # Unit variance before the activation for inputs of order 1.
-        self.weight_width = 0.5 * params.gain * np.sqrt(12.0 / (INPUTS * params.memory))
+        self.weight_width = 0.5 * params.gain * np.sqrt(12.0 / (self.inputs * params.memory))
         self._grf_scale = params.grf_scale
-        self._sample = np.ones(INPUTS)  # the last element is the bias
+        self._sample = np.ones(self.inputs)  # the last element is the bias
 
     def first_weights(self, params: LearnerParams, rng: np.random.Generator) -> np.ndarray:
         """Readout before training, (neurons, 16): zero."""
@@ -37,13 +38,13 @@ class PlateauScaling:
     def reset(self) -> None:
         """Nothing is remembered."""
 
-    def inputs(self, grf: np.ndarray, learning: bool) -> np.ndarray:
-        """Averaged vertical forces (4,) [N] to a delay-line sample (5,)."""
-        self._sample[:4] = np.minimum(np.maximum(grf / self._grf_scale, 0.0), 1.5)
+    def sample(self, grf: np.ndarray, learning: bool) -> np.ndarray:
+        """Averaged vertical forces (4,) [N] to a delay-line sample (inputs,)."""
+        self._sample[:FEET] = np.minimum(np.maximum(grf / self._grf_scale, 0.0), 1.5)
         return self._sample
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Delay line (M, 5) to the input of the hidden layer (5 M,)."""
+        """Delay line (M, inputs) to the input of the hidden layer (M inputs,)."""
         return line.reshape(-1)
 
     def fit_target(self, target: np.ndarray) -> np.ndarray:
@@ -66,16 +67,21 @@ class AuthorScaling:
     [-1.5, 1.5] and the targets to [-0.5, 1.5]; all ranges grow while learning
     and rest otherwise. Hidden weights are uniform in [-0.5, 0.5] times `gain`,
     without regard to the fan-in, and the readout starts uniform in [0, 1].
+
+    A constant has no range, so it arrives as -0.5 and then -1.5: with M taps that is a
+    hidden bias of -1.5 times the sum of M random weights, and all depends on it. Without
+    the constant (`bias_input` false) nothing breaks the symmetry of tanh about 0.
     Source: the thesis author's published code; not described in the thesis.
     """
 
-    BIAS = 0.5  # a constant has no range, so it arrives as -0.5 and then -1.5
+    CONSTANT = 0.5
 
     def __init__(self, params: LearnerParams):
+        self.inputs = FEET + params.bias_input
         self.weight_width = 0.5 * params.gain
         self._scalers = {
-            "input": RunningScaler(INPUTS, -0.5, 1.5),
-            "hidden": RunningScaler(INPUTS * params.memory, -1.5, 1.5),
+            "input": RunningScaler(self.inputs, -0.5, 1.5),
+            "hidden": RunningScaler(self.inputs * params.memory, -1.5, 1.5),
             "target": RunningScaler(OUTPUTS, -0.5, 1.5),
         }
         self._fitted = np.zeros(1, dtype=bool)
@@ -90,16 +96,16 @@ class AuthorScaling:
         for scaler in self._scalers.values():
             scaler.reset()
 
-    def inputs(self, grf: np.ndarray, learning: bool) -> np.ndarray:
-        """Averaged vertical forces (4,) [N] to a delay-line sample (5,); 0 before training."""
-        sample = np.append(grf, self.BIAS)
+    def sample(self, grf: np.ndarray, learning: bool) -> np.ndarray:
+        """Averaged vertical forces (4,) [N] to a delay-line sample (inputs,); 0 before training."""
+        sample = np.append(grf, self.CONSTANT)[: self.inputs]
         if learning:
             self._fitted[:] = True
             self._scalers["input"].fit(sample)
-        return self._scalers["input"].scale(sample) if self._fitted[0] else np.zeros(INPUTS)
+        return self._scalers["input"].scale(sample) if self._fitted[0] else np.zeros(self.inputs)
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Delay line (M, 5) to the input of the hidden layer (5 M,)."""
+        """Delay line (M, inputs) to the input of the hidden layer (M inputs,)."""
         flat = line.reshape(-1)
         if learning:
             self._scalers["hidden"].fit(flat)
@@ -164,4 +170,5 @@ class RunningScaler:
         return {"min": self._min, "max": self._max}
 
 
-SCALING = {"plateau": PlateauScaling, "author": AuthorScaling}
+Scaling = PlateauScaling | AuthorScaling
+SCALING: dict[str, type[Scaling]] = {"plateau": PlateauScaling, "author": AuthorScaling}

@@ -180,6 +180,8 @@ def stride_frequency(x: np.ndarray, dt: float, low: float = 0.3, high: float = 5
     Args:
         x: Signal with one period per stride, (T, J).
         dt: Sample time [s].
+        low: Lower end of the band [Hz].
+        high: Upper end of the band [Hz].
     """
     n = len(x)
     if n * dt < 2.0 / low / 3.0:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import ceil, isfinite
 from typing import NamedTuple
 
@@ -13,6 +15,9 @@ from loco_control.impedance import ImpedanceParams, gains, impedance_torque, sta
 from loco_control.types import MotionCommand, TrunkTorque
 
 from .params import SimParams
+
+
+GainsOf = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # stance flags to kp and kd
 
 
 class Gains(NamedTuple):
@@ -35,8 +40,8 @@ class Drive:
         dq: Desired joint velocities in force [rad/s], (n,).
     """
 
-    def __init__(self, impedance: ImpedanceParams, limits: np.ndarray, legs: int):
-        self._impedance, self._legs = impedance, legs
+    def __init__(self, impedance: ImpedanceParams | GainsOf, limits: np.ndarray, legs: int):
+        self._gains_for, self._legs = gains_function(impedance), legs
         self._limits, self._smallest = limits.tolist(), float(min(limits))
         self._gains: dict[bytes, Gains] = {}
 
@@ -76,9 +81,17 @@ class Drive:
         """Gains of a stance pattern, made once."""
         key = stance.tobytes()
         if key not in self._gains:
-            kp, kd = gains(self._impedance, stance)
+            kp, kd = self._gains_for(stance)
             self._gains[key] = Gains(kp, kd, kp.tolist(), kd.tolist())
         return self._gains[key]
+
+
+def gains_function(impedance: ImpedanceParams | GainsOf) -> GainsOf:
+    """kp and kd of every joint as a function of the stance flags.
+
+    `ImpedanceParams` are for legs like HyQ's; any other robot brings a function.
+    """
+    return partial(gains, impedance) if isinstance(impedance, ImpedanceParams) else impedance
 
 
 def held_torque(q: np.ndarray, dq: np.ndarray, gain: Gains, tau: np.ndarray) -> list[float]:
@@ -102,7 +115,7 @@ def limited(tau: list[float], limits: list[float]) -> list[float]:
 
 
 def substeps(
-    impedance: ImpedanceParams,
+    impedance: ImpedanceParams | GainsOf,
     inertia: np.ndarray,
     damping: np.ndarray,
     legs: int,
@@ -126,8 +139,9 @@ def substeps(
     Raises:
         ParameterError: More sub-steps than `max_substeps` would be needed.
     """
+    gains_for = gains_function(impedance)
     ratio = max(
-        stability_ratio(gains(impedance, np.full(legs, stance))[1] + damping, dt, inertia)
+        stability_ratio(gains_for(np.full(legs, stance))[1] + damping, dt, inertia)
         for stance in (False, True)
     )
     count = max(1, ceil(ratio / params.damping_limit - 1e-9))

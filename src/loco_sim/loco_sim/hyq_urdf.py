@@ -4,7 +4,7 @@
 The leg geometry comes from `LegGeometry`, so kinematics and plant cannot
 disagree. Run ``python -m loco_sim.hyq_urdf`` after a change here; a test compares
 the file with what this module writes.
-Source: facts 1.1 to 1.4, which quote DLS-Lab's hyq-description (Apache-2.0).
+Source: frames, masses and limits of DLS-Lab's hyq-description (Apache-2.0).
 Shapes are ours: boxes, cylinders and spheres stand for the meshes there. Only the
 trunk, the knees and the feet collide: a shank touches flat ground after them.
 """

@@ -12,7 +12,7 @@ from loco_control.params import Params, parameter
 class SimParams(Params):
     """Physics, contact and sensors. Joint damping and limits come from the URDF.
 
-    Source: facts 1.4 (contact), 2.7 and 7 (rates); thesis chapter 7.2.
+    Source: friction and rigid feet as in DLS-Lab's hyq-description (urdfs/leg/leg.gazebo).
     """
 
     physics_rate: float = parameter(

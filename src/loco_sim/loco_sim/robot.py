@@ -24,7 +24,7 @@ ASSETS = Path(__file__).parent / "assets"
 
 @dataclass(frozen=True)
 class FallLimits(Params):
-    """Beyond these a robot counts as fallen. Source: facts 3.8 for HyQ."""
+    """Beyond these a robot counts as fallen. The defaults never do."""
 
     height: float = parameter(-1e9, "base origin lower than this", "m")
     roll: float = parameter(10.0, "|roll| larger than this", "rad", low=0.0)

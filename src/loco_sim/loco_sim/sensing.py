@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from math import isfinite
 
@@ -61,8 +62,9 @@ def robot_state(
     """
     n, m = len(tau), len(grf)
     gyro = rotate_back(rotation, base.angular_velocity)
-    # One array and slices of it: making an array costs more than filling it.
-    values = np.array((*joints[0], *joints[1], *tau, *grf, *base.orientation, *gyro, *acceleration))
+    # One buffer and slices of it: making an array costs more than filling it.
+    numbers = (*joints[0], *joints[1], *tau, *grf, *base.orientation, *gyro, *acceleration)
+    values = np.frombuffer(array("d", numbers))
     touches = [x * x + y * y + z * z > threshold * threshold
                for x, y, z in zip(grf[::3], grf[1::3], grf[2::3], strict=True)]  # fmt: skip
     imu = 3 * n + m
@@ -94,7 +96,7 @@ def ground_truth(tick: int, t: float, base: Base) -> GroundTruth:
 
 
 def fall_reason(base: Base, rotation: Rotation, limits: FallLimits) -> str | None:
-    """Why the robot counts as fallen, or None. Source: facts 3.8."""
+    """Why the robot counts as fallen, or None. Source: the author's hyq_ml, hyq/physics.py."""
     height = base.position[2]
     if height < limits.height:
         return f"base height {height:.3f} m is below {limits.height:g} m"

@@ -24,7 +24,7 @@ from loco_control.impedance import ImpedanceParams
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
 
 from . import robot as robots
-from .drive import Drive, substeps
+from .drive import Drive, GainsOf, substeps
 from .effects.base import Effect, overrides, streams, windows
 from .geometry import rotation_matrix
 from .params import SimParams
@@ -48,7 +48,7 @@ class Simulation:
     def __init__(
         self,
         params: SimParams,
-        impedance: ImpedanceParams,
+        impedance: ImpedanceParams | GainsOf,
         effects: Sequence[Effect] = (),
         seed: int = 0,
         dt: float = 0.004,
@@ -59,7 +59,8 @@ class Simulation:
 
         Args:
             params: Physics and sensors.
-            impedance: Gains of the joint impedance.
+            impedance: Gains of the joint impedance, or a function from stance flags (m,)
+                to kp and kd (n,) for robots with other legs than HyQ's, or none.
             effects: Departures from the ideal plant; the order matters.
             seed: Of the random streams of the effects.
             dt: Control period [s], a whole multiple of the physics step.

@@ -16,7 +16,7 @@ EYE = np.array([1.15, -2.05, 0.55])  # from the point looked at to the camera [m
 FIELD_OF_VIEW = np.radians(34.0)  # vertical
 LIGHT = np.array([0.35, -0.55, 1.0]) / np.linalg.norm([0.35, -0.55, 1.0])  # towards the light
 SUN = 20.0  # distance of the light [m]
-SHADOW_PIXELS, SHADOW_SPAN, DARKNESS = 256, 2.4, 0.45  # [pixel], [m], [-]
+SHADOW_PIXELS, SHADOW_SPAN, DARKNESS = 288, 2.4, 0.45  # [pixel], [m], [-]
 TILE = 0.25  # [m]
 TILES = np.array([[0.93, 0.94, 0.95], [0.80, 0.82, 0.85]])
 SKY, HORIZON = np.array([0.78, 0.86, 0.94]), np.array([0.97, 0.98, 0.99])
@@ -82,7 +82,7 @@ class Stage:
         camera = perspective(angle, 1.0, 1.0, 2.0 * SUN)
         _, robot = world.picture(view, camera, (SHADOW_PIXELS, SHADOW_PIXELS), tuple(LIGHT))
         silhouette = Image.fromarray((255 * robot).astype(np.uint8))
-        blurred = np.asarray(silhouette.filter(ImageFilter.GaussianBlur(1.7))) / 255.0
+        blurred = np.asarray(silhouette.filter(ImageFilter.GaussianBlur(2.2))) / 255.0
         clip = np.column_stack([ground, np.zeros(len(ground)), np.ones(len(ground))])
         clip = clip @ (camera @ view)[[0, 1, 3]].T
         place = clip[:, :2] / clip[:, 2:] * [0.5, -0.5] + 0.5

@@ -138,26 +138,23 @@ class World:
         self._com, self._com_turn_back = inertial[3], (-x, -y, -z, w)
 
     def _set_contacts(self) -> None:
-        p = self.params
+        """Friction and softness of every link; no damping by air, no falling asleep.
+
+        Friction is ignored when damping or activation are in the same call.
+        """
+        c, body, p = self._client, self._body, self.params
+        pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=c)
+        awake = pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
+        pybullet.changeDynamics(body, -1, activationState=awake, physicsClientId=c)
+        values = {"restitution": p.restitution}
+        if p.contact_stiffness > 0.0:
+            values["contactStiffness"] = p.contact_stiffness
+            values["contactDamping"] = p.contact_damping
         for name, link in self._links.items():
+            friction = self.friction.get(name, p.friction)
             pybullet.changeDynamics(
-                self._body,
-                link,
-                lateralFriction=self.friction.get(name, p.friction),
-                restitution=p.restitution,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-                physicsClientId=self._client,
+                body, link, lateralFriction=friction, **values, physicsClientId=c
             )
-            if p.contact_stiffness > 0.0:
-                pybullet.changeDynamics(
-                    self._body,
-                    link,
-                    contactStiffness=p.contact_stiffness,
-                    contactDamping=p.contact_damping,
-                    physicsClientId=self._client,
-                )
 
     def _place(self, q: Sequence[float]) -> None:
         for joint, value in zip(self._joints, q, strict=True):
@@ -199,17 +196,15 @@ class World:
             total: x y z of each foot in turn, (3 m,); changed in place.
         """
         slots = self._foot_slot
-        for contact in pybullet.getContactPoints(
+        contacts = pybullet.getContactPoints(
             self._body, self._ground, physicsClientId=self._client
-        ):
-            slot = slots.get(contact[3])
-            if slot is None:
-                continue
-            (nx, ny, nz), force = contact[7], contact[9]
-            u, (ux, uy, uz), v, (vx, vy, vz) = contact[10:14]
-            total[slot] += nx * force + ux * u + vx * v
-            total[slot + 1] += ny * force + uy * u + vy * v
-            total[slot + 2] += nz * force + uz * u + vz * v
+        )
+        for _, _, _, link, _, _, _, normal, _, press, along, slide, across, side in contacts:
+            if link in slots:
+                slot = slots[link]
+                total[slot] += press * normal[0] + along * slide[0] + across * side[0]
+                total[slot + 1] += press * normal[1] + along * slide[1] + across * side[1]
+                total[slot + 2] += press * normal[2] + along * slide[2] + across * side[2]
 
     def base(self) -> Base:
         """State of the root link's frame (its origin, not its centre of mass)."""
@@ -230,14 +225,7 @@ class World:
             point: Where, in the frame of the link [m].
         """
         index = -1 if link is None else self._links[link]
-        if index < 0:
-            base = self.base()
-            arm = rotate(rotation_matrix(base.orientation), point)
-            at = [p + a for p, a in zip(base.position, arm, strict=True)]
-        else:
-            state = pybullet.getLinkState(self._body, index, physicsClientId=self._client)
-            arm = rotate(rotation_matrix(state[5]), point)
-            at = [p + a for p, a in zip(state[4], arm, strict=True)]
+        at = self.point(link, point).tolist()
         pybullet.applyExternalForce(
             self._body, index, force, at, pybullet.WORLD_FRAME, physicsClientId=self._client
         )
@@ -246,12 +234,26 @@ class World:
 
     def link_position(self, link: str) -> Triple:
         """Position of a link's frame in the world [m]."""
-        index = self._links[link]
+        return tuple(self.point(link, (0.0, 0.0, 0.0)))
+
+    def point(self, link: str | None, offset: Sequence[float]) -> np.ndarray:
+        """Where a point fixed to a link is in the world [m], (3,).
+
+        Args:
+            link: Name of the link; None is the root link.
+            offset: The point, in the frame of the link [m].
+        """
+        index = -1 if link is None else self._links[link]
         if index < 0:
-            return self.base().position
-        return pybullet.getLinkState(
-            self._body, index, computeForwardKinematics=1, physicsClientId=self._client
-        )[4]
+            position, orientation = self.base()[:2]
+        else:
+            # The link's frame itself is given in single precision only.
+            com, turn, local, (x, y, z, w) = pybullet.getLinkState(
+                self._body, index, computeForwardKinematics=1, physicsClientId=self._client
+            )[:4]
+            orientation = multiply(turn, (-x, -y, -z, w))
+            position = np.subtract(com, rotate(rotation_matrix(orientation), local))
+        return np.add(position, rotate(rotation_matrix(orientation), offset))
 
     def joint_inertia(self, q: Sequence[float]) -> np.ndarray:
         """Inertia that the joints feel [kg·m²], (n, n), base free to move unless fixed.

@@ -73,8 +73,8 @@ def parameter_file(
         }
         for part in spec.parameters:
             parameters.update(_part(part, experiment, tick, run))
-        content[spec.name] = {"ros__parameters": parameters}
-    content["recorder"] = {"ros__parameters": {"recorded": True, **run["recorder"]}}
+        content[f"/**/{spec.name}"] = {"ros__parameters": parameters}
+    content["/**/recorder"] = {"ros__parameters": {"recorded": True, **run["recorder"]}}
     return content
 
 

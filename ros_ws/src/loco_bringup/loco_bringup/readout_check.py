@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import BagError
+from loco_control.exceptions import BagError, LocoError
 from loco_control.types import GaitTarget
 from loco_learning.log import Log
 from loco_learning.params import PHASES
@@ -63,8 +63,8 @@ class ReadoutCheck:
         positions = np.abs(self.commanded - self.target)[:, :8]
         return (
             f"{verdict} HFE and KFE from {self.t[0]:.3f} s to {self.t[-1]:.3f} s: over "
-            f"{len(self.t)} ticks, commands are {self.error:.1e} at most from the network run "
-            f"again, and {np.sqrt(np.mean(positions**2)):.1e} rad (rms) from the target"
+            f"{len(self.t)} ticks, commands are {self.error:.1g} at most from the network run "
+            f"again, and {np.sqrt(np.mean(positions**2)):.1g} rad (rms) from the target"
         )
 
 
@@ -137,7 +137,10 @@ def _load(weights: bytes) -> ReflexNetwork:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / WEIGHTS
         path.write_bytes(weights)
-        return ReflexNetwork.load(path)
+        try:
+            return ReflexNetwork.load(path)
+        except LocoError as error:
+            raise BagError(str(error).replace(str(path), f"the bag's {WEIGHTS}")) from None
 
 
 def _outputs(network: ReflexNetwork, log: Log, row: int, target: GaitTarget) -> np.ndarray:

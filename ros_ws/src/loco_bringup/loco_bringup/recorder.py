@@ -14,13 +14,13 @@ from typing import Any
 
 from loco_control.exceptions import NameUnknownError
 from loco_control.ros.node import LocoNode, run_nodes
-from loco_control.ros.topics import TOPICS, WRITER_DEPTH, Topic, to_stamp
+from loco_control.ros.topics import TOPICS, Topic, to_stamp
 from loco_msgs.msg import RecorderStatus
 
 from .bag_writer import BagWriter, qos_dict
 from .interfaces import definition, type_hash, type_name
 
-_STATUS_EVERY = 20  # ticks between two recorder_status messages
+_STATUS_EVERY = 10  # ticks between two recorder_status messages
 _STAMP_AT, _TICK_AT = 4, 12  # bytes: CDR header, then stamp (8), then tick (8)
 
 
@@ -32,6 +32,9 @@ class RecorderNode(LocoNode):
         folder = Path(self.declare_parameter("bag", "bags/unnamed").value)
         custom = json.loads(self.declare_parameter("custom_data", "{}").value)
         wanted = self.declare_parameter("topics", [""]).value
+        # With flow control no queue can overflow, and acknowledging each message would
+        # cost the writers more than writing it.
+        self._reliable = self.declare_parameter("reliable", True).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
         self._now = 0  # simulated time of the newest robot_state [ns]
@@ -65,9 +68,8 @@ class RecorderNode(LocoNode):
                 self._count(row.name, int.from_bytes(data[_TICK_AT : _TICK_AT + 8], "little"), t)
             write(name, data, t)
 
-        depth = WRITER_DEPTH if row.qos.reliable else row.qos.depth
         self._inputs[row.name] = self.create_subscription(
-            row.type, row.name, receive, row.qos.reader(depth), raw=True
+            row.type, row.name, receive, row.qos.tap(self._reliable), raw=True
         )
 
     def _count(self, name: str, tick: int, t: int) -> None:

@@ -17,9 +17,9 @@ from loco_learning.params import PHASES
 
 # Colours of Okabe and Ito, safe for colour-blind readers. The target is a broad pale line, so
 # that a thin line exactly on it still shows.
-TARGET = {"color": "#8cc5ea", "linewidth": 3.2, "solid_capstyle": "butt"}
-COMMAND = {"color": "#d55e00", "linewidth": 1.1}
-MEASURED = {"color": "#222222", "linewidth": 0.8}
+TARGET = {"color": "#8cc5ea", "linewidth": 3.2, "solid_capstyle": "butt", "zorder": 2.0}
+COMMAND = {"color": "#d55e00", "linewidth": 1.1, "zorder": 2.2}
+MEASURED = {"color": "#222222", "linewidth": 0.8, "zorder": 2.1}
 OTHER = {"color": "#0072b2", "linewidth": 1.1}  # anything that is none of the three
 BOUND = {"color": "#222222", "linewidth": 0.9, "linestyle": (0, (4, 3))}
 TINTS = {"stand": "#f1f1f1", "train": "#e3eef7", "closing": "#fdf0d5", "test": "#e2f3ea"}
@@ -112,19 +112,19 @@ def shade(axes: np.ndarray, log: Log) -> None:
             )  # fmt: skip
 
 
-def envelope(t: np.ndarray, y: np.ndarray, buckets: int = 450) -> tuple[np.ndarray, ...]:
-    """Times, smallest and largest value of each of so many stretches of a signal.
+def envelope(t: np.ndarray, y: np.ndarray, bucket: int) -> tuple[np.ndarray, ...]:
+    """Start time, smallest and largest value of each bucket of a signal.
 
-    Keeps every peak of a long signal in a small drawing.
+    Keeps every peak of a long signal in a small drawing. The last time is the end.
 
     Args:
         t: Times, (T,).
         y: Signal, (T,); NaN where unknown.
-        buckets: At most so many stretches.
+        bucket: Samples per bucket.
     """
-    edges = np.unique(np.linspace(0, len(y), min(buckets, len(y)) + 1).astype(int))[:-1]
-    low = np.fmin.reduceat(y, edges)
-    return t[edges], low, np.fmax.reduceat(y, edges)
+    edges = np.arange(0, len(y), bucket)
+    low, high = np.fmin.reduceat(y, edges), np.fmax.reduceat(y, edges)
+    return np.append(t[edges], t[-1]), np.append(low, low[-1]), np.append(high, high[-1])
 
 
 def every(t: np.ndarray, points: int = 900) -> slice:

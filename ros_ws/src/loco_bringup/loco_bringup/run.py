@@ -135,6 +135,7 @@ def _write_files(
     recorder = {
         "bag": str(folder),
         "custom_data": json.dumps(custom),
+        "reliable": tick["clock"] != "lockstep",
         "attach": [str(resolved), str(folder / "params.yaml"), str(weights)],
     }
     run = {"recorded": True, "recorder": recorder, "weights": str(weights)}
@@ -166,7 +167,7 @@ class _Watch:
         self._waiting: dict[str, str] = {}
         self._started = self._finished = False
         self._error: str | None = None
-        self._final_tick, self._recorder_tick = -1, -1
+        self._final_tick, self._recorder_tick, self._final_time = -1, -1, 0.0
         self._moved = time.monotonic()
 
     def run(self) -> Outcome:
@@ -185,7 +186,8 @@ class _Watch:
         return self.outcome
 
     def _done(self) -> bool:
-        return self._finished and self._recorder_tick >= self._final_tick
+        heard = self._progress.sim_time >= self._final_time - 1e-9  # the last diagnostics
+        return self._finished and heard and self._recorder_tick >= self._final_tick
 
     def _check(self) -> None:
         if self._error:
@@ -220,6 +222,7 @@ class _Watch:
         elif event.kind == "finished":
             self._finished = True
             self._final_tick = event.tick
+            self._final_time = event.stamp.sec + event.stamp.nanosec / 1e9
             self.outcome.text = event.text
 
     def _on_diagnostics(self, array: Any) -> None:
@@ -253,6 +256,7 @@ class _Listener:
 
     def __enter__(self) -> _Listener:
         import rclpy
+        import rclpy.task
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
 
@@ -267,13 +271,12 @@ class _Listener:
             self._node.create_subscription(row.type, row.name, callback, row.qos.reader(100))
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
+        self._never = rclpy.task.Future()
         return self
 
     def spin(self) -> None:
         """Handle what arrives within a tenth of a second."""
-        until = time.monotonic() + 0.1
-        while (left := until - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left)
+        self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
 
     def __exit__(self, *_: object) -> None:
         self._node.destroy_node()

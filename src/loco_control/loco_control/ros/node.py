@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node of the graph has: topics from the table, readiness, ticks, diagnostics.
 
-`run_nodes` is the only way a node is spun. It loops ``spin_once``, because
-``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals.
+`run_nodes` is the only way a node is spun. It waits in slices with a time-out,
+because ``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 
 from loco_control.exceptions import LocoError
 from loco_msgs.msg import Event
@@ -38,7 +39,6 @@ class LocoNode(Node):
     def __init__(self, name: str):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
         self.recorded = self.declare_parameter("recorded", False).value
-        self.exit_code: int | None = None
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
         self._periods = PeriodMeter()
@@ -192,14 +192,14 @@ class PeriodMeter:
 
 
 def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None = None) -> int:
-    """Spin nodes in one EventsExecutor until a signal or until one sets `exit_code`.
+    """Spin nodes in one EventsExecutor until a signal.
 
     Args:
         makers: Constructors of the nodes, called after ``rclpy.init``.
         args: ROS arguments, ``sys.argv`` when None.
 
     Returns:
-        Exit code: 0 after a signal, else what the node set; 2 for a user's mistake.
+        Exit code: 0 after a signal, 2 for a user's mistake.
     """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     rclpy.init(args=args)
@@ -210,15 +210,15 @@ def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None =
         for make in makers:
             nodes.append(make())
             executor.add_node(nodes[-1])
-        while rclpy.ok() and not (codes := [n.exit_code for n in nodes if n.exit_code is not None]):
-            executor.spin_once(timeout_sec=0.2)
-        code = max(codes, default=0) if rclpy.ok() else 0
+        never = Future()  # waiting for it stays in C++ between messages, unlike spin_once
+        while rclpy.ok():
+            executor.spin_until_future_complete(never, timeout_sec=0.2)
     except (KeyboardInterrupt, ExternalShutdownException):
         code = 0
     except LocoError as error:
         code = 2
         log.error("%s", error)
-        if nodes:
+        if nodes and rclpy.ok():
             nodes[-1].event("error", str(error))
     finally:
         for node in nodes:

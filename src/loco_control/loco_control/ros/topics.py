@@ -34,7 +34,7 @@ from loco_msgs.msg import (
 
 # Writers keep this many messages for a reliable reader that is behind (the
 # recorder): more than the plant's flow window, so lockstep loses none.
-WRITER_DEPTH = 1000
+WRITER_DEPTH = 200
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,12 @@ class Qos:
     def reader(self, depth: int | None = None) -> QoSProfile:
         """Profile for subscriptions, of the table's depth unless given."""
         return self._profile(depth or self.depth)
+
+    def tap(self, reliable: bool) -> QoSProfile:
+        """Profile for the recorder: deep, and best effort where nothing may be asked again."""
+        if self.latched or not self.reliable:
+            return self._profile(self.depth)
+        return Qos(reliable, False, WRITER_DEPTH).reader()
 
     def _profile(self, depth: int) -> QoSProfile:
         return QoSProfile(

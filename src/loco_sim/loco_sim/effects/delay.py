@@ -31,7 +31,7 @@ class CommandDelay(Effect, name="command_delay"):
     """Motion commands reach the drives late, by a whole number of physics steps.
 
     When it begins, the command of that moment is held until the late ones arrive.
-    Source: thesis chapter 8 (a delay between network and motors); facts 3.7.
+    Source: thesis chapter 8, a delay between network and motors of unpublished size.
     """
 
     delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)

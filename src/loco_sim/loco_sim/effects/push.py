@@ -22,7 +22,7 @@ class Push(Effect, name="push"):
 
     The random force is uniform in +-`random` on each axis and is drawn anew after a
     uniform time between `shortest` and `longest`.
-    Source: the random force is that of the author's simulation (facts 3.7), where
+    Source: the random force is that of the author's simulation (hyq_ml, hyq/physics.py), where
     a new draw every 25 to 250 control periods replaces the one before.
     """
 

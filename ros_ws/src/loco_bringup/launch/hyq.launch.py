@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A HyQ experiment under ``ros2 launch``, for people with ROS from apt.
+
+ros2 launch loco_bringup hyq.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
+"""
+
+import json
+import tempfile
+from pathlib import Path
+
+import yaml
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from loco_bringup import node_set
+from loco_bringup.run import describe, duration_of
+from loco_learning.experiment import load
+
+ARGUMENTS = {
+    "experiment": ("hyq_trot_reflex", "name or path of an experiment YAML"),
+    "bag": ("", "new folder to record into; empty records nothing"),
+    "clock": ("realtime", "lockstep, asap or realtime"),
+    "namespace": ("", "namespace of all nodes"),
+}
+
+
+def nodes(context):
+    """One process per node of the set, and the recorder if a bag is wanted."""
+    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    experiment = load(value["experiment"])
+    specs = node_set.load("hyq")
+    tick = {"clock": value["clock"], "speed": 0.0, "duration": duration_of(experiment)}
+    recorder = {"bag": value["bag"], "custom_data": json.dumps(describe(experiment))}
+    run = {"recorded": bool(value["bag"]), "recorder": recorder, "weights": ""}
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False) as file:
+        yaml.safe_dump(node_set.parameter_file(specs, experiment, tick, run), file)
+    executables = [(s.cls.split(".")[0], s.name) for s in specs]
+    if value["bag"]:
+        Path(value["bag"]).mkdir(parents=True, exist_ok=True)
+        executables.append(("loco_bringup", "recorder"))
+    made = [
+        Node(package=package, executable=name, name=name, namespace=value["namespace"],
+             parameters=[file.name], output="screen")
+        for package, name in executables
+    ]  # fmt: skip
+    stop = [
+        RegisterEventHandler(OnProcessExit(target_action=n, on_exit=[EmitEvent(event=Shutdown())]))
+        for n in made
+    ]
+    return made + stop
+
+
+def generate_launch_description():
+    """Arguments, then the nodes."""
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The world obeys mechanics, agrees with the controllers' kinematics and is reproducible."""
+
+import numpy as np
+import pytest
+
+from loco_control.kinematics import foot_position, joint_limits
+from loco_sim import robot
+from loco_sim.geometry import rotate_back, rotation_matrix
+from loco_sim.params import SimParams
+from loco_sim.world import World
+
+MASS, GRAVITY = 84.756, 9.81
+PENDULUM = """<robot name="bench"><link name="stand"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="continuous"><parent link="stand"/><child link="rod"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture
+def pendulum(tmp_path):
+    """A physical pendulum bolted to the world: no feet, no trunk, one joint."""
+    (tmp_path / "bench.urdf").write_text(PENDULUM)
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 2.0\n"
+    )
+    made = World(robot.load(tmp_path), SimParams(), 0.0005)
+    made.rebuild([0.1], height=2.0)
+    yield made
+    made.close()
+
+
+def in_the_air(world, hyq, height=5.0):
+    world.rebuild(hyq.standing, height=height)
+    return world
+
+
+def holding(world, hyq):
+    """Torques that hold the standing pose [N·m]."""
+    return [
+        400.0 * (wanted - state[0]) - 8.0 * state[1]
+        for wanted, state in zip(hyq.standing, world.joint_states(), strict=True)
+    ]
+
+
+def test_feet_are_where_the_controllers_think_they_are(world, hyq):
+    low, high = joint_limits()
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        q = rng.uniform(low, high)
+        turn = rng.standard_normal(4)
+        turn /= np.linalg.norm(turn)
+        world.pose((0.4, -0.2, 1.5), turn, q)
+        base = world.base()
+        matrix = rotation_matrix(base.orientation)
+        seen = [
+            rotate_back(matrix, np.subtract(world.link_position(foot), base.position))
+            for foot in hyq.feet
+        ]
+        np.testing.assert_allclose(seen, foot_position(q), atol=1e-12)
+
+
+def test_the_base_pose_is_that_of_the_urdf_frame_not_of_the_centre_of_mass(world, hyq):
+    turn = np.array([0.1, -0.2, 0.3, 0.5])
+    turn /= np.linalg.norm(turn)
+    world.pose((0.1, 0.2, 0.9), turn, hyq.standing)
+    base = world.base()
+    np.testing.assert_allclose(base.position, (0.1, 0.2, 0.9), atol=1e-12)
+    np.testing.assert_allclose(base.orientation, turn, atol=1e-12)
+
+
+def test_the_robot_starts_level_with_its_lowest_foot_on_the_ground(world, hyq):
+    lowest = min(world.link_position(foot)[2] for foot in hyq.feet)
+    assert lowest == pytest.approx(0.02175, abs=1e-9)
+    np.testing.assert_allclose(world.base().orientation, [0, 0, 0, 1], atol=1e-12)
+
+
+def test_in_the_air_it_falls_with_gravity(world, hyq):
+    in_the_air(world, hyq)
+    start, steps = world.base().position[2], 200
+    for _ in range(steps):
+        world.step([0.0] * 12)
+    t = steps * world.dt
+    fallen = start - world.base().position[2]
+    assert fallen == pytest.approx(0.5 * GRAVITY * t * t, rel=0.01)
+
+
+def test_a_push_gives_the_momentum_of_its_impulse(world, hyq):
+    in_the_air(world, hyq)
+    for _ in range(20):
+        world.push((0.0, 50.0, 0.0))
+        world.step([0.0] * 12)
+    # Legs hang loose, so the base moves more than the whole: compare with the centre of mass.
+    before = centre_of_mass(world, hyq)
+    for _ in range(50):
+        world.step([0.0] * 12)
+    speed = (centre_of_mass(world, hyq) - before) / (50 * world.dt)
+    assert speed[1] == pytest.approx(50.0 * 20 * world.dt / MASS, rel=0.02)
+    assert speed[0] == pytest.approx(0.0, abs=1e-4)
+
+
+def centre_of_mass(world, hyq):
+    import xml.etree.ElementTree as ET
+
+    total, where = 0.0, np.zeros(3)
+    for link in ET.fromstring(hyq.urdf).findall("link"):
+        mass = float(link.find("inertial/mass").get("value"))
+        com = [float(v) for v in link.find("inertial/origin").get("xyz").split()]
+        where += mass * world.point(link.get("name"), com)
+        total += mass
+    return where / total
+
+
+def test_a_push_off_centre_turns_the_robot(world, hyq):
+    in_the_air(world, hyq)
+    for _ in range(20):
+        world.push((0.0, 0.0, 100.0), point=(0.0, 0.3, 0.0))
+        world.step([0.0] * 12)
+    assert world.base().angular_velocity[0] > 0.05
+
+
+def test_a_link_can_be_pushed_as_well(world, hyq):
+    in_the_air(world, hyq)
+    before = world.joint_states()[1][1]
+    for _ in range(5):
+        world.push((100.0, 0.0, 0.0), link="lf_foot")
+        world.step([0.0] * 12)
+    assert world.joint_states()[1][1] != before
+    assert abs(world.joint_states()[1][1]) > abs(world.joint_states()[10][1])
+
+
+def test_standing_legs_carry_the_weight(world, hyq):
+    mean = np.zeros(12)
+    for k in range(1500):
+        world.step(holding(world, hyq))
+        if k >= 1000:
+            force = [0.0] * 12
+            world.add_ground_forces(force)
+            mean += np.array(force) / 500
+    total = mean.reshape(4, 3).sum(axis=0)
+    np.testing.assert_allclose(total, [0.0, 0.0, MASS * GRAVITY], atol=5.0)
+
+
+def test_a_slippery_foot_slides(hyq):
+    def slip(friction):
+        made = World(hyq, SimParams(), 0.001)
+        made.rebuild(hyq.standing, [lambda w: w.friction.update(dict.fromkeys(hyq.feet, friction))])
+        for _ in range(300):
+            made.push((60.0, 0.0, 0.0))
+            made.step(holding(made, hyq))
+        moved = made.link_position("lf_foot")[0]
+        made.close()
+        return moved
+
+    assert slip(0.01) > slip(1.0) + 0.02
+
+
+def test_a_soft_contact_sinks_in(hyq):
+    def depth(**contact):
+        made = World(hyq, SimParams(**contact), 0.001)
+        made.rebuild(hyq.standing)
+        lowest = []
+        for _ in range(400):
+            made.step(holding(made, hyq))
+            lowest.append(made.link_position("lf_foot")[2])
+        made.close()
+        return 0.02175 - lowest[-1]
+
+    assert depth(contact_stiffness=2e4) > depth() + 0.003
+
+
+def test_a_pendulum_swings_with_its_own_period(pendulum):
+    inertia = pendulum.joint_inertia([0.0])
+    assert inertia == pytest.approx(np.array([[0.1 + 2.0 * 0.25]]))
+    period = 2.0 * np.pi * np.sqrt(inertia[0, 0] / (2.0 * GRAVITY * 0.5))
+    speeds = []
+    for _ in range(8000):
+        pendulum.step([0.0])
+        speeds.append(pendulum.joint_states()[0][1])
+    speeds = np.array(speeds)
+    rising = np.flatnonzero((speeds[:-1] < 0) & (speeds[1:] >= 0)) * pendulum.dt
+    assert np.diff(rising).mean() == pytest.approx(period, rel=0.01)
+
+
+def test_the_inertia_that_a_free_joint_feels_is_less_than_with_the_base_held(world, hyq):
+    inertia = world.joint_inertia(hyq.standing)
+    assert inertia.shape == (12, 12)
+    np.testing.assert_allclose(inertia, inertia.T, atol=1e-9)
+    assert np.linalg.eigvalsh(inertia)[0] > 0.0
+    knees = np.diag(inertia)[2::3]
+    assert (knees <= 0.0262 + 1e-4).all()  # shank about the knee, from masses and lengths
+    assert (knees > 0.02).all()
+
+
+def test_a_rebuilt_world_repeats_itself_bit_for_bit(world, hyq):
+    def motion():
+        world.rebuild(hyq.standing)
+        seen = []
+        for k in range(200):
+            world.step([5.0 * np.sin(0.1 * k)] * 12)
+            seen.append((world.joint_states(), world.base()))
+        return seen
+
+    assert motion() == motion()
+
+
+def test_two_worlds_do_not_disturb_each_other(world, hyq):
+    other = World(hyq, SimParams(), 0.001)
+    other.rebuild(hyq.standing, height=3.0)
+    before = world.base()
+    for _ in range(10):
+        other.step([1.0] * 12)
+    assert world.base() == before
+    other.close()
+    other.close()  # closing twice is harmless
+    assert world.base() == before

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The workspace builds with colcon, and each node starts from what it installs."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PACKAGES = ["loco_bringup", "loco_control", "loco_learning", "loco_msgs", "loco_sim"]
+EXECUTABLES = {
+    "robot_sim": "loco_sim",
+    "target_generator": "loco_control",
+    "stance_controller": "loco_control",
+    "reflex_network": "loco_learning",
+    "recorder": "loco_bringup",
+    "replayer": "loco_bringup",
+    "loco": "loco_bringup",
+}
+NODES = ["robot_sim", "target_generator", "stance_controller", "reflex_network", "recorder"]
+
+
+def tree(folder: Path) -> set[str]:
+    """Every file and folder below, links included, without what Python leaves when it runs."""
+    return {
+        str(path.relative_to(folder))
+        for path in folder.rglob("*")
+        if "__pycache__" not in path.parts
+    }
+
+
+@pytest.fixture(scope="module")
+def workspace(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of src and ros_ws, built by colcon as ``./loco colcon build`` does it.
+
+    The environment is reached through a link: what colcon generates names the interpreter,
+    and cannot do so when its path has spaces.
+    """
+    copy = tmp_path_factory.mktemp("colcon")
+    (copy / ".venv").symlink_to(sys.prefix)
+    ignore = shutil.ignore_patterns("__pycache__", "build", "install", "log", "*.egg-info")
+    for folder in ("src", "ros_ws"):
+        shutil.copytree(repository / folder, copy / folder, symlinks=True, ignore=ignore)
+    before = tree(copy / "src") | tree(copy / "ros_ws/src")
+    result = subprocess.run(
+        ["python", "-m", "colcon", "build"],
+        cwd=copy / "ros_ws",
+        env=environment(copy / ".venv"),
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert tree(copy / "src") | tree(copy / "ros_ws/src") == before, "the build left files behind"
+    return copy / "ros_ws"
+
+
+def environment(venv: Path) -> dict[str, str]:
+    """Variables that ./loco sets before it starts colcon."""
+    dropped = ("PYTHONPATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH")
+    kept = {name: value for name, value in os.environ.items() if name not in dropped}
+    path = f"{venv}/bin:{os.environ['PATH']}"
+    return kept | {"VIRTUAL_ENV": str(venv), "AMENT_PREFIX_PATH": str(venv), "PATH": path}
+
+
+def sourced(workspace: Path, *command: str) -> subprocess.Popen:
+    """Start a command in a shell that has sourced the workspace."""
+    script = f'. "{workspace}/install/setup.sh" && exec {shlex.join(command)}'
+    return subprocess.Popen(
+        ["sh", "-c", script],
+        env=environment(workspace.parent / ".venv"),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_every_package_is_installed(workspace):
+    markers = "share/ament_index/resource_index/packages"
+    for package in PACKAGES:
+        assert (workspace / "install" / package / markers / package).is_file()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_sourced_workspace_comes_before_the_environment(workspace, package):
+    code = f"import {package}; print({package}.__path__[0])"
+    printed, _ = sourced(workspace, "python", "-c", code).communicate(timeout=60)
+    assert Path(printed.strip()).is_relative_to(workspace / "install" / package)
+
+
+@pytest.mark.parametrize("executable", EXECUTABLES)
+def test_executables_lie_where_ros2_run_looks(workspace, executable):
+    package = EXECUTABLES[executable]
+    assert os.access(workspace / "install" / package / "lib" / package / executable, os.X_OK)
+
+
+@pytest.mark.ros
+def test_every_node_starts_from_the_sourced_workspace(workspace, tmp_path):
+    """Each in a namespace of its own, so that it stays alone; its diagnostics tell that it runs."""
+    processes = []
+    for node in NODES:
+        path = workspace / "install" / EXECUTABLES[node] / "lib" / EXECUTABLES[node] / node
+        bag = ["-p", f"bag:={tmp_path / 'bag'}"] if node == "recorder" else []
+        processes.append(
+            sourced(workspace, str(path), "--ros-args", "-r", f"__ns:=/{node}_alone", *bag)
+        )
+    try:
+        assert names_in_diagnostics(set(NODES), seconds=60) == set(NODES)
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        codes = [process.wait(timeout=20) for process in processes]
+    assert codes == [0] * len(NODES)
+
+
+def names_in_diagnostics(wanted: set[str], seconds: float) -> set[str]:
+    """Names of the nodes that report on /diagnostics, until all wanted ones have."""
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    heard: set[str] = set()
+    rclpy.init()
+    listener = rclpy.create_node("listener")
+    listener.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: heard.update(s.name for s in m.status), 10
+    )
+    end = time.monotonic() + seconds
+    while not wanted <= heard and time.monotonic() < end:
+        rclpy.spin_once(listener, timeout_sec=0.2)
+    listener.destroy_node()
+    rclpy.shutdown()
+    return heard & wanted
+
+
+def test_data_is_installed(workspace):
+    """YAML and URDF files are found by the installed packages, not only in the source tree."""
+    for package in set(PACKAGES) - {"loco_msgs"}:
+        source = workspace / "src" / package / package
+        installed = next((workspace / "install" / package / "lib").glob("python*/site-packages"))
+        for path in source.rglob("*"):
+            if path.suffix in (".yaml", ".urdf"):
+                assert (installed / package / path.relative_to(source)).is_file(), path
