@@ -111,3 +111,17 @@ def test_parameters_are_frozen():
 def test_plain_values_hold_no_tuples():
     assert to_dict(Outer())["pair"] == [1.0, 2.0]
     assert to_dict(Outer())["inner"] == {"gain": 1.0, "count": 3}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"count": float("nan")}, "got nan"),
+        ({"count": float("inf")}, "finite"),
+        ({"gain": np.zeros(2)}, "must be a number"),
+        ({"gain": float("inf")}, r"\[0, 10\] N/m"),
+    ],
+)
+def test_numbers_that_are_none_are_refused_with_a_clear_message(values, message):
+    with pytest.raises(ParameterError, match=message):
+        from_dict(Inner, values)

@@ -4,6 +4,8 @@
 import csv
 import dataclasses
 import io
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -164,3 +166,12 @@ def test_unknown_and_missing_studies():
         load_study("chapter9")
     with pytest.raises(MissingFileError, match="nowhere.yaml"):
         load_study("nowhere.yaml")
+
+
+def test_listing_experiments_and_studies_loads_no_compiler_and_no_physics():
+    code = (
+        "import sys, loco_learning.study;"
+        "print([m for m in ('numba', 'pybullet', 'matplotlib', 'scipy') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

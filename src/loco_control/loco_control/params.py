@@ -14,6 +14,8 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+import numpy as np
+
 from .exceptions import NameUnknownError, ParameterError
 
 T = TypeVar("T", bound="Params")
@@ -128,20 +130,21 @@ def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
         if choices and value not in choices:
             raise NameUnknownError(f"choice for {name}", value, choices)
         return value
-    if isinstance(value, bool) or not isinstance(value, (int, float)) and not hasattr(value, "dtype"):
-        raise ParameterError(f"{name} must be a number [{meta.get('unit', '-')}], got {value!r}")
-    if isinstance(default, int):
-        if value != int(value):
-            raise ParameterError(f"{name} must be a whole number, got {value!r}")
-        value = int(value)
-    else:
-        value = float(value)
+    unit = meta.get("unit", "-")
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise ParameterError(f"{name} must be a number [{unit}], got {value!r}")
     low, high = meta.get("low"), meta.get("high")
     too_low = low is not None and value < low
     too_high = high is not None and value > high
-    if math.isnan(value) or too_low or too_high:
+    # Infinity is legal only where it is the default, e.g. for "never".
+    infinite = math.isinf(value) and not math.isinf(default)
+    if math.isnan(value) or too_low or too_high or infinite:
         low = "-inf" if low is None else f"{low:g}"
         high = "inf" if high is None else f"{high:g}"
-        unit = meta.get("unit", "-")
-        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}, got {value!r}")
-    return value
+        finite = " and finite" if infinite else ""
+        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}{finite}, got {value!r}")
+    if isinstance(default, int):
+        if value != int(value):
+            raise ParameterError(f"{name} must be a whole number, got {value!r}")
+        return int(value)
+    return float(value)

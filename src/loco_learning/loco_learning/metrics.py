@@ -14,8 +14,7 @@ import numpy as np
 
 from . import signals
 from .log import Log
-from .params import PHASES
-from .reflex import OUTPUT_JOINTS
+from .params import OUTPUT_JOINTS, PHASES
 
 MAWE_SHIFT = 0.05  # largest shift of eq. (3.40) [s]
 REFERENCE_POWER = 100.0  # P_ref of eq. (3.32) [W], about the power of a slow trot

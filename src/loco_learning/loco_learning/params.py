@@ -5,10 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 PHASES = ("stand", "train", "closing", "test")
+# HFE and KFE of each leg, leg-major; HAA always follows the target.
+OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
+REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
 ACTIVATIONS = ("tanh", "relu")
 SCALINGS = ("plateau", "author")
 

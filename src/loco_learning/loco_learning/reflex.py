@@ -14,14 +14,13 @@ import numpy as np
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
 
 from . import weights
-from .params import PHASES, LearnerParams
+from .params import OUTPUT_JOINTS, PHASES, REFERENCES, LearnerParams
 from .readout import Readout
 from .reservoir import DelayLine, ElmLayer, GrfFilter
 from .scaling import OUTPUTS, SCALING
 
-# HFE and KFE of each leg, leg-major; HAA always follows the target.
-OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
-REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
+__all__ = ["OUTPUT_JOINTS", "PHASES", "REFERENCES", "LearnerParams", "ReflexNetwork"]
+
 STAND, TRAIN, CLOSING, TEST = range(len(PHASES))
 
 

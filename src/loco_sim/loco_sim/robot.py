@@ -7,7 +7,7 @@ Everything that differs between robots is in these two files; ``world.py`` and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ class Robot:
     """
 
     name: str
-    urdf: str
+    urdf: str = field(repr=False)
     folder: Path
     joints: tuple[str, ...]
     feet: tuple[str, ...]

@@ -216,7 +216,9 @@ class World:
         velocity = (vx - wy * az + wz * ay, vy - wz * ax + wx * az, vz - wx * ay + wy * ax)
         return Base((com[0] - ax, com[1] - ay, com[2] - az), orientation, velocity, omega)
 
-    def push(self, force: Sequence[float], link: str | None = None, point: Triple = (0, 0, 0)):
+    def push(
+        self, force: Sequence[float], link: str | None = None, point: Sequence[float] = (0, 0, 0)
+    ) -> None:
         """Apply a force for the next step.
 
         Args:

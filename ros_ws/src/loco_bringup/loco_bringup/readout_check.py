@@ -19,8 +19,7 @@ import numpy as np
 from loco_control.exceptions import BagError, LocoError
 from loco_control.types import GaitTarget
 from loco_learning.log import Log
-from loco_learning.params import PHASES
-from loco_learning.reflex import REFERENCES, ReflexNetwork
+from loco_learning.reflex import REFERENCES, TEST, ReflexNetwork
 
 from .bag import Bag
 from .bag_log import read_log
@@ -99,8 +98,8 @@ def check_log(log: Log, weights: bytes) -> ReadoutCheck:
         log: The run.
         weights: Network file, written right after the first tick of test.
     """
-    rows = _rows(log)
     network = _load(weights)
+    rows = _rows(log, network)
     # The network is given no target: what it answers cannot come from there.
     nowhere = dataclasses.replace(_row(log.target, rows.start), q=_NOTHING, dq=_NOTHING)
     recomputed = np.array([_outputs(network, log, row, nowhere) for row in range(*_span(rows))])
@@ -118,19 +117,19 @@ def check_log(log: Log, weights: bytes) -> ReadoutCheck:
 _NOTHING = np.full(12, np.nan)
 
 
-def _rows(log: Log) -> slice:
+def _rows(log: Log, network: ReflexNetwork) -> slice:
     """Ticks of test after the first, which the saved network has seen already."""
-    test = log.phase(PHASES[-1])
-    if test.stop - test.start < 2:
+    start = int(np.searchsorted([network.phase_at(t) for t in log.t], TEST))
+    ticks = log.state.tick[start:]
+    if len(ticks) < 2:
         raise BagError("the run has no test phase, so nothing shows that the readout drives")
-    ticks = log.state.tick[test]
     gaps = np.flatnonzero(np.diff(ticks) != 1)
     if len(gaps):
         raise BagError(
             f"tick {ticks[gaps[0]] + 1} of the test phase is not in the bag, so the network "
             "cannot be run again over what it felt"
         )
-    return slice(test.start + 1, test.stop)
+    return slice(start + 1, len(log))
 
 
 def _load(weights: bytes) -> ReflexNetwork:

@@ -133,7 +133,7 @@ def test_only_overridden_hooks_are_called():
 
 
 def test_an_unknown_effect_lists_those_that_exist():
-    with pytest.raises(NameUnknownError, match=r"did you mean 'push'\?.*available: actuation_delay"):
+    with pytest.raises(NameUnknownError, match=r"mean 'push'\?.*available: actuation_delay"):
         effects.make("pusch")
 
 
