@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from loco_bringup.bag import Bag
 from loco_bringup.bag_log import read_log
 from loco_bringup.readout_check import check_log, check_readout, weights_of
@@ -32,9 +33,7 @@ def weights(bag):
 
 def changed(log, part, **fields):
     """The log with some fields of one message replaced."""
-    return dataclasses.replace(
-        log, **{part: dataclasses.replace(getattr(log, part), **fields)}
-    )
+    return dataclasses.replace(log, **{part: dataclasses.replace(getattr(log, part), **fields)})
 
 
 def test_the_network_run_again_gives_the_recorded_commands_bit_by_bit(bag, log):
@@ -89,6 +88,12 @@ def test_a_bag_without_network_says_so(short, tmp_path):
     run_rollout(open_loop, tmp_path / "open", lambda progress: None)
     with pytest.raises(BagError, match=r"open_0\.mcap carries no weights\.npz"):
         check_readout(tmp_path / "open")
+
+
+def test_a_network_that_is_switched_off_says_so(short, tmp_path):
+    run_rollout(override(short, {"learner.enabled": False}), tmp_path / "off", lambda p: None)
+    with pytest.raises(BagError, match="open loop"):
+        check_readout(tmp_path / "off")
 
 
 def test_a_run_that_ends_before_test_says_so(log, weights):

@@ -12,7 +12,7 @@ import pytest
 
 from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
 from loco_learning import figures, study
-from loco_learning.study import load_study, names, run
+from loco_learning.study import load, names, run
 
 QUICK = {"learner.train": 1.0, "learner.closing": 1.0, "learner.test": 1.0, "gait.start_time": 0.2,
          "learner.stand": 0.2}  # fmt: skip
@@ -38,7 +38,7 @@ def write(folder, text):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
-    made = load_study(write(folder, TEXT), overrides=QUICK)
+    made = load(write(folder, TEXT), overrides=QUICK)
     seen = []
     results = run(made, folder / "out", 2, lambda done, total, case: seen.append((done, total)))
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
@@ -47,17 +47,17 @@ def finished(tmp_path_factory):
 
 @pytest.mark.parametrize("name", names())
 def test_every_study_reads(name):
-    made = load_study(name)
+    made = load(name)
     assert len(made.description) > 20
     assert len(list(made.cases())) == len(made.variants) * len(made.seeds)
 
 
 def test_the_studies_that_documents_name_are_what_they_say():
     assert {"closed_loop", "open_loop", "chapter8"} <= set(names())
-    assert len(load_study("closed_loop").seeds) == 10
-    chapter8 = load_study("chapter8")
+    assert len(load("closed_loop").seeds) == 10
+    chapter8 = load("chapter8")
     assert (list(chapter8.variants), len(chapter8.seeds)) == (["pse", "rse"], 6)
-    assert load_study("closed_loop", seeds=(4,)).seeds == (4,)
+    assert load("closed_loop", seeds=(4,)).seeds == (4,)
 
 
 def test_results_come_in_the_order_of_the_cases(finished):
@@ -154,18 +154,18 @@ def test_a_mistake_in_a_study_gets_one_clear_message(tmp_path, change, kind, mes
     variants = "" if change.startswith("variants") else "variants: {a: {experiment: hyq_short}}\n"
     path = write(tmp_path, f"{variants}{change}\n")
     if not message:
-        assert load_study(path).seeds == (0, 3)
+        assert load(path).seeds == (0, 3)
         return
     with pytest.raises(kind, match=message) as caught:
-        load_study(path)
+        load(path)
     assert isinstance(caught.value, LocoError)
 
 
 def test_unknown_and_missing_studies():
     with pytest.raises(NameUnknownError, match="did you mean 'chapter8'"):
-        load_study("chapter9")
+        load("chapter9")
     with pytest.raises(MissingFileError, match="nowhere.yaml"):
-        load_study("nowhere.yaml")
+        load("nowhere.yaml")
 
 
 def test_listing_experiments_and_studies_loads_no_compiler_and_no_physics():

@@ -75,6 +75,25 @@ def _live(changes: dict[str, float]) -> dict[str, float]:
     return changes
 
 
+def foot_centres(origin: tuple[float, float, float]) -> np.ndarray:
+    """Foot centres in the base frame [m], (4, 3), from |x|, |y| and z of one of them."""
+    from . import kinematics
+
+    x, y, z = origin
+    return np.stack([x * kinematics.FRONT, y * kinematics.LEFT, np.full(4, z)], axis=1)
+
+
+def standing_pose(origin: tuple[float, float, float]) -> np.ndarray:
+    """Joint positions of the robot standing on its foot centres [rad], (12,).
+
+    Raises:
+        ParameterError: The foot centres are out of reach.
+    """
+    from . import kinematics
+
+    return kinematics.joint_position(foot_centres(origin))
+
+
 class TargetGenerator:
     """Foot paths and joint references of a gait, one `step` per control period.
 
@@ -99,9 +118,8 @@ class TargetGenerator:
 
         self.params, self.dt = params, float(dt)
         self._cpg, self._kinematics = cpg, kinematics
-        x, y, z = params.origin
-        self._centre = np.stack([x * kinematics.FRONT, y * kinematics.LEFT, np.full(4, z)], axis=1)
-        self.standing = kinematics.joint_position(self._centre)
+        self._centre = foot_centres(params.origin)
+        self.standing = standing_pose(params.origin)
         self._lengths = kinematics.HYQ.lengths()
         self._offsets = np.array(PATTERNS[params.pattern])
         self._coupling = cpg.coupling_matrices(self._offsets)

@@ -85,6 +85,7 @@ class StanceController:
     def reset(self) -> None:
         """Back to the estimator of the parameters, with no past."""
         self._estimator, self._start = self.params.estimator, self.params.estimator_start
+        self._ground: float | None = None
         self._height.reset()
         self.trunk.reset()
 
@@ -101,8 +102,10 @@ class StanceController:
     ) -> tuple[Stance, TrunkTorque]:
         """Stance and trunk torque for the tick of `state`; call it once per tick."""
         feet, _ = self._feet_and_jacobians(command.q.reshape(4, 3), self._lengths)
-        ground = target.foot_position[:, 2].min()  # the target always stands on its lowest foot
-        height, low = self._height.update(feet[:, 2] - ground)
+        if self._ground is None:
+            # Where the robot stands; once only, or the reactive estimator would see the clock.
+            self._ground = float(target.foot_position[:, 2].min())
+        height, low = self._height.update(feet[:, 2] - self._ground)
         reactive = self._estimator == "rse" and state.t >= self._start - 0.5 * self.dt
         estimator = ESTIMATORS.index("rse" if reactive else "pse")
         legs = (low if reactive else target.stance).copy()

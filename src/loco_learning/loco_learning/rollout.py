@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import DivergedError
-from loco_control.gait import TargetGenerator
+from loco_control.gait import TargetGenerator, standing_pose
 from loco_control.stance import StanceController
 from loco_sim import effects as sim_effects
 from loco_sim.simulation import Simulation
@@ -86,6 +86,7 @@ def build(experiment: Experiment, seed: int | None = None) -> Loop:
             seed,
             dt,
             experiment.robot,
+            standing_pose(experiment.gait.origin),
         ),
         TargetGenerator(experiment.gait, dt),
         ReflexNetwork(experiment.learner, dt, seed),

@@ -17,8 +17,9 @@ from typing import Any
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.params import to_dict
 
+from . import experiment as experiments
 from .case import CaseResult, run_case
-from .experiment import Experiment, load, override, read_yaml
+from .experiment import Experiment, override, read_yaml
 from .params import PHASES
 
 log = logging.getLogger(__name__)
@@ -64,7 +65,7 @@ def names() -> list[str]:
     return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
 
 
-def load_study(
+def load(
     name_or_path: str | Path,
     seeds: tuple[int, ...] | None = None,
     overrides: dict[str, Any] | None = None,
@@ -183,10 +184,10 @@ def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Exper
     if not isinstance(spec, dict) or "experiment" not in spec:
         raise ParameterError(f"{path.stem}.variants.{name} must be {{experiment: NAME, ...}}")
     own = {key: value for key, value in spec.items() if key != "experiment"}
-    experiment = str(spec["experiment"])
-    if experiment.endswith((".yaml", ".yml")):
-        experiment = str(path.parent / experiment)
-    return override(load(experiment), {**own, **changes})
+    base = str(spec["experiment"])
+    if base.endswith((".yaml", ".yml")):
+        base = str(path.parent / base)
+    return override(experiments.load(base), {**own, **changes})
 
 
 def _seeds(path: Path, seeds: Any) -> tuple[int, ...]:

@@ -16,7 +16,8 @@ from loco_control.params import to_dict
 from loco_learning.experiment import Experiment
 
 _FOLDER = "node_sets"
-_PARTS = ("sim", "impedance", "effects", "seed", "tick", "gait", "learner", "stance", "trunk", "weights")
+_PARTS = ("robot", "sim", "impedance", "effects", "seed", "tick", "gait", "learner", "stance",
+          "trunk", "weights")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,8 @@ def parameter_file(
 def _part(part: str, experiment: Experiment, tick: dict[str, Any], run: dict[str, Any]) -> dict:
     if part == "tick":
         return tick
+    if part == "robot":
+        return {"robot": experiment.robot, "standing_feet": list(experiment.gait.origin)}
     if part == "seed":
         return {"seed": experiment.seed}
     if part == "weights":

@@ -119,6 +119,8 @@ _NOTHING = np.full(12, np.nan)
 
 def _rows(log: Log, network: ReflexNetwork) -> slice:
     """Ticks of test after the first, which the saved network has seen already."""
+    if not network.params.enabled:
+        raise BagError("open loop: the network of this run is switched off")
     start = int(np.searchsorted([network.phase_at(t) for t in log.t], TEST))
     ticks = log.state.tick[start:]
     if len(ticks) < 2:

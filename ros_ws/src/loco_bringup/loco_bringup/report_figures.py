@@ -75,8 +75,8 @@ def whole_strides(log: Log) -> slice:
 def moving(log: Log) -> Log:
     """The log from the end of standing on."""
     stand = log.phase("stand")
-    if stand.stop == len(log):
-        raise BagError("the run ended while the robot was still standing")
+    if len(log) - stand.stop < metrics.period(log):
+        raise BagError("the run ended before the robot had made a stride")
     return log.cut(slice(stand.stop, len(log)))
 
 
@@ -221,8 +221,7 @@ def prediction_error(log: Log) -> Figure:
     usual = float(np.quantile(error, 0.02))
     top.set(yscale="log", ylabel="smoothed NRMSE [-]", ylim=(max(usual / 2.0, 1e-6), None))
     top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    if len(log) > 2 * metrics.period(log):
-        middle.plot(*thin(log.t, metrics.lag(log)), **COMMAND)
+    middle.plot(*thin(log.t, metrics.lag(log)), **COMMAND)
     middle.axhline(0.0, color="#999999", linewidth=0.6)
     middle.set_ylabel("lag [stride]")
     low, high = middle.get_ylim()
@@ -249,8 +248,6 @@ def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def limit_cycle(log: Log) -> Figure:
     """Target, command and measured joints in the target's PCA plane, by phase."""
     log = moving(log)
-    if len(log) < 3:
-        raise BagError("the run ended too soon for a limit cycle")
     target = references(log.target)
     tracks = (
         (target, TARGET, "target"),

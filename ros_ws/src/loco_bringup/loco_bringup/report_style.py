@@ -81,7 +81,7 @@ def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
 
 def phase_name(log: Log, name: str) -> str:
     """What a phase is called; without a network nothing trains."""
-    return name if log.experiment.learner.enabled or name == "stand" else "open loop"
+    return "open loop" if name == "train" and not log.experiment.learner.enabled else name
 
 
 def phases(log: Log) -> list[tuple[str, float, float]]:

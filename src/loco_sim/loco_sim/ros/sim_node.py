@@ -16,6 +16,7 @@ from typing import Any
 
 from std_msgs.msg import String
 
+from loco_control.gait import GaitParams, standing_pose
 from loco_control.impedance import ImpedanceParams
 from loco_control.params import Params, parameter
 from loco_control.ros.convert import Converter
@@ -60,12 +61,16 @@ class RobotSimNode(LocoNode):
         seed = self.declare_parameter("seed", 0).value
         listed = json.loads(self.declare_parameter("effects", "[]").value)
         self.tick = declare(self, TickParams())
+        robot = self.declare_parameter("robot", "hyq").value
+        origin = self.declare_parameter("standing_feet", list(GaitParams().origin)).value
         self.sim = Simulation(
             declare(self, SimParams(), "sim."),
             declare(self, ImpedanceParams(), "impedance."),
             effects.from_list(listed),
             seed,
             1.0 / self.rate,
+            robot,
+            standing_pose(tuple(origin)),
         )
         self._state_topic, self._pack = self.output("robot_state"), Converter(RobotState).pack
         self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)
