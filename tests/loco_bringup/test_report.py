@@ -175,11 +175,11 @@ def test_words_of_the_experiment_are_text_not_markup(parsed):
     assert "costs $5 & is <b>not</b> bold" in parsed.text("p")
 
 
-def test_the_same_bag_gives_the_same_bytes(bag, tmp_path):
-    once = write_report(bag, tmp_path / "a.html", gif=False).read_bytes()
-    assert write_report(bag.path, tmp_path / "deep" / "b.html", gif=False).read_bytes() == once
-    assert not (tmp_path / "gait.gif").exists()
-    assert b"Not shown: the animation was left out" in once
+def test_the_same_bag_gives_the_same_page_with_or_without_animation(bag, text, tmp_path):
+    again = write_report(bag.path, tmp_path / "deep" / "b.html", gif=False).read_text()
+    assert not (tmp_path / "deep" / "gait.gif").exists()
+    assert "the animation was left out" in section(again, "Animation")
+    assert again.replace(section(again, "Animation"), section(text, "Animation")) == text
 
 
 def test_an_open_loop_run_has_a_report(short, tmp_path):
@@ -193,7 +193,7 @@ def test_an_open_loop_run_has_a_report(short, tmp_path):
     assert "<img" in section(text, "Foot cycles")
 
 
-@pytest.mark.parametrize("ticks", [1, 2, 3, 251, 600])
+@pytest.mark.parametrize("ticks", [1, 2, 251, 600])
 def test_a_run_that_broke_off_has_a_report(bag, log, ticks):
     text = page(bag, log.cut(slice(0, ticks)), None)
     Page(text)
@@ -204,7 +204,7 @@ def test_a_run_that_broke_off_has_a_report(bag, log, ticks):
 
 def test_a_fall_is_on_top_of_the_page_and_in_the_timeline(bag, log):
     fallen = dataclasses.replace(log, fall="roll is 0.9 rad, beyond 0.8 rad")
-    text = page(bag, fallen, None)
+    text = report.header(bag, fallen, {}, BagError("no network"))
     assert f'<p class="verdict bad">fell at {len(log) * log.dt:.1f} s: roll is 0.9 rad' in text
     assert "failed: fall" in text
     timeline = next(c for c in CHAPTERS if c.title == "Timeline")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world obeys mechanics, agrees with the controllers' kinematics and is reproducible."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -184,14 +186,40 @@ def test_a_pendulum_swings_with_its_own_period(pendulum):
     assert np.diff(rising).mean() == pytest.approx(period, rel=0.01)
 
 
-def test_the_inertia_that_a_free_joint_feels_is_less_than_with_the_base_held(world, hyq):
-    inertia = world.joint_inertia(hyq.standing)
-    assert inertia.shape == (12, 12)
-    np.testing.assert_allclose(inertia, inertia.T, atol=1e-9)
-    assert np.linalg.eigvalsh(inertia)[0] > 0.0
-    knees = np.diag(inertia)[2::3]
-    assert (knees <= 0.0262 + 1e-4).all()  # shank about the knee, from masses and lengths
-    assert (knees > 0.02).all()
+def test_the_joint_inertia_predicts_what_a_torque_does(hyq):
+    """dq = I^-1 tau dt for a robot afloat without gravity, its base moving as it must."""
+    afloat = World(hyq, SimParams(gravity=0.0), 1e-4)
+    afloat.rebuild(hyq.standing, height=2.0)
+    inertia = afloat.joint_inertia(hyq.standing)
+    tau = np.random.default_rng(6).uniform(-20.0, 20.0, 12)
+    afloat.step(tau.tolist())
+    dq = [state[1] for state in afloat.joint_states()]
+    afloat.close()
+    np.testing.assert_allclose(dq, np.linalg.solve(inertia, tau) * 1e-4, rtol=1e-3)
+
+
+def test_a_joint_feels_less_inertia_when_the_base_gives_way(world, hyq):
+    bolted = World(dataclasses.replace(hyq, fixed_base=True), SimParams(), 0.001)
+    bolted.rebuild(hyq.standing)
+    less = bolted.joint_inertia(hyq.standing) - world.joint_inertia(hyq.standing)
+    assert np.linalg.eigvalsh(less)[0] > -1e-9
+    shank = bolted.joint_inertia(hyq.standing)[2, 2]
+    bolted.close()
+    assert shank == pytest.approx(0.0262, abs=1e-4)  # from the masses and lengths of a shank
+
+
+def test_the_base_velocity_is_that_of_the_base_origin(world, hyq):
+    in_the_air(world, hyq)
+    for _ in range(30):
+        world.push((0.0, 0.0, 300.0), point=(0.3, 0.2, 0.0))
+        world.step([0.0] * 12)
+    before = world.base()
+    world.step([0.0] * 12)
+    after = world.base()
+    moved = np.subtract(after.position, before.position) / world.dt
+    mean = 0.5 * np.add(after.velocity, before.velocity)
+    assert np.linalg.norm(after.angular_velocity) > 0.1
+    np.testing.assert_allclose(moved, mean, atol=0.01)
 
 
 def test_a_rebuilt_world_repeats_itself_bit_for_bit(world, hyq):

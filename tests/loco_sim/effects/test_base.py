@@ -114,6 +114,11 @@ def test_an_effect_listed_twice_has_two_streams():
     assert first.random() != second.random()
 
 
+def test_two_effects_have_two_streams():
+    push, noise = streams([effects.make("push"), effects.make("sensor_noise")], 0)
+    assert push.random() != noise.random()
+
+
 def test_effects_act_in_the_order_in_which_they_are_listed(plant, run):
     noise, stuck = strong("sensor_noise"), {"channel": "q"}
     frozen_last = run(plant([noise, effects.make("sensor_stuck", **stuck)]), 10)
