@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.timeout(600)  # the build alone takes half a minute on two idle cores
+
 PACKAGES = ["loco_bringup", "loco_control", "loco_learning", "loco_msgs", "loco_sim"]
 EXECUTABLES = {
     "robot_sim": "loco_sim",

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from loco_bringup.report_figures import drivers, references
+from loco_bringup.report_motion import posed
 from loco_bringup.report_style import COMMAND, MEASURED, OTHER, TARGET, envelope, flag_spans
 from loco_bringup.report_tables import label, number
 from loco_learning.rollout import rollout
@@ -48,6 +49,15 @@ def test_who_drives_is_read_from_the_commands(short):
     np.testing.assert_array_equal(by_readout, log.learning.driving)
     np.testing.assert_array_equal(by_target, ~log.learning.driving)
     assert references(log.command).shape == (len(log), 16)
+
+
+def test_a_tick_without_ground_truth_gets_the_pose_before(short):
+    log = rollout(short).cut(slice(0, 20))
+    whole = log.truth.position.copy()
+    log.truth.position[[0, 7, 8]] = np.nan
+    position = posed(log).truth.position
+    np.testing.assert_array_equal(position[[0, 7, 8]], whole[[1, 6, 6]])
+    np.testing.assert_array_equal(np.delete(position, [0, 7, 8], 0), np.delete(whole, [0, 7, 8], 0))
 
 
 @pytest.mark.parametrize(

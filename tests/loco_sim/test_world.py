@@ -133,16 +133,18 @@ def test_a_link_can_be_pushed_as_well(world, hyq):
     assert abs(world.joint_states()[1][1]) > abs(world.joint_states()[10][1])
 
 
-def test_standing_legs_carry_the_weight(world, hyq):
+@pytest.mark.parametrize("push", [(0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (0.0, -50.0, 100.0)])
+def test_the_ground_carries_the_weight_and_withstands_a_push(world, hyq, push):
     mean = np.zeros(12)
     for k in range(1500):
+        world.push(push)
         world.step(holding(world, hyq))
         if k >= 1000:
             force = [0.0] * 12
             world.add_ground_forces(force)
             mean += np.array(force) / 500
     total = mean.reshape(4, 3).sum(axis=0)
-    np.testing.assert_allclose(total, [0.0, 0.0, MASS * GRAVITY], atol=5.0)
+    np.testing.assert_allclose(total, np.subtract([0, 0, MASS * GRAVITY], push), atol=12.0)
 
 
 def test_a_slippery_foot_slides(hyq):
@@ -209,9 +211,12 @@ def test_a_joint_feels_less_inertia_when_the_base_gives_way(world, hyq):
 
 
 def test_the_base_velocity_is_that_of_the_base_origin(world, hyq):
-    in_the_air(world, hyq)
+    def load(w):  # far from the origin, so that the centre of mass moves otherwise
+        w.description.add_mass("base_link", 80.0, (0.4, 0.3, 0.2))
+
+    world.rebuild(hyq.standing, [load], height=5.0)
     for _ in range(30):
-        world.push((0.0, 0.0, 300.0), point=(0.3, 0.2, 0.0))
+        world.push((100.0, -200.0, 300.0), point=(-0.3, -0.2, 0.1))
         world.step([0.0] * 12)
     before = world.base()
     world.step([0.0] * 12)

@@ -2,7 +2,7 @@
 """Figures of a report: each draws one thing about a log, or says why it cannot.
 
 A new figure is a function with the decorator `chapter`; its place in this file
-is its place on the page.
+is its place on the page. `report_motion` goes on after it.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ def tint(ax, log: Log, ticks: slice) -> None:
 @chapter(
     "Prediction error",
     "NRMSE of the eight predicted positions (thesis eq. 3.36) averaged over one gait period, how "
-    "far the prediction is behind its target, and the norm of the readout. Dashed: bounds of the "
+    "far the prediction is behind its target, and the norm of the readout. Dashed: bound of the "
     "failure criterion.",
 )
 def prediction_error(log: Log) -> Figure:

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
 from loco_control.names import LEGS
 from loco_learning import metrics, signals
-from loco_learning.log import Log
+from loco_learning.log import Log, stack
 
 from .report_figures import WINDOW, chapter, moving, tail, thin, tint, whole_strides
 from .report_style import (
@@ -29,10 +31,12 @@ SLOW = 0.03  # below, a cost of transport means nothing [m/s]
 
 
 def posed(log: Log) -> Log:
-    """The log, if its bag has ground truth."""
-    if np.isnan(log.truth.position).all():
+    """The log, if its bag has ground truth; ticks without it get that of the tick before."""
+    known = ~np.isnan(log.truth.position[:, 0])
+    if not known.any():
         raise BagError("the bag has no ground_truth/odom")
-    return log
+    rows = np.where(known, np.arange(len(log)), np.argmax(known))
+    return dataclasses.replace(log, truth=stack(log.truth, np.maximum.accumulate(rows)))
 
 
 @chapter(
