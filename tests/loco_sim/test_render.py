@@ -9,8 +9,10 @@ from PIL import Image
 
 from loco_control.exceptions import ParameterError
 from loco_sim import hyq_urdf
+from loco_sim.params import SimParams
 from loco_sim.render import frames, render_gif
 from loco_sim.stage import Stage, look_at, perspective
+from loco_sim.world import World
 
 SIZE = (180, 120)
 
@@ -64,10 +66,13 @@ def test_the_camera_follows_and_the_floor_passes(recorded):
     assert np.abs(change).max() > 10.0
 
 
-def test_the_shadow_lies_under_the_robot(recorded, world):
+def test_the_shadow_lies_under_the_robot(hyq):
     stage, target = Stage(SIZE), np.array([0.0, 0.0, 0.4])
     ground = stage._ground + target[:2]
+    world = World(hyq, SimParams(), 0.001, visible=True)
+    world.rebuild(hyq.standing)
     dark = stage._shadow(world, target, ground)
+    world.close()
     under = np.linalg.norm(ground, axis=1) < 0.3
     far = np.linalg.norm(ground, axis=1) > 1.5
     assert dark[under].mean() > 0.3

@@ -87,7 +87,7 @@ def frames(
     t, position, orientation, q = (np.asarray(x, float) for x in (t, position, orientation, q))
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))
-    stage, world = Stage(size), World(robot, SimParams(), 0.001)
+    stage, world = Stage(size), World(robot, SimParams(), 0.001, visible=True)
     world.rebuild(robot.standing, height=1.0)
     try:
         for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):

@@ -51,8 +51,11 @@ class World:
         dt: Physics step [s].
     """
 
-    def __init__(self, robot: Robot, params: SimParams, dt: float):
+    def __init__(self, robot: Robot, params: SimParams, dt: float, visible: bool = False):
         self.robot, self.params, self.dt = robot, params, dt
+        self._flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        if not visible:  # then loading takes half the time, and `picture` is empty
+            self._flags |= pybullet.URDF_IGNORE_VISUAL_SHAPES
         self._client = pybullet.connect(pybullet.DIRECT)
         self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client)
         self._body = self._ground = -1
@@ -109,7 +112,7 @@ class World:
                 str(file),
                 [0.0, 0.0, height],
                 useFixedBase=self.robot.fixed_base,
-                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
+                flags=self._flags,
                 physicsClientId=c,
             )
         self._index()

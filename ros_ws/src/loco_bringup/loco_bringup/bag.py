@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -95,17 +96,9 @@ class Bag:
             return {record.name: len(record.data) for record in reader.iter_attachments()}
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
-        """Log times [ns], shape (n,), and serialised messages of one topic."""
+        """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived."""
         name = self.resolve(topic)
-        times, data = [], []
-        try:
-            with self._open() as reader:
-                for _, _, message in reader.iter_messages(topics=[name]):
-                    times.append(message.log_time)
-                    data.append(message.data)
-        except (McapError, EOFError, ValueError) as error:
-            raise BagError(f"{self.path}: cannot read {name}: {error or 'cut short'}") from None
-        return np.array(times, dtype=np.int64), data
+        return self._read([name])[name]
 
     def records(self, topic: str) -> np.ndarray:
         """Messages of a topic of constant layout as records, shape (n,), fields by path.
@@ -113,14 +106,33 @@ class Bag:
         Raises:
             BagError: The topic is empty or its messages differ in layout.
         """
+        return self.records_of([topic])[topic]
+
+    def records_of(self, topics: Iterable[str]) -> dict[str, np.ndarray]:
+        """Records of several topics, by the names given, in one pass over the file."""
         from rclpy.serialization import deserialize_message
 
-        name = self.resolve(topic)
-        _, data = self.raw(name)
-        if not data:
-            raise BagError(f"{self.path.name} has no message on {name}")
-        codec = Codec(deserialize_message(data[0], message_class(self.topics[name].type)))
-        return codec.decode_many(data)
+        names = {topic: self.resolve(topic) for topic in topics}
+        read, records = self._read(list(names.values())), {}
+        for topic, name in names.items():
+            _, data = read[name]
+            if not data:
+                raise BagError(f"{self.path.name} has no message on {name}")
+            codec = Codec(deserialize_message(data[0], message_class(self.topics[name].type)))
+            records[topic] = codec.decode_many(data)
+        return records
+
+    def _read(self, names: list[str]) -> dict[str, tuple[np.ndarray, list[bytes]]]:
+        times: dict[str, list[int]] = {name: [] for name in names}
+        data: dict[str, list[bytes]] = {name: [] for name in names}
+        try:
+            with self._open() as reader:
+                for _, channel, message in reader.iter_messages(names, log_time_order=False):
+                    times[channel.topic].append(message.log_time)
+                    data[channel.topic].append(message.data)
+        except (McapError, EOFError, ValueError) as error:
+            raise BagError(f"{self.path}: cannot be read to its end: {error or 'cut short'}") from None
+        return {name: (np.array(times[name], dtype=np.int64), data[name]) for name in names}
 
     def messages(self, topic: str) -> list[Any]:
         """Messages of a topic as ROS objects, in log order."""

@@ -16,6 +16,7 @@ from loco_learning.log import PARTS, Log
 from .bag import Bag
 from .rollout_bag import TOPIC_OF
 
+_TRUTH = "ground_truth/odom"
 _SHAPES = {"grf": (-1, 4, 3), "foot_position": (-1, 4, 3), "foot_velocity": (-1, 4, 3)}
 
 
@@ -28,15 +29,21 @@ def read_log(bag: Bag) -> Log:
     missing = [name for name in TOPIC_OF.values() if not _recorded(bag, name)]
     if missing:
         raise BagError(f"{bag.path} has no messages on {', '.join(missing)}; it is no run of loco")
-    records = {part: bag.records(name) for part, name in TOPIC_OF.items()}
+    truth = [_TRUTH] if any(n.endswith(_TRUTH) and t.count for n, t in bag.topics.items()) else []
+    read = bag.records_of([*TOPIC_OF.values(), *truth])
+    records = {part: read[name] for part, name in TOPIC_OF.items()}
     ticks = set.intersection(*(set(r["tick"].tolist()) for r in records.values()))
     if not ticks:
         raise BagError(f"{bag.path}: the control topics have no tick in common")
     parts = {part: _stack(part, _chosen(r, ticks)) for part, r in records.items()}
     experiment = from_values(yaml.safe_load(bag.attachment("experiment.yaml")))
-    fall = _fall(bag)
-    truth = _truth(bag, parts["state"].t)
-    return Log(**parts, truth=truth, experiment=experiment, seed=experiment.seed, fall=fall)
+    return Log(
+        **parts,
+        truth=_truth(read.get(_TRUTH), parts["state"].t),
+        experiment=experiment,
+        seed=experiment.seed,
+        fall=_fall(bag),
+    )
 
 
 def _recorded(bag: Bag, name: str) -> bool:
@@ -67,13 +74,12 @@ def seconds(records: np.ndarray, path: str) -> np.ndarray:
     return (whole + records[path + ".nanosec"]) / 1e9
 
 
-def _truth(bag: Bag, t: np.ndarray) -> GroundTruth:
+def _truth(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
     """Ground truth at the times of the states; NaN where the bag has none."""
     n = len(t)
     truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
-    if not any(name.endswith("ground_truth/odom") for name in bag.topics):
+    if odometry is None:
         return truth
-    odometry = bag.records("ground_truth/odom")
     times = seconds(odometry, "header.stamp")
     row = np.searchsorted(times, t - 1e-6).clip(max=len(times) - 1)
     fits = np.abs(times[row] - t) < 1e-6
@@ -90,5 +96,5 @@ def _truth(bag: Bag, t: np.ndarray) -> GroundTruth:
 
 def _fall(bag: Bag) -> str:
     if not any(name.rsplit("/", 1)[-1] == "events" for name in bag.topics):
-        return ""
+        return bag.metadata.get("fall", "")
     return next((e.text for e in bag.messages("events") if e.kind == "fall"), "")

@@ -60,7 +60,7 @@ def run_rollout(
 
 def write_log(log: Log, folder: Path) -> None:
     """Write a log as a bag, tick by tick, with the bytes that the nodes would publish."""
-    writer = BagWriter(folder, describe(log.experiment, layout="rollout", clock="asap"))
+    writer = BagWriter(folder, describe(log.experiment, layout="rollout", fall=log.fall))
     packs = {part: (name, Converter(PARTS[part]).pack) for part, name in TOPIC_OF.items()}
     truth = encoders(JOINTS)[_TRUTH]
     for name in (*TOPIC_OF.values(), _TRUTH):
