@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 setup(
     name="loco_control",
     version="0.1.0",
-    description="Gait generator, stance and trunk control of a quadruped: NumPy, with ROS 2 nodes at the rim",
+    description="Gait generator, stance estimate and trunk control of a quadruped",
     license="Apache-2.0",
     packages=find_packages(include=["loco_control*"]),
     package_data={

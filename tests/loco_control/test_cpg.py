@@ -56,7 +56,7 @@ def test_uncoupled_oscillator_keeps_the_frequency_asked_for(substeps):
 
 def test_coupling_slows_the_trot_down():
     strong = [frequency(run(25.0, coupling=K)[2]) for K in (1.0, 5.0)]
-    np.testing.assert_allclose(strong, [1.677, 1.19], atol=0.006)  # facts 8
+    np.testing.assert_allclose(strong, [1.677, 1.19], atol=0.006)  # K = 1 and 5
 
 
 def test_real_robot_gait():

@@ -18,10 +18,10 @@ in swing and leaves it in stance, where it goes back with the speed V of the tru
 
 The sum over the other legs is held over a control period. Coupled like this a
 trot of nominally 1.7 Hz steps at 1.693 Hz, as the author's recordings do.
-Source: facts 2.1, 2.2. Departures: pi is exact (3.14 there: -0.05 % frequency);
-plain Euler sub-steps; the coupling has a sine term, which is zero for trot,
+Source: Barasuol et al., ICRA 2013 (RCF), constants of the author's set-up.
+Departures: pi is exact (3.14 there: -0.05 % frequency); plain Euler sub-steps; the coupling has a sine term, which is zero for trot,
 bound and pace and locks the quarter phases of a walk; one sign of the bound
-matrix there is taken for a slip (facts 2.1).
+matrix there is taken for a slip.
 """
 
 from __future__ import annotations

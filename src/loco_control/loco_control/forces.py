@@ -5,7 +5,7 @@ Forces f, (n, 3), on n feet make the wrench G f about the origin of the frame.
 More than one f makes the same wrench; the two mappings of the RCF differ in
 which they take. With two feet the moment about the line between them is out of
 reach and both come as near as they can. All arguments are C-contiguous float
-arrays in one frame. Source: facts 2.6.
+arrays in one frame. Source: the two options of the RCF controller.
 """
 
 from __future__ import annotations

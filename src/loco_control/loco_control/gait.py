@@ -29,7 +29,7 @@ LIVE = ("speed", "frequency", "duty_factor", "step_height")  # speed first, as i
 class GaitParams(Params):
     """Gait of the RCF generator; the defaults are the thesis's simulated trot.
 
-    Source: thesis 4.3.3 and facts 2.1-2.4.
+    Source: thesis section 4.3.3; Barasuol et al., ICRA 2013 (RCF).
     """
 
     pattern: str = parameter("trot", "order in which the legs step", choices=tuple(PATTERNS))

@@ -16,7 +16,8 @@ class ImpedanceParams(Params):
     """Gains of the joint impedance per (HAA, HFE, KFE), the same on every leg.
 
     The defaults are the gains of the author's simulation options.
-    Source: facts 2.7; thesis chapter 7.3.3 for the switch between swing and stance.
+    Source: the author's option file (hyq_ml); thesis section 7.3.3 for the switch
+    between swing and stance.
     """
 
     swing_kp: tuple[float, float, float] = parameter(
@@ -63,7 +64,7 @@ def impedance_torque(
     Positions in [rad], velocities in [rad/s], kp in [N·m/rad], kd in [N·m·s/rad],
     torques in [N·m]; every array (12,) or of one broadcastable shape.
 
-    Source: thesis eq. (4.8), (4.9), with the signs of the author's code (facts 7.12).
+    Source: thesis eq. (4.8), (4.9), with the signs of the author's code.
     """
     return kp * (q_desired - q) + kd * (dq_desired - dq) + feed_forward
 

@@ -9,7 +9,7 @@ s_x = +1 in front, -1 behind and s_y = +1 left, -1 right, a foot is at
     x = s_x hip_x + X,  y = s_y hip_y - s_y D sin haa,  z = -D cos haa
 
 so HAA is negative outwards on both sides, and knees point to each other.
-Source: hyq-description (facts 1.1); the RCF uses generated code for the same.
+Source: hyq-description; the RCF uses generated code for the same.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LEFT = np.array([1.0, -1.0, 1.0, -1.0])  # s_y per leg
 class LegGeometry(Params):
     """Lengths of a four-legged robot with HyQ's leg: HAA about x, HFE and KFE about y.
 
-    Source: hyq-description (facts 1.1, 1.2, 1.4).
+    Source: hyq-description.
     """
 
     hip_x: float = parameter(0.3735, "hip (HAA) ahead of or behind the trunk centre", "m", low=0.0)

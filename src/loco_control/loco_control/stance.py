@@ -4,7 +4,7 @@
 PSE (predictive) takes the stance of the gait clock; RSE (reactive) takes a leg
 to stand while the height of the *commanded* foot, averaged over a window, is
 low. Source: thesis 8.2.2, eq. (8.1)-(8.3); threshold, window and hysteresis
-are ours, none are published (facts 3.6).
+are ours, none are published.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ The wanted wrench w at the trunk is made of ground forces f on the n stance
 feet, G f = w, and a force on a foot takes the joint torques tau = -J^T f of
 its leg. More than one f makes the same w; the two mappings differ in which.
 
-Source: facts 2.6. Departures: height and its velocity are means over all stance
-feet; the height wanted is that of the target's lowest foot; the weight is that
+Source: the RCF controller as the author ran it (hyq_ml). Departures: height and its
+velocity are means over all stance feet; the height wanted is that of the target's lowest foot; the weight is that
 of the simulated robot (84.76 kg, author 75 kg).
 """
 
@@ -29,7 +29,7 @@ MAPPINGS = ("nullspace", "minimum_force")
 class TrunkParams(Params):
     """Gains of the virtual wrench on the trunk and how the legs share it.
 
-    Source: facts 2.6 (gains of the author's option file).
+    Source: gains of the author's option file (hyq_ml, hyq_sim_options.ini).
     """
 
     enabled: bool = parameter(True, "apply any torque at all")

@@ -75,7 +75,7 @@ class Stance:
 
     tick: int
     t: float  # [s]
-    foot_height: np.ndarray  # averaged height of the commanded foot over its stance height [m], (4,)
+    foot_height: np.ndarray  # of the commanded foot, averaged, over its stance height [m], (4,)
     stance: np.ndarray  # (4,) bool
     estimator: int  # index in `loco_control.stance.ESTIMATORS`
 

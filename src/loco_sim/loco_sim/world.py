@@ -15,6 +15,9 @@ PyBullet's habits that this module hides:
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
 import tempfile
 import weakref
 from collections.abc import Callable, Iterable, Sequence
@@ -22,12 +25,30 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pybullet
 
 from .description import Description
 from .geometry import multiply, rotate, rotation_matrix
 from .params import SimParams
 from .robot import Robot
+
+
+def _import_pybullet():
+    """PyBullet, without the build banner that it writes to stdout when it is loaded."""
+    sys.stdout.flush()
+    with open(os.devnull, "wb") as sink:
+        saved = os.dup(1)
+        os.dup2(sink.fileno(), 1)
+        try:
+            import pybullet
+
+            ctypes.CDLL(None).fflush(None)  # the banner waits in C's own buffer
+        finally:
+            os.dup2(saved, 1)
+            os.close(saved)
+    return pybullet
+
+
+pybullet = _import_pybullet()
 
 Triple = tuple[float, float, float]
 GROUND_FRICTION = 1.0  # PyBullet multiplies the two; so the robot's is the contact's
