@@ -38,8 +38,8 @@ class StanceControllerNode(LocoNode):
 
     def _step(self, state: RobotState, target: GaitTarget, command: MotionCommand) -> None:
         stance, torque = self.controller.step(state, target, command)
+        self._torque.publish(self._pack_torque(torque))  # first: the plant waits for it
         self._stance.publish(self._pack_stance(stance))
-        self._torque.publish(self._pack_torque(torque))
 
     def _on_estimator(self, message: String) -> None:
         try:

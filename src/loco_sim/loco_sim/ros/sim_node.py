@@ -161,8 +161,9 @@ class RobotSimNode(LocoNode):
 
     def _publish(self, state: RobotState) -> None:
         self._pace()
-        self._tools.publish(state, self.sim.ground_truth())
-        self._state_topic.publish(self._pack(state))
+        truth = self.sim.ground_truth()
+        self._state_topic.publish(self._pack(state))  # first: others wait for it
+        self._tools.publish(state, truth)
 
     def _pace(self) -> None:
         if self.tick.clock != "lockstep" or not self.tick.speed:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard messages beside the fast path, for RViz, Foxglove and ``ros2 topic echo``."""
+"""Standard messages beside the fast path, for RViz, Foxglove and ``ros2 topic echo``.
+
+They repeat at a lower rate what `robot_state` says each tick; the parameter
+``tool_rate`` of the node raises it for users who build on them.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +36,12 @@ class ToolTopics:
     """
 
     def __init__(self, node: LocoNode, joints: tuple[str, ...], rate: float):
-        self._rows = [
-            (node.output(name), encode, max(1, round(rate / topic(name).rate)))
-            for name, encode in encoders(joints).items()
-        ]
+        chosen = node.declare_parameter("tool_rate", 0.0).value  # 0: as in the table
+        self._rows = []
+        for name, encode in encoders(joints).items():
+            wanted = topic(name).rate if name == "/clock" else chosen or topic(name).rate
+            every = max(1, round(rate / wanted))
+            self._rows.append((node.output(name), encode, every))
 
     def publish(self, state: RobotState, truth: GroundTruth) -> None:
         """Publish what is due at the tick of `state`."""
