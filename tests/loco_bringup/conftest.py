@@ -2,6 +2,7 @@
 """One short run per layout, shared by all tests of this folder."""
 
 import pytest
+
 from loco_bringup import run as runner
 from loco_bringup.rollout_bag import run_rollout
 from loco_learning.experiment import load

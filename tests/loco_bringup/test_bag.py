@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
 from loco_bringup.bag import Bag, message_class
 from loco_bringup.bag_log import read_log
 from loco_bringup.bag_writer import BagWriter
 from loco_bringup.interfaces import definition, type_hash
 from loco_control.exceptions import BagError, MissingFileError, NameUnknownError
 from loco_learning.rollout import rollout
-from mcap_ros2.reader import read_ros2_messages
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
 
 pytestmark = pytest.mark.ros
 

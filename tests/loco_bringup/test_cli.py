@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import yaml
+
 from loco_bringup import cli
 
 

@@ -2,6 +2,7 @@
 """The tables in ``docs/`` are those of the code."""
 
 import pytest
+
 from loco_bringup.docs import pages, root
 from loco_control.ros.topics import TOPICS
 from loco_sim import effects

@@ -2,6 +2,7 @@
 """Node sets, and the ROS parameters an experiment becomes."""
 
 import pytest
+
 from loco_bringup import node_set
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.topics import NODES

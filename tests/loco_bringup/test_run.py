@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+
 from loco_bringup import run as runner
 from loco_bringup.bag import Bag
 from loco_bringup.interfaces import type_hash, type_name

@@ -4,13 +4,14 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
-from loco_control.exceptions import ParameterError
-from loco_control.ros.codec import Codec
-from loco_control.ros.topics import TOPICS
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState
 from tf2_msgs.msg import TFMessage
+
+from loco_control.exceptions import ParameterError
+from loco_control.ros.codec import Codec
+from loco_control.ros.topics import TOPICS
 
 
 def templates():

@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+
 from loco_control import types
 from loco_control.ros.convert import Converter
 

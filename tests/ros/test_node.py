@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+
 from loco_control.ros.convert import Converter
 from loco_control.ros.node import PeriodMeter, TickJoin
 from loco_control.types import MotionCommand, TrunkTorque

@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import TwistStamped
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64, String
+
 from loco_control.gait import GaitParams, TargetGenerator
 from loco_control.ros.convert import Converter
 from loco_control.ros.node import LocoNode
@@ -15,9 +19,6 @@ from loco_control.ros.target_node import TargetGeneratorNode
 from loco_control.ros.topics import topic
 from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
 from loco_learning.ros.reflex_node import ReflexNetworkNode
-from rclpy.experimental import EventsExecutor
-from rclpy.parameter import Parameter
-from std_msgs.msg import Float64, String
 
 pytestmark = pytest.mark.ros
 
@@ -91,7 +92,8 @@ def standing(tick):
     )  # fmt: skip
 
 
-def walk(bench, states, answers, ticks, start=0, pack=Converter(RobotState).pack):
+def walk(bench, states, answers, ticks, start=0):
+    pack = Converter(RobotState).pack
     for tick in range(start, start + ticks):
         states.publish(pack(standing(tick)))
         bench.wait(lambda tick=tick: answers and answers[-1].tick == tick)

@@ -5,6 +5,7 @@ import ast
 from pathlib import Path
 
 import pytest
+
 from loco_control.exceptions import NameUnknownError
 from loco_control.ros.topics import NODES, TOPICS, WRITER_DEPTH, topic
 from loco_sim.ros.sim_node import TickParams
@@ -44,4 +45,6 @@ def test_nobody_spins_an_events_executor_directly():
     for path in [*ROOT.glob("src/**/*.py"), *ROOT.glob("ros_ws/src/loco_bringup/**/*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                assert not (node.func.attr == "spin" and "executor" in ast.unparse(node).lower()), path
+                assert not (node.func.attr == "spin" and "executor" in ast.unparse(node).lower()), (
+                    path
+                )

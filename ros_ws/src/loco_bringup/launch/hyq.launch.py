@@ -15,6 +15,7 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
 from loco_bringup import node_set
 from loco_bringup.run import describe, duration_of
 from loco_learning.experiment import load

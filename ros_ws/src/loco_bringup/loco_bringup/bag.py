@@ -47,7 +47,9 @@ class Bag:
             with self._open() as reader:
                 summary = reader.get_summary()
         except (McapError, EOFError, OSError, ValueError) as error:
-            raise BagError(f"{self.path} is not a readable MCAP file: {error or 'cut short'}") from None
+            raise BagError(
+                f"{self.path} is not a readable MCAP file: {error or 'cut short'}"
+            ) from None
         if summary is None or summary.statistics is None:
             raise BagError(f"{self.path} has no summary: the recording was cut short")
         self.summary = summary
@@ -131,7 +133,9 @@ class Bag:
                     times[channel.topic].append(message.log_time)
                     data[channel.topic].append(message.data)
         except (McapError, EOFError, ValueError) as error:
-            raise BagError(f"{self.path}: cannot be read to its end: {error or 'cut short'}") from None
+            raise BagError(
+                f"{self.path}: cannot be read to its end: {error or 'cut short'}"
+            ) from None
         return {name: (np.array(times[name], dtype=np.int64), data[name]) for name in names}
 
     def messages(self, topic: str) -> list[Any]:

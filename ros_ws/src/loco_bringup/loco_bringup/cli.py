@@ -247,7 +247,9 @@ def test(a: argparse.Namespace) -> int:
 
     root = Path(__file__).resolve().parents[4]
     if not (root / "tests").is_dir():
-        raise MissingFileError(f"no tests folder in {root}; run this from a clone of the repository")
+        raise MissingFileError(
+            f"no tests folder in {root}; run this from a clone of the repository"
+        )
     return subprocess.run([sys.executable, "-m", "pytest", *a.arguments], cwd=root).returncode
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Process that runs one or several nodes in one executor: ``python -m loco_bringup.composed MODULE:CLASS …``."""
+"""Process of one or several nodes: ``python -m loco_bringup.composed MODULE:CLASS …``."""
 
 from __future__ import annotations
 

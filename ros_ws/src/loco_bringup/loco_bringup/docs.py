@@ -78,8 +78,12 @@ def _messages() -> str:
             kind, name = declared.split()
             text, unit = _split_unit(comment.strip())
             rows.append((f"`{name}`", f"`{kind}`", unit, text))
-        parts.append(f"## {path.stem}\n\n{intro}\n\n{_table(('field', 'type', 'unit', 'meaning'), rows)}")
-    return _page("Messages", "Package `loco_msgs`; every array on the control path has a fixed size.", *parts)
+        parts.append(
+            f"## {path.stem}\n\n{intro}\n\n{_table(('field', 'type', 'unit', 'meaning'), rows)}"
+        )
+    return _page(
+        "Messages", "Package `loco_msgs`; every array on the control path has a fixed size.", *parts
+    )
 
 
 def _split_unit(comment: str) -> tuple[str, str]:
@@ -123,7 +127,13 @@ def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
             yield from _rows(value, f"{prefix}{f.name}.")
         elif not f.name.startswith("_"):
             meta = f.metadata
-            yield (f"`{prefix}{f.name}`", _code(value), meta.get("unit", "-"), _range(meta), meta.get("doc", ""))
+            yield (
+                f"`{prefix}{f.name}`",
+                _code(value),
+                meta.get("unit", "-"),
+                _range(meta),
+                meta.get("doc", ""),
+            )
 
 
 def _code(value: Any) -> str:

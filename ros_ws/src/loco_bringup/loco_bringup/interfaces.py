@@ -57,7 +57,10 @@ def type_hash(name: str) -> str:
 def _file(name: str, suffix: str) -> Path:
     package, _, short = name.partition("/msg/")
     # Wheels install into the environment's prefix, which no ament path names.
-    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    prefixes = [
+        *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)),
+        sys.prefix,
+    ]
     folders = [Path(prefix) / "share" / package / "msg" for prefix in prefixes]
     folder = next((f for f in folders if f.is_dir()), None)
     if folder is None:

@@ -47,7 +47,9 @@ def load(name: str) -> list[NodeSpec]:
         rows = yaml.safe_load(path.read_text())["nodes"]
         specs = [NodeSpec(r["name"], r["class"], tuple(r.get("parameters", ()))) for r in rows]
     except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
-        raise ParameterError(f"{path} is not a node set (nodes: [name, class, parameters]): {error}") from None
+        raise ParameterError(
+            f"{path} is not a node set (nodes: [name, class, parameters]): {error}"
+        ) from None
     for part in (part for spec in specs for part in spec.parameters):
         if part not in _PARTS:
             raise NameUnknownError("experiment part", part, _PARTS)

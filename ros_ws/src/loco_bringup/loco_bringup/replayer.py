@@ -86,7 +86,9 @@ def main() -> None:
     """Entry point of ``ros2 run loco_bringup replayer BAG [--speed X]``."""
     parser = argparse.ArgumentParser(prog="replayer", description="Publish a bag's topics again.")
     parser.add_argument("bag", type=Path)
-    parser.add_argument("--speed", type=float, default=1.0, help="x real time, 0 as fast as possible")
+    parser.add_argument(
+        "--speed", type=float, default=1.0, help="x real time, 0 as fast as possible"
+    )
     arguments, _ = parser.parse_known_args()
     try:
         sys.exit(replay_bag(arguments.bag, arguments.speed))

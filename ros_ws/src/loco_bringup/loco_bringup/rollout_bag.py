@@ -53,7 +53,9 @@ def run_rollout(
     write_log(log, folder)
     outcome = Outcome(Path(folder), fallen=bool(log.fall))
     length = len(log) * experiment.dt
-    outcome.text = f"fell at {length:.2f} s: {log.fall}" if log.fall else f"{length:.1f} s simulated"
+    outcome.text = (
+        f"fell at {length:.2f} s: {log.fall}" if log.fall else f"{length:.1f} s simulated"
+    )
     outcome.real_time_factor = length / log.wall_time
     return outcome
 

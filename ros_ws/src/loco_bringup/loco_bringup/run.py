@@ -159,7 +159,9 @@ def _start(folder: Path, specs: list, layout: str) -> list[Process]:
 class _Watch:
     """Listens to events and diagnostics until the run is over, then stops it."""
 
-    def __init__(self, processes: list[Process], folder: Path, duration: float, on_progress: Callable):
+    def __init__(
+        self, processes: list[Process], folder: Path, duration: float, on_progress: Callable
+    ):
         self._processes = processes
         self._on_progress = on_progress
         self._progress = Progress(duration=duration)
@@ -301,5 +303,3 @@ class _domain_lock:  # noqa: N801 (a context manager, used like a function)
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-

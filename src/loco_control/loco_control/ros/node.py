@@ -64,7 +64,9 @@ class LocoNode(Node):
 
     def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
         """Call ``step(a, b, …)`` once every topic of `classes` has sent the same tick."""
-        join = TickJoin({name: Converter(cls) for name, cls in classes.items()}, step, self._periods)
+        join = TickJoin(
+            {name: Converter(cls) for name, cls in classes.items()}, step, self._periods
+        )
         for name in classes:
             self.input(name, join.receiver(name), raw=True)
         return join
@@ -186,7 +188,11 @@ class PeriodMeter:
     def summary(self) -> dict[str, Any]:
         """Figures since the last call."""
         mean = self._sum / self._count if self._count else 0.0
-        values = {"ticks": self._count, "period_mean_ms": mean * 1e3, "period_max_ms": self._max * 1e3}
+        values = {
+            "ticks": self._count,
+            "period_mean_ms": mean * 1e3,
+            "period_max_ms": self._max * 1e3,
+        }
         self._reset()
         return values
 

@@ -63,7 +63,9 @@ class Qos:
         return QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
             depth=depth,
-            reliability=ReliabilityPolicy.RELIABLE if self.reliable else ReliabilityPolicy.BEST_EFFORT,
+            reliability=ReliabilityPolicy.RELIABLE
+            if self.reliable
+            else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL
             if self.latched
             else DurabilityPolicy.VOLATILE,
@@ -99,30 +101,85 @@ def _rows() -> tuple[Topic, ...]:
     stance, recorder = "stance_controller", "recorder"
     nodes = (sim, target, reflex, stance, recorder)
     return (
-        Topic("robot_state", RobotState, COMMAND, 250, sim, (target, reflex, stance),
-              "what the robot measures; starts the tick"),
-        Topic("gait_target", GaitTarget, COMMAND, 250, target, (reflex, stance),
-              "joint and foot references of the RCF"),
-        Topic("motion_command", MotionCommand, COMMAND, 250, reflex, (sim, stance),
-              "joint references for the impedance loop [rad, rad/s]"),
-        Topic("trunk_torque", TrunkTorque, COMMAND, 250, stance, (sim,),
-              "feed-forward torque of the trunk controller [N·m]"),
+        Topic(
+            "robot_state",
+            RobotState,
+            COMMAND,
+            250,
+            sim,
+            (target, reflex, stance),
+            "what the robot measures; starts the tick",
+        ),
+        Topic(
+            "gait_target",
+            GaitTarget,
+            COMMAND,
+            250,
+            target,
+            (reflex, stance),
+            "joint and foot references of the RCF",
+        ),
+        Topic(
+            "motion_command",
+            MotionCommand,
+            COMMAND,
+            250,
+            reflex,
+            (sim, stance),
+            "joint references for the impedance loop [rad, rad/s]",
+        ),
+        Topic(
+            "trunk_torque",
+            TrunkTorque,
+            COMMAND,
+            250,
+            stance,
+            (sim,),
+            "feed-forward torque of the trunk controller [N·m]",
+        ),
         Topic("stance", Stance, COMMAND, 250, stance, (), "stance estimate, for tools"),
-        Topic("learning_state", LearningState, COMMAND, 250, reflex, (), "readout, error and phase"),
+        Topic(
+            "learning_state", LearningState, COMMAND, 250, reflex, (), "readout, error and phase"
+        ),
         Topic("joint_states", JointState, STATE, 50, sim, (), "measured joints, for tools"),
         Topic("imu/data", Imu, STATE, 50, sim, (), "REP-145 IMU, for tools"),
-        Topic("ground_truth/odom", Odometry, STATE, 250, sim, (),
-              "true base pose and velocity; no controller reads it"),
+        Topic(
+            "ground_truth/odom",
+            Odometry,
+            STATE,
+            250,
+            sim,
+            (),
+            "true base pose and velocity; no controller reads it",
+        ),
         Topic("/tf", TFMessage, STATE, 50, sim, (), "odom to base_link from ground truth"),
         Topic("/clock", Clock, CLOCK, 50, sim, (), "simulated time"),
         Topic("robot_description", String, LATCHED, 0, sim, (), "URDF text"),
-        Topic("/diagnostics", DiagnosticArray, STATE, 0, "any", (), "1 Hz of wall time, every node"),
+        Topic(
+            "/diagnostics", DiagnosticArray, STATE, 0, "any", (), "1 Hz of wall time, every node"
+        ),
         Topic("events", Event, LATCHED_LOG, 0, "any", nodes, "ready, phase, fall, finished, error"),
-        Topic("recorder_status", RecorderStatus, LATCHED, 0, recorder, (sim,),
-              "how far the recorder is; lockstep waits for it"),
-        Topic("cmd_vel", TwistStamped, COMMAND, 0, "any", (target,),
-              "forward speed wanted, twist.linear.x [m/s]"),
-        Topic("gait_frequency", Float64, COMMAND, 0, "any", (target,), "stride frequency wanted [Hz]"),
+        Topic(
+            "recorder_status",
+            RecorderStatus,
+            LATCHED,
+            0,
+            recorder,
+            (sim,),
+            "how far the recorder is; lockstep waits for it",
+        ),
+        Topic(
+            "cmd_vel",
+            TwistStamped,
+            COMMAND,
+            0,
+            "any",
+            (target,),
+            "forward speed wanted, twist.linear.x [m/s]",
+        ),
+        Topic(
+            "gait_frequency", Float64, COMMAND, 0, "any", (target,), "stride frequency wanted [Hz]"
+        ),
         Topic("stance_estimator", String, COMMAND, 0, "any", (stance,), "pse or rse"),
     )
 

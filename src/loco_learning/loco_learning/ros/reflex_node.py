@@ -25,7 +25,10 @@ class ReflexNetworkNode(LocoNode):
         self.network = ReflexNetwork(declare(self, LearnerParams(), "learner."), dt, seed)
         self._phase = -1
         self._error = 0.0
-        self._command, self._pack_command = self.output("motion_command"), Converter(MotionCommand).pack
+        self._command, self._pack_command = (
+            self.output("motion_command"),
+            Converter(MotionCommand).pack,
+        )
         self._state, self._pack_state = self.output("learning_state"), Converter(LearningState).pack
         self.join({"robot_state": RobotState, "gait_target": GaitTarget}, self._step)
         self.announce_ready()

@@ -26,8 +26,8 @@ from loco_control.ros.topics import NODES
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim import effects
-from loco_sim.ros.tools import ToolTopics
 from loco_sim.params import SimParams
+from loco_sim.ros.tools import ToolTopics
 from loco_sim.simulation import Simulation
 
 CLOCKS = ("lockstep", "asap", "realtime")
@@ -38,18 +38,24 @@ class TickParams(Params):
     """How ticks follow each other."""
 
     clock: str = parameter(
-        "lockstep", "lockstep waits for every command and for the recorder, asap for the "
-        "commands alone, realtime for the wall clock", choices=CLOCKS)
+        "lockstep",
+        "lockstep waits for every command and for the recorder, asap for the "
+        "commands alone, realtime for the wall clock",
+        choices=CLOCKS,
+    )
     speed: float = parameter(
-        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0)
+        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0
+    )
     duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
     stop_on_fall: bool = parameter(True, "end the run when the robot falls")
     # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
     # all nodes in one process is 10 messages and 4.3 KiB.
     flow_window: int = parameter(
-        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50)
+        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50
+    )
     command_timeout: float = parameter(
-        0.1, "realtime: damp the joints when no command came for this long", "s", 0.004, 10.0)
+        0.1, "realtime: damp the joints when no command came for this long", "s", 0.004, 10.0
+    )
 
 
 class RobotSimNode(LocoNode):
