@@ -18,7 +18,7 @@ from loco_bringup.interfaces import definition, type_hash
 from loco_control.exceptions import BagError, MissingFileError, NameUnknownError
 from loco_learning.rollout import rollout
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]  # one set of shared runs
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from loco_control.exceptions import GraphError, ParameterError
 from loco_control.ros.topics import TOPICS
 from loco_learning.experiment import load
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]  # one set of shared runs
 
 COMMANDS = ("gait_target", "motion_command", "trunk_torque", "stance", "learning_state")
 

@@ -149,7 +149,7 @@ def test_stance_node_switches_estimator_while_it_runs(bench):
         states.publish(packs[0](state))
         commands.publish(packs[2](MotionCommand(k, state.t, target.q, target.dq)))
         targets.publish(packs[1](target))
-        b.wait(lambda: torques and torques[-1].tick == k and stances[-1].tick == k)
+        b.wait(lambda: torques and stances and torques[-1].tick == stances[-1].tick == k)
         return target
 
     for k in range(100):

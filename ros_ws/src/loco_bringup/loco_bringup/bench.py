@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import tempfile
 import time
 from collections.abc import Callable
@@ -57,14 +56,13 @@ def bench_rls() -> Rows:
     ]
 
 
-def bench_graph() -> Rows:
+def bench_graph(name: str = "hyq_trot_reflex") -> Rows:
     """Real-time factor without ROS, composed and in processes, and where a tick goes."""
     from loco_learning.experiment import load
 
     from . import run as runner
 
-    logging.disable(logging.INFO)
-    experiment = load("hyq_trot_reflex")
+    experiment = load(name)
     stages, total = _rollout_stages(experiment)
     rows = [_graph_row("rollout, no ROS", total, stages, experiment)]
     for layout in runner.LAYOUTS:

@@ -26,6 +26,10 @@ examples:
   loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
 """
 
+# `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
+ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term:skip-covered",
+             "--cov-fail-under=90"]  # fmt: skip
+
 
 def main(argv: list[str] | None = None) -> None:
     """Entry point: parse, run the command, turn errors into one line."""
@@ -250,7 +254,8 @@ def test(a: argparse.Namespace) -> int:
         raise MissingFileError(
             f"no tests folder in {root}; run this from a clone of the repository"
         )
-    return subprocess.run([sys.executable, "-m", "pytest", *a.arguments], cwd=root).returncode
+    arguments = a.arguments or ALL_TESTS
+    return subprocess.run([sys.executable, "-m", "pytest", *arguments], cwd=root).returncode
 
 
 if __name__ == "__main__":
