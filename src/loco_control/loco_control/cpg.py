@@ -31,6 +31,8 @@ import math
 import numpy as np
 from numba import njit
 
+from .kinematics import inverse
+
 SPEED, FREQUENCY, DUTY, HEIGHT = range(4)  # of the vector `gait`
 SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the gait
 SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
@@ -117,3 +119,51 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps):
                 state[leg, axis] += h * d_state[leg, axis]
                 foot[leg, axis] += h * d_foot[leg, axis]
     return d_foot
+
+
+@njit(cache=True)
+def smooth(gait, halfway, wanted, blend, moving):
+    """Move `gait` towards `wanted`, each (4,), through two lags, in place.
+
+    Args:
+        gait: What the oscillators follow.
+        halfway: Between the two lags, (4,).
+        wanted: What was asked for.
+        blend: Share of the way that a lag goes per control period.
+        moving: If not, there is nothing to be gentle to: all but the speed is taken at once.
+    """
+    for i in range(4):
+        if moving:
+            halfway[i] += blend * (wanted[i] - halfway[i])
+            gait[i] += blend * (halfway[i] - gait[i])
+        elif i != SPEED:
+            halfway[i] = gait[i] = wanted[i]
+
+
+@njit(cache=True)
+def target(moving, memory, wanted, blend, coupling, shape, dt, substeps, centre, lengths):
+    """One control period of the generator: the values of a `GaitTarget`, after its time.
+
+    Args:
+        moving: The gait has begun; before, the robot stands on its foot centres.
+        memory: `state` and `foot` of `advance`, `gait` and `halfway` of `smooth`; all four
+            are changed in place.
+        wanted: As in `smooth`.
+        blend: As in `smooth`.
+        coupling: Of `coupling_matrices`.
+        shape: As in `advance`.
+        dt: Control period [s].
+        substeps: Euler steps per period.
+        centre: Foot centres in the base frame [m], (4, 3).
+        lengths: Of `LegGeometry.lengths`.
+    """
+    state, foot, gait, halfway = memory
+    feet, velocity, stance = centre.copy(), np.zeros((4, 3)), np.ones(4, dtype=np.bool_)
+    smooth(gait, halfway, wanted, blend, moving)
+    if moving:
+        velocity[:, ::2] = advance(state, foot, gait, *coupling, shape, dt, substeps)
+        feet[:, ::2] += foot
+        stance[:] = state[:, 1] <= 0.0
+    q, dq = inverse(feet, velocity, lengths)
+    phase = stride_phase(state, gait[DUTY])
+    return q, dq, feet, velocity, phase, gait[SPEED], gait[FREQUENCY], stance

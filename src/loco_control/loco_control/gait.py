@@ -120,14 +120,16 @@ class TargetGenerator:
         self._cpg, self._kinematics = cpg, kinematics
         self._centre = foot_centres(params.origin)
         self.standing = standing_pose(params.origin)
-        self._lengths = kinematics.HYQ.lengths()
         self._offsets = np.array(PATTERNS[params.pattern])
-        self._coupling = cpg.coupling_matrices(self._offsets)
-        self._shape = np.array([getattr(params, name) for name in cpg.SHAPE])
         self._schedule = self._planned(params)
-        self._blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        shape = np.array([getattr(params, name) for name in cpg.SHAPE])
+        self._constants = (
+            *(float(blend), cpg.coupling_matrices(self._offsets), shape, self.dt, params.substeps),
+            *(self._centre, kinematics.HYQ.lengths()),
+        )
         self.reset()
-        self._advance()  # compile now, not in the first tick of the gait
+        self._target(moving=True)  # compile now, not in the first tick
         self.reset()
 
     def reset(self) -> None:
@@ -135,11 +137,9 @@ class TargetGenerator:
         self._goal = self.params.replace(schedule=None)
         self._changes = list(self._schedule)
         self._wanted = self._vector(self._goal)
-        self._gait = self._wanted.copy()
-        self._gait[self._cpg.SPEED] = 0.0
-        self._halfway = self._gait.copy()
-        self._state = self._cpg.seed_state(self._offsets)
-        self._foot = np.zeros((4, 2))
+        gait = self._wanted.copy()
+        gait[self._cpg.SPEED] = 0.0
+        self._memory = (self._cpg.seed_state(self._offsets), np.zeros((4, 2)), gait, gait.copy())
 
     def set(self, **changes: float) -> None:
         """Change speed, frequency, duty_factor or step_height smoothly from now on.
@@ -157,37 +157,10 @@ class TargetGenerator:
         while self._changes and state.t >= self._changes[0][0] - 0.5 * self.dt:
             self.set(**self._changes.pop(0)[1])
         moving = state.t >= self.params.start_time - 0.5 * self.dt
-        feet, velocity = self._centre.copy(), np.zeros((4, 3))
-        self._smooth(moving)
-        if moving:
-            velocity[:, ::2] = self._advance()
-            feet[:, ::2] += self._foot
-        q, dq = self._kinematics.inverse(feet, velocity, self._lengths)
-        return GaitTarget(
-            tick=state.tick,
-            t=state.t,
-            q=q,
-            dq=dq,
-            foot_position=feet,
-            foot_velocity=velocity,
-            phase=self._cpg.stride_phase(self._state, self._gait[self._cpg.DUTY]),
-            speed=float(self._gait[self._cpg.SPEED]),
-            frequency=float(self._gait[self._cpg.FREQUENCY]),
-            stance=self._state[:, 1] <= 0.0 if moving else np.ones(4, dtype=bool),
-        )
+        return GaitTarget(state.tick, state.t, *self._target(moving))
 
-    def _advance(self) -> np.ndarray:
-        return self._cpg.advance(
-            *(self._state, self._foot, self._gait, *self._coupling, self._shape),
-            *(self.dt, self.params.substeps),
-        )
-
-    def _smooth(self, moving: bool) -> None:
-        if not moving:  # nothing to be gentle to: take all but the speed at once
-            self._halfway[1:] = self._gait[1:] = self._wanted[1:]
-            return
-        self._halfway += self._blend * (self._wanted - self._halfway)
-        self._gait += self._blend * (self._halfway - self._gait)
+    def _target(self, moving: bool) -> tuple:
+        return self._cpg.target(moving, self._memory, self._wanted, *self._constants)
 
     def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
         """Times and changes of the schedule in order; raises when one is out of reach."""

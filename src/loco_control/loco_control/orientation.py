@@ -6,11 +6,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 
-def roll_pitch_yaw(orientation: np.ndarray) -> tuple[float, float, float]:
+@njit(cache=True)
+def roll_pitch_yaw(orientation):
     """Roll, pitch, yaw [rad] of a unit quaternion x y z w, base to world, (4,)."""
-    x, y, z, w = (float(v) for v in orientation)
+    x, y, z, w = orientation[0], orientation[1], orientation[2], orientation[3]
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -32,7 +34,8 @@ def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def rotation_base_to_horizontal(roll: float, pitch: float) -> np.ndarray:
+@njit(cache=True)
+def rotation_base_to_horizontal(roll, pitch):
     """R_y(pitch) R_x(roll), (3, 3): base frame to the horizontal frame of the same heading."""
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
@@ -46,6 +49,7 @@ def rotation_base_to_world(orientation: np.ndarray) -> np.ndarray:
     return turn @ rotation_base_to_horizontal(roll, pitch)
 
 
-def wrap_angle(angle: float) -> float:
+@njit(cache=True)
+def wrap_angle(angle):
     """The same angle in [-pi, pi) [rad]."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

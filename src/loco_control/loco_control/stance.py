@@ -44,7 +44,9 @@ class HeightEstimator:
     """
 
     def __init__(self, params: StanceParams):
-        self.params = params
+        from .stance_kernels import average_heights  # loads numba
+
+        self.params, self._average = params, average_heights
         self.reset()
 
     def reset(self) -> None:
@@ -55,11 +57,11 @@ class HeightEstimator:
 
     def update(self, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Average height [m] and stance, each (4,), after a new height [m], (4,)."""
-        self._history[self._next] = height
-        self._next = (self._next + 1) % len(self._history)
-        mean = self._history.sum(axis=0) / len(self._history)
-        share = np.where(self.stance, 1.0, 1.0 - self.params.hysteresis)
-        self.stance = mean < share * self.params.height_threshold
+        p = self.params
+        mean, self.stance = self._average(
+            self._history, self._next, height, self.stance, p.height_threshold, p.hysteresis
+        )
+        self._next = (self._next + 1) % p.window
         return mean, self.stance
 
 
@@ -73,13 +75,13 @@ class StanceController:
     """
 
     def __init__(self, stance_params: StanceParams, trunk_params: TrunkParams, dt: float):
-        from . import kinematics  # loads numba
+        from . import kinematics, stance_kernels  # loads numba
 
         self.params, self.dt = stance_params, float(dt)
         self.trunk = TrunkController(trunk_params)
         self._height = HeightEstimator(stance_params)
         self._lengths = kinematics.HYQ.lengths()
-        self._feet_and_jacobians = kinematics.feet_and_jacobians
+        self._foot_heights = stance_kernels.foot_heights
         self.reset()
 
     def reset(self) -> None:
@@ -101,13 +103,12 @@ class StanceController:
         self, state: RobotState, target: GaitTarget, command: MotionCommand
     ) -> tuple[Stance, TrunkTorque]:
         """Stance and trunk torque for the tick of `state`; call it once per tick."""
-        feet, _ = self._feet_and_jacobians(command.q.reshape(4, 3), self._lengths)
         if self._ground is None:
             # Where the robot stands; once only, or the reactive estimator would see the clock.
             self._ground = float(target.foot_position[:, 2].min())
-        height, low = self._height.update(feet[:, 2] - self._ground)
+        heights = self._foot_heights(command.q, self._ground, self._lengths)
+        height, low = self._height.update(heights)
         reactive = self._estimator == "rse" and state.t >= self._start - 0.5 * self.dt
-        estimator = ESTIMATORS.index("rse" if reactive else "pse")
         legs = (low if reactive else target.stance).copy()
-        stance = Stance(state.tick, state.t, height, legs, estimator)
+        stance = Stance(state.tick, state.t, height, legs, int(reactive))
         return stance, self.trunk.step(state, target, legs)

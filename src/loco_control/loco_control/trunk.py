@@ -12,16 +12,13 @@ of the simulated robot (84.76 kg, author 75 kg).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from .orientation import roll_pitch_yaw, rotation_base_to_horizontal, wrap_angle
 from .params import Params, parameter
 from .types import GaitTarget, RobotState, TrunkTorque
 
-MAX_HEADING_ERROR = math.radians(45.0)
 MAPPINGS = ("nullspace", "minimum_force")
 
 
@@ -57,11 +54,15 @@ class TrunkController:
     """
 
     def __init__(self, params: TrunkParams):
-        from . import forces, kinematics  # loads numba
+        from . import kinematics, stance_kernels  # loads numba
 
-        self.params, self._mappings = params, forces
+        self.params, self._kernels = params, stance_kernels
         self._lengths = kinematics.HYQ.lengths()
-        self._turned_feet = kinematics.turned_feet
+        self._gains = np.array([getattr(params, name) for name in stance_kernels.GAINS])
+        if not params.heading_hold:
+            self._gains[stance_kernels.GAINS.index("yaw_kp")] = 0.0
+        fewest = params.min_stance_legs if params.enabled else 5  # more than there are
+        self._options = (fewest, params.mapping == "nullspace", params.push_only)
         self.reset()
 
     def reset(self) -> None:
@@ -70,43 +71,11 @@ class TrunkController:
 
     def step(self, state: RobotState, target: GaitTarget, stance: np.ndarray) -> TrunkTorque:
         """Torques of the legs that stand, (4,) bool, at the tick of `state`."""
-        roll, pitch, yaw = roll_pitch_yaw(state.orientation)
         if self._heading is None:
-            self._heading = yaw
-        turned = wrap_angle(yaw - self._heading)
-        tau, wrench = np.zeros((4, 3)), np.zeros(6)
-        legs = np.flatnonzero(stance)
-        if self.params.enabled and len(legs) >= self.params.min_stance_legs:
-            R = rotation_base_to_horizontal(roll, pitch)
-            spin = R @ state.angular_velocity
-            q, dq = state.q.reshape(4, 3), state.dq.reshape(4, 3)
-            feet, J, velocity = self._turned_feet(q, dq, R, spin, self._lengths)
-            height, rise = -sum(feet[legs, 2]) / len(legs), -sum(velocity[legs, 2]) / len(legs)
-            lift = self._lift(-min(target.foot_position[:, 2]), height, rise)
-            wrench[2:] = lift, *self._moment(roll, pitch, turned, spin)
-            forces = self._forces(wrench, feet[legs], J[legs])
-            for leg, force in zip(legs, forces, strict=True):
-                tau[leg] = -force @ J[leg]
-        return TrunkTorque(state.tick, state.t, tau.ravel(), wrench, stance.copy())
-
-    def _lift(self, wanted: float, height: float, rise: float) -> float:
-        p = self.params
-        return p.height_kp * (wanted - height) - p.height_kd * rise + p.mass * p.gravity
-
-    def _moment(self, roll: float, pitch: float, turned: float, spin: np.ndarray) -> tuple:
-        p = self.params
-        turned = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
-        return (
-            -p.roll_kp * roll - p.roll_kd * spin[0],
-            -p.pitch_kp * pitch - p.pitch_kd * spin[1],
-            -(p.yaw_kp * turned if p.heading_hold else 0.0) - p.yaw_kd * spin[2],
+            self._heading = self._kernels.roll_pitch_yaw(state.orientation)[2]
+        tau, wrench = self._kernels.trunk_torque(
+            *(state.q, state.dq, state.orientation, state.angular_velocity),
+            *(target.foot_position, self._heading, stance),
+            *(self._gains, self._options, self._lengths),
         )
-
-    def _forces(self, wrench: np.ndarray, feet: np.ndarray, J: np.ndarray) -> np.ndarray:
-        if self.params.mapping == "nullspace":
-            forces = self._mappings.nullspace_forces(wrench, feet, J)
-        else:
-            forces = self._mappings.minimum_forces(wrench, feet)
-        if self.params.push_only:
-            np.maximum(forces[:, 2], 0.0, out=forces[:, 2])
-        return forces
+        return TrunkTorque(state.tick, state.t, tau, wrench, stance.copy())

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -130,22 +131,20 @@ class Column:
 
     def __init__(self, kind: type, length: int):
         self._kind, self._length = kind, length
+        self._values = attrgetter(*(f.name for f in dataclasses.fields(kind)))
         self._arrays: list[np.ndarray] = []
 
     def add(self, row: int, message: Any) -> None:
         """Copy the fields of a message to a row."""
+        values = self._values(message)
         if not self._arrays:
-            self._arrays = [self._empty(getattr(message, name)) for name in self._names()]
-            self._pairs = list(zip(self._names(), self._arrays, strict=True))
-        for name, array in self._pairs:
-            array[row] = getattr(message, name)
+            self._arrays = [self._empty(value) for value in values]
+        for array, value in zip(self._arrays, values, strict=True):
+            array[row] = value
 
     def stacked(self, rows: int) -> Any:
         """The message class with its first `rows` rows as arrays."""
         return self._kind(*[array[:rows] for array in self._arrays])
-
-    def _names(self) -> list[str]:
-        return [f.name for f in dataclasses.fields(self._kind)]
 
     def _empty(self, value: Any) -> np.ndarray:
         value = np.asarray(value)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
 
@@ -93,19 +94,14 @@ class ReflexNetwork:
         phase = self._phase_of(state.tick)
         learning = self._learns(state.tick, phase)
         driving = self.params.enabled and phase >= CLOSING
-        references = np.concatenate((target.q, target.dq))
-        wanted = references[REFERENCES]
-        prediction = self._predict(state, wanted, learning)
-        if driving:
-            references[REFERENCES] = prediction
-        command = MotionCommand(state.tick, state.t, references[:12], references[12:])
-        missed = prediction[:8] - wanted[:8]
-        error = sqrt(missed.dot(missed) / 8.0)
+        prediction = self._predict(state, target, learning)
+        q, dq, error = references(target.q, target.dq, prediction, driving)
+        command = MotionCommand(state.tick, state.t, q, dq)
         return command, LearningState(
             state.tick, state.t, prediction, error, self._norm, phase, driving, learning
         )
 
-    def _predict(self, state: RobotState, wanted: np.ndarray, learning: bool) -> np.ndarray:
+    def _predict(self, state: RobotState, target: GaitTarget, learning: bool) -> np.ndarray:
         """Output (16,) for this tick, after the update if there is one (eq. 3.17)."""
         if not self.params.enabled:
             return np.zeros(OUTPUTS)
@@ -114,7 +110,7 @@ class ReflexNetwork:
         u = self.hidden.step(self.scaling.hidden(line, learning))
         if not learning:
             return self.scaling.output(self.readout.predict(u))
-        value = self.readout.learn(u, self.scaling.fit_target(wanted))
+        value = self.readout.learn(u, self.scaling.fit_target(wanted(target.q, target.dq)))
         self.refresh()
         return self.scaling.output(value)
 
@@ -158,3 +154,31 @@ class ReflexNetwork:
             ParameterError: The file is not one of ours, or of another version.
         """
         return weights.load(cls, path)
+
+
+@njit(cache=True)
+def wanted(q, dq):
+    """What the readout should say: hip and knee of the target, each (12,), as (16,)."""
+    return np.concatenate((q[OUTPUT_JOINTS], dq[OUTPUT_JOINTS]))
+
+
+@njit(cache=True)
+def references(target_q, target_dq, prediction, driving):
+    """What the plant shall follow, and how far the prediction is off.
+
+    Args:
+        target_q: Joint positions of the target [rad], (12,).
+        target_dq: Joint velocities of the target [rad/s], (12,).
+        prediction: Output of the network, (16,).
+        driving: The prediction replaces the target where it says something.
+
+    Returns:
+        Joint positions and velocities to follow, each (12,), and the rms error over the
+        predicted positions [rad].
+    """
+    q, dq, squares = target_q.copy(), target_dq.copy(), 0.0
+    for i, joint in enumerate(OUTPUT_JOINTS):
+        squares += (prediction[i] - target_q[joint]) ** 2
+        if driving:
+            q[joint], dq[joint] = prediction[i], prediction[len(OUTPUT_JOINTS) + i]
+    return q, dq, sqrt(squares / len(OUTPUT_JOINTS))

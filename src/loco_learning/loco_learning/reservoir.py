@@ -32,11 +32,7 @@ class DelayLine:
 
     def step(self, sample: np.ndarray) -> np.ndarray:
         """Push a sample (size,) and return a view of the line, (length, size)."""
-        head = int(self._head[0] - 1) % self.length
-        self._head[0] = head
-        self._buffer[head] = sample
-        self._buffer[head + self.length] = sample
-        return self._buffer[head : head + self.length]
+        return push(self._buffer, self._head, sample)
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save."""
@@ -61,12 +57,8 @@ class GrfFilter:
 
     def step(self, grf: np.ndarray) -> np.ndarray:
         """Average the vertical forces (4,) [N] over the window, shape (4,)."""
-        seen = min(int(self._seen[0]) + 1, self.window)
-        self._seen[0] = seen
-        mean = np.add.reduce(self._line.step(grf)) / seen
-        if self.threshold > 0.0:
-            mean[mean < self.threshold] = 0.0
-        return mean
+        line = self._line.step(grf)
+        return average(line, self._seen, self.threshold)
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save."""
@@ -107,6 +99,31 @@ class ElmLayer:
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save: the weights too, so that a file outlives the generator's version."""
         return {"weights": self.weights, "bias": self.bias}
+
+
+@njit(cache=True)
+def push(buffer, head, sample):
+    """Write a sample to a delay line's buffer and return its window, newest first."""
+    length = len(buffer) // 2
+    first = (head[0] - 1) % length
+    head[0] = first
+    buffer[first] = sample
+    buffer[first + length] = sample
+    return buffer[first : first + length]
+
+
+@njit(cache=True)
+def average(line, seen, threshold):
+    """Mean over the rows seen so far, at most all of them; below the threshold it is zero."""
+    seen[0] = min(seen[0] + 1, len(line))
+    mean = np.zeros(line.shape[1])
+    for row in line:
+        mean += row
+    mean /= seen[0]
+    for i in range(len(mean)):
+        if mean[i] < threshold and threshold > 0.0:
+            mean[i] = 0.0
+    return mean
 
 
 @njit(cache=True)

@@ -8,6 +8,7 @@ starts, since these only make sense together with the scaling.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from .params import LearnerParams
 
@@ -40,7 +41,7 @@ class PlateauScaling:
 
     def sample(self, grf: np.ndarray, learning: bool) -> np.ndarray:
         """Averaged vertical forces (4,) [N] to a delay-line sample (inputs,)."""
-        self._sample[:FEET] = np.minimum(np.maximum(grf / self._grf_scale, 0.0), 1.5)
+        plateau(grf, self._grf_scale, self._sample)
         return self._sample
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
@@ -58,6 +59,13 @@ class PlateauScaling:
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save."""
         return {}
+
+
+@njit(cache=True)
+def plateau(grf, scale, sample):
+    """Write forces in units of `scale`, clipped to [0, 1.5], to the first of `sample`."""
+    for i in range(len(grf)):
+        sample[i] = min(max(grf[i] / scale, 0.0), 1.5)
 
 
 class AuthorScaling:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_control.impedance import ImpedanceParams, gains, impedance_torque, stability_ratio
+from loco_control.impedance import ImpedanceParams, gains, stability_ratio
 from loco_control.types import MotionCommand, TrunkTorque
 
 from .params import SimParams
@@ -21,19 +21,17 @@ GainsOf = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # stance flags 
 
 
 class Gains(NamedTuple):
-    """Gains of every joint, as arrays and as the lists of the inner loop."""
+    """Gains of every joint."""
 
-    kp: np.ndarray  # [N·m/rad], (n,)
-    kd: np.ndarray  # [N·m·s/rad], (n,)
-    kp_list: list[float]
-    kd_list: list[float]
+    kp: list[float]  # [N·m/rad], (n,)
+    kd: list[float]  # [N·m·s/rad], (n,)
 
 
 class Drive:
     """Impedance law tau = kp (q_d - q) + kd (dq_d - dq) + tau_trunk of all joints.
 
     The law is linear, so what does not depend on the state is worked out once per
-    command (`held_torque`); plain lists do the rest, faster than arrays.
+    command (`held_torque`). Plain lists are faster here than arrays.
 
     Attributes:
         q: Desired joint positions in force [rad], (n,).
@@ -71,7 +69,7 @@ class Drive:
         Args:
             joints: Position [rad] and velocity [rad/s] (and more) of each joint.
         """
-        _, _, kp, kd = self._gain
+        kp, kd = self._gain
         tau = [h - p * s[0] - d * s[1] for h, p, d, s in zip(self._held, kp, kd, joints)]
         if max(tau) > self._smallest or min(tau) < -self._smallest:
             return limited(tau, self._limits)
@@ -82,7 +80,7 @@ class Drive:
         key = stance.tobytes()
         if key not in self._gains:
             kp, kd = self._gains_for(stance)
-            self._gains[key] = Gains(kp, kd, kp.tolist(), kd.tolist())
+            self._gains[key] = Gains(kp.tolist(), kd.tolist())
         return self._gains[key]
 
 
@@ -103,7 +101,8 @@ def held_torque(q: np.ndarray, dq: np.ndarray, gain: Gains, tau: np.ndarray) -> 
         gain: Gains of the joints.
         tau: Feed-forward torque [N·m], (n,).
     """
-    return impedance_torque(q, dq, 0.0, 0.0, gain.kp, gain.kd, tau).tolist()
+    joints = zip(gain.kp, gain.kd, q.tolist(), dq.tolist(), tau.tolist(), strict=True)
+    return [kp * angle + kd * rate + extra for kp, kd, angle, rate, extra in joints]
 
 
 def limited(tau: list[float], limits: list[float]) -> list[float]:

@@ -32,8 +32,9 @@ def specific_force(
     Returns:
         Specific force in the base frame [m/s²]: (0, 0, +g) at rest.
     """
-    x, y, z = ((b - a) / period for a, b in zip(before, after, strict=True))
-    return rotate_back(rotation, (x, y, z + gravity))
+    (ax, ay, az), (bx, by, bz) = before, after
+    change = (bx - ax) / period, (by - ay) / period, (bz - az) / period + gravity
+    return rotate_back(rotation, change)
 
 
 def robot_state(
@@ -85,14 +86,10 @@ def robot_state(
 def ground_truth(tick: int, t: float, base: Base) -> GroundTruth:
     """Fresh `GroundTruth`, velocities turned into the base frame."""
     rotation = rotation_matrix(base.orientation)
-    return GroundTruth(
-        tick=tick,
-        t=t,
-        position=np.array(base.position),
-        orientation=np.array(base.orientation),
-        linear_velocity=np.array(rotate_back(rotation, base.velocity)),
-        angular_velocity=np.array(rotate_back(rotation, base.angular_velocity)),
-    )
+    velocity = rotate_back(rotation, base.velocity)
+    spin = rotate_back(rotation, base.angular_velocity)
+    values = np.frombuffer(array("d", (*base.position, *base.orientation, *velocity, *spin)))
+    return GroundTruth(tick, t, values[:3], values[3:7], values[7:10], values[10:])
 
 
 def fall_reason(base: Base, rotation: Rotation, limits: FallLimits) -> str | None:
@@ -100,10 +97,11 @@ def fall_reason(base: Base, rotation: Rotation, limits: FallLimits) -> str | Non
     height = base.position[2]
     if height < limits.height:
         return f"base height {height:.3f} m is below {limits.height:g} m"
-    for name, angle in zip(("roll", "pitch"), roll_pitch(rotation), strict=True):
-        limit = limits.roll if name == "roll" else limits.pitch
-        if abs(angle) > limit:
-            return f"{name} {angle:.3f} rad is beyond {limit:g} rad"
+    roll, pitch = roll_pitch(rotation)
+    if abs(roll) > limits.roll:
+        return f"roll {roll:.3f} rad is beyond {limits.roll:g} rad"
+    if abs(pitch) > limits.pitch:
+        return f"pitch {pitch:.3f} rad is beyond {limits.pitch:g} rad"
     return None
 
 

@@ -155,7 +155,7 @@ class Simulation:
         self._tick += 1
         if self._mean_grf:
             grf = [force / self._steps for force in grf]
-        tau = [total / self._steps for total in map(sum, zip(*taus, strict=True))]
+        tau = [sum(steps) / self._steps for steps in zip(*taus, strict=True)]
         self._base = world.base()
         return self._sense(tau, grf, before)
 

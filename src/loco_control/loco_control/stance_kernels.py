@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arithmetic of `stance` and `trunk`: compiled, because it runs at every tick.
+
+`stance` and `trunk` have the parameters and what is remembered between ticks.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .forces import minimum_forces, nullspace_forces
+from .kinematics import feet_and_jacobians, turned_feet
+from .orientation import roll_pitch_yaw, rotation_base_to_horizontal, wrap_angle
+
+GAINS = (  # of `TrunkParams`, in the order of the vector `gains`
+    *("roll_kp", "roll_kd", "pitch_kp", "pitch_kd", "yaw_kp", "yaw_kd"),
+    *("height_kp", "height_kd", "mass", "gravity"),
+)
+MAX_HEADING_ERROR = math.radians(45.0)
+
+
+@njit(cache=True)
+def foot_heights(q, ground, lengths):
+    """Heights of the feet [m], (4,), over `ground`, both along z of the base; q (12,)."""
+    feet, _ = feet_and_jacobians(q.reshape(4, 3), lengths)
+    return feet[:, 2] - ground
+
+
+@njit(cache=True)
+def average_heights(history, newest, height, stance, threshold, hysteresis):
+    """Moving average of the foot heights, and which feet are low.
+
+    Args:
+        history: Last heights [m], (window, 4); row `newest` is overwritten with `height`.
+        newest: Row of the oldest heights.
+        height: Heights now [m], (4,).
+        stance: Feet that were low before, (4,) bool.
+        threshold: A foot higher than this swings [m].
+        hysteresis: Share of the threshold by which a landing foot must be below it.
+
+    Returns:
+        Average heights [m], (4,), and the feet that are low, (4,) bool.
+    """
+    mean, low = np.zeros(4), np.empty(4, dtype=np.bool_)
+    history[newest] = height
+    for row in history:
+        mean += row
+    for leg in range(4):
+        mean[leg] /= len(history)
+        share = 1.0 if stance[leg] else 1.0 - hysteresis
+        low[leg] = mean[leg] < share * threshold
+    return mean, low
+
+
+@njit(cache=True)
+def trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains):
+    """Springs and dampers on the trunk: force [N] then moment [N·m], horizontal frame, (6,).
+
+    Args:
+        roll: Of the trunk [rad].
+        pitch: Of the trunk [rad].
+        turned: Heading less the wanted one [rad].
+        spin: Angular velocity, horizontal frame [rad/s], (3,).
+        sunk: Wanted height less the height [m].
+        rise: Vertical velocity [m/s].
+        gains: Named by `GAINS`, (10,).
+    """
+    roll_kp, roll_kd, pitch_kp, pitch_kd, yaw_kp, yaw_kd = gains[:6]
+    height_kp, height_kd, mass, gravity = gains[6:]
+    turned = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
+    wrench = np.zeros(6)
+    wrench[2] = height_kp * sunk - height_kd * rise + mass * gravity
+    wrench[3] = -roll_kp * roll - roll_kd * spin[0]
+    wrench[4] = -pitch_kp * pitch - pitch_kd * spin[1]
+    wrench[5] = -yaw_kp * turned - yaw_kd * spin[2]
+    return wrench
+
+
+@njit(cache=True)
+def trunk_torque(
+    q, dq, orientation, angular_velocity, target_feet, heading, stance, gains, options, lengths
+):
+    """Torques of the legs that stand, and the wrench on the trunk they answer.
+
+    Args:
+        q: Joint positions [rad], (12,).
+        dq: Joint velocities [rad/s], (12,).
+        orientation: Base to world, x y z w, (4,).
+        angular_velocity: Base frame [rad/s], (3,).
+        target_feet: Feet of the target, base frame [m], (4, 3).
+        heading: Yaw to keep [rad].
+        stance: Legs that stand, (4,) bool.
+        gains: Named by `GAINS`, (10,).
+        options: Fewest legs to stand on; null-space mapping or not; feet push only or not.
+        lengths: Of `LegGeometry.lengths`.
+
+    Returns:
+        Joint torque [N·m], (12,), zero for swing legs, and wrench [N, N·m], (6,); both
+        zero with too few legs.
+    """
+    fewest, nullspace, push_only = options
+    legs = np.flatnonzero(stance)
+    tau = np.zeros((4, 3))
+    if len(legs) < fewest:
+        return tau.reshape(12), np.zeros(6)
+    roll, pitch, yaw = roll_pitch_yaw(orientation)
+    R = rotation_base_to_horizontal(roll, pitch)
+    spin = np.zeros(3)
+    for row in range(3):
+        for k in range(3):
+            spin[row] += R[row, k] * angular_velocity[k]
+    feet, J, velocity = turned_feet(q.reshape(4, 3), dq.reshape(4, 3), R, spin, lengths)
+    feet, J, velocity = feet[legs], J[legs], velocity[legs]
+    height, rise = -feet[:, 2].mean(), -velocity[:, 2].mean()
+    sunk = -target_feet[:, 2].min() - height
+    wrench = trunk_wrench(roll, pitch, wrap_angle(yaw - heading), spin, sunk, rise, gains)
+    forces = nullspace_forces(wrench, feet, J) if nullspace else minimum_forces(wrench, feet)
+    for i, leg in enumerate(legs):
+        if push_only:
+            forces[i, 2] = max(forces[i, 2], 0.0)
+        for joint in range(3):
+            for axis in range(3):
+                tau[leg, joint] -= forces[i, axis] * J[i, axis, joint]
+    return tau.reshape(12), wrench
