@@ -19,9 +19,9 @@ in swing and leaves it in stance, where it goes back with the speed V of the tru
 The sum over the other legs is held over a control period. Coupled like this a
 trot of nominally 1.7 Hz steps at 1.693 Hz, as the author's recordings do.
 Source: Barasuol et al., ICRA 2013 (RCF), constants of the author's set-up.
-Departures: pi is exact (3.14 there: -0.05 % frequency); plain Euler sub-steps; the coupling has a sine term, which is zero for trot,
-bound and pace and locks the quarter phases of a walk; one sign of the bound
-matrix there is taken for a slip.
+Departures: pi is exact (3.14 there: -0.05 % frequency); plain Euler sub-steps;
+the coupling has a sine term, which is zero for trot, bound and pace and locks
+the quarter phases of a walk; one sign of the bound matrix there is taken for a slip.
 """
 
 from __future__ import annotations
@@ -161,9 +161,12 @@ def target(moving, memory, wanted, blend, coupling, shape, dt, substeps, centre,
     feet, velocity, stance = centre.copy(), np.zeros((4, 3)), np.ones(4, dtype=np.bool_)
     smooth(gait, halfway, wanted, blend, moving)
     if moving:
-        velocity[:, ::2] = advance(state, foot, gait, *coupling, shape, dt, substeps)
-        feet[:, ::2] += foot
-        stance[:] = state[:, 1] <= 0.0
+        foot_velocity = advance(state, foot, gait, *coupling, shape, dt, substeps)
+        for leg in range(4):
+            for i, axis in enumerate((0, 2)):  # x and z
+                feet[leg, axis] += foot[leg, i]
+                velocity[leg, axis] = foot_velocity[leg, i]
+            stance[leg] = state[leg, 1] <= 0.0
     q, dq = inverse(feet, velocity, lengths)
     phase = stride_phase(state, gait[DUTY])
     return q, dq, feet, velocity, phase, gait[SPEED], gait[FREQUENCY], stance

@@ -57,11 +57,11 @@ def nullspace_forces(wrench, feet, jacobians):
     size = G.shape[1]
     normal, right = np.empty((size, size)), np.empty(size)
     for i in range(size):
-        right[i] = BASE_WEIGHT * _dot(G[:, i], wrench)
+        right[i] = BASE_WEIGHT * dot(G[:, i], wrench)
         for j in range(size):
-            normal[i, j] = BASE_WEIGHT * _dot(G[:, i], G[:, j])
+            normal[i, j] = BASE_WEIGHT * dot(G[:, i], G[:, j])
             if i // 3 == j // 3:
-                normal[i, j] += _dot(jacobians[i // 3, i % 3], jacobians[i // 3, j % 3])
+                normal[i, j] += dot(jacobians[i // 3, i % 3], jacobians[i // 3, j % 3])
         normal[i, i] += RIDGE
     return solve_positive(normal, right).reshape(-1, 3)
 
@@ -73,11 +73,11 @@ def minimum_forces(wrench, feet):
     normal, forces = np.empty((6, 6)), np.empty(G.shape[1])
     for i in range(6):
         for j in range(6):
-            normal[i, j] = _dot(G[i], G[j])
+            normal[i, j] = dot(G[i], G[j])
         normal[i, i] += TINY
     multiplier = solve_positive(normal, wrench.copy())
     for i in range(len(forces)):
-        forces[i] = _dot(G[:, i], multiplier)
+        forces[i] = dot(G[:, i], multiplier)
     return forces.reshape(-1, 3)
 
 
@@ -91,16 +91,17 @@ def solve_positive(A, b):
     size = len(b)
     for j in range(size):
         for i in range(j, size):
-            rest = A[i, j] - _dot(A[i, :j], A[j, :j])
+            rest = A[i, j] - dot(A[i, :j], A[j, :j])
             A[i, j] = math.sqrt(rest) if i == j else rest / A[j, j]
-        b[j] = (b[j] - _dot(A[j, :j], b[:j])) / A[j, j]
+        b[j] = (b[j] - dot(A[j, :j], b[:j])) / A[j, j]
     for j in range(size - 1, -1, -1):
-        b[j] = (b[j] - _dot(A[j + 1 :, j], b[j + 1 :])) / A[j, j]
+        b[j] = (b[j] - dot(A[j + 1 :, j], b[j + 1 :])) / A[j, j]
     return b
 
 
 @njit(cache=True)
-def _dot(a, b):
+def dot(a, b):
+    """Sum of products; for a few numbers faster than a call into BLAS."""
     total = 0.0
     for i in range(len(a)):
         total += a[i] * b[i]

@@ -18,6 +18,7 @@ from .trunk import TrunkController, TrunkParams
 from .types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
 
 ESTIMATORS = ("pse", "rse")
+PSE, RSE = range(2)
 
 
 @dataclass(frozen=True)
@@ -110,5 +111,5 @@ class StanceController:
         height, low = self._height.update(heights)
         reactive = self._estimator == "rse" and state.t >= self._start - 0.5 * self.dt
         legs = (low if reactive else target.stance).copy()
-        stance = Stance(state.tick, state.t, height, legs, int(reactive))
+        stance = Stance(state.tick, state.t, height, legs, RSE if reactive else PSE)
         return stance, self.trunk.step(state, target, legs)

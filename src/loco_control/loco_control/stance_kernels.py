@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .forces import minimum_forces, nullspace_forces
+from .forces import dot, minimum_forces, nullspace_forces
 from .kinematics import feet_and_jacobians, turned_feet
 from .orientation import roll_pitch_yaw, rotation_base_to_horizontal, wrap_angle
 
@@ -45,11 +45,9 @@ def average_heights(history, newest, height, stance, threshold, hysteresis):
         Average heights [m], (4,), and the feet that are low, (4,) bool.
     """
     mean, low = np.zeros(4), np.empty(4, dtype=np.bool_)
-    history[newest] = height
-    for row in history:
-        mean += row
     for leg in range(4):
-        mean[leg] /= len(history)
+        history[newest, leg] = height[leg]
+        mean[leg] = history[:, leg].sum() / len(history)
         share = 1.0 if stance[leg] else 1.0 - hysteresis
         low[leg] = mean[leg] < share * threshold
     return mean, low
@@ -80,6 +78,18 @@ def trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains):
 
 
 @njit(cache=True)
+def standing(stance, values):
+    """Rows of `values`, (4, n), of the legs that stand."""
+    rows, row = np.empty((stance.sum(), values.shape[1])), 0
+    for leg in range(4):
+        if stance[leg]:
+            for i in range(values.shape[1]):
+                rows[row, i] = values[leg, i]
+            row += 1
+    return rows
+
+
+@njit(cache=True)
 def trunk_torque(
     q, dq, orientation, angular_velocity, target_feet, heading, stance, gains, options, lengths
 ):
@@ -102,9 +112,8 @@ def trunk_torque(
         zero with too few legs.
     """
     fewest, nullspace, push_only = options
-    legs = np.flatnonzero(stance)
-    tau = np.zeros((4, 3))
-    if len(legs) < fewest:
+    tau, count = np.zeros((4, 3)), stance.sum()
+    if count < fewest:
         return tau.reshape(12), np.zeros(6)
     roll, pitch, yaw = roll_pitch_yaw(orientation)
     R = rotation_base_to_horizontal(roll, pitch)
@@ -112,16 +121,22 @@ def trunk_torque(
     for row in range(3):
         for k in range(3):
             spin[row] += R[row, k] * angular_velocity[k]
-    feet, J, velocity = turned_feet(q.reshape(4, 3), dq.reshape(4, 3), R, spin, lengths)
-    feet, J, velocity = feet[legs], J[legs], velocity[legs]
-    height, rise = -feet[:, 2].mean(), -velocity[:, 2].mean()
-    sunk = -target_feet[:, 2].min() - height
-    wrench = trunk_wrench(roll, pitch, wrap_angle(yaw - heading), spin, sunk, rise, gains)
+    all_feet, all_J, all_velocity = turned_feet(
+        q.reshape(4, 3), dq.reshape(4, 3), R, spin, lengths
+    )
+    feet, velocity = standing(stance, all_feet), standing(stance, all_velocity)
+    J = standing(stance, all_J.reshape(4, 9)).reshape(count, 3, 3)
+    height, rise = -feet[:, 2].sum() / count, -velocity[:, 2].sum() / count
+    lowest = min(target_feet[0, 2], target_feet[1, 2], target_feet[2, 2], target_feet[3, 2])
+    turned, sunk = wrap_angle(yaw - heading), -lowest - height
+    wrench = trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains)
     forces = nullspace_forces(wrench, feet, J) if nullspace else minimum_forces(wrench, feet)
-    for i, leg in enumerate(legs):
-        if push_only:
-            forces[i, 2] = max(forces[i, 2], 0.0)
-        for joint in range(3):
-            for axis in range(3):
-                tau[leg, joint] -= forces[i, axis] * J[i, axis, joint]
+    i = 0
+    for leg in range(4):
+        if stance[leg]:
+            if push_only:
+                forces[i, 2] = max(forces[i, 2], 0.0)
+            for joint in range(3):
+                tau[leg, joint] = -dot(forces[i], J[i, :, joint])
+            i += 1
     return tau.reshape(12), wrench

@@ -6,8 +6,8 @@ feet, G f = w, and a force on a foot takes the joint torques tau = -J^T f of
 its leg. More than one f makes the same w; the two mappings differ in which.
 
 Source: the RCF controller as the author ran it (hyq_ml). Departures: height and its
-velocity are means over all stance feet; the height wanted is that of the target's lowest foot; the weight is that
-of the simulated robot (84.76 kg, author 75 kg).
+velocity are means over all stance feet; the height wanted is that of the target's
+lowest foot; the weight is that of the simulated robot (84.76 kg, author 75 kg).
 """
 
 from __future__ import annotations

@@ -107,8 +107,8 @@ def push(buffer, head, sample):
     length = len(buffer) // 2
     first = (head[0] - 1) % length
     head[0] = first
-    buffer[first] = sample
-    buffer[first + length] = sample
+    for i in range(len(sample)):
+        buffer[first, i] = buffer[first + length, i] = sample[i]
     return buffer[first : first + length]
 
 
