@@ -4,6 +4,7 @@
 import json
 
 import pytest
+
 from loco_bringup import bench
 from loco_control.exceptions import NameUnknownError
 

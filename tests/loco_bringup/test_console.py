@@ -2,6 +2,7 @@
 """Studies and the demo as a person starts them."""
 
 import pytest
+
 from loco_bringup import cli, demo
 from loco_bringup.bag import Bag
 
@@ -60,9 +61,10 @@ def test_replay_sends_the_recorded_bytes(outcomes):
     import time
 
     import rclpy
+    from rclpy.experimental import EventsExecutor
+
     from loco_bringup.replayer import replay_bag
     from loco_control.ros.topics import topic
-    from rclpy.experimental import EventsExecutor
 
     folder = outcomes["composed"].folder
     context = rclpy.Context()

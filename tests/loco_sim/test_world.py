@@ -189,7 +189,7 @@ def test_a_pendulum_swings_with_its_own_period(pendulum):
 
 
 def test_the_joint_inertia_predicts_what_a_torque_does(hyq):
-    """dq = I^-1 tau dt for a robot afloat without gravity, its base moving as it must."""
+    """Dq = I^-1 tau dt for a robot afloat without gravity, its base moving as it must."""
     afloat = World(hyq, SimParams(gravity=0.0), 1e-4)
     afloat.rebuild(hyq.standing, height=2.0)
     inertia = afloat.joint_inertia(hyq.standing)

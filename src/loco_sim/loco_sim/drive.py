@@ -16,7 +16,6 @@ from loco_control.types import MotionCommand, TrunkTorque
 
 from .params import SimParams
 
-
 GainsOf = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # stance flags to kp and kd
 
 
@@ -85,7 +84,7 @@ class Drive:
 
 
 def gains_function(impedance: ImpedanceParams | GainsOf) -> GainsOf:
-    """kp and kd of every joint as a function of the stance flags.
+    """Kp and kd of every joint as a function of the stance flags.
 
     `ImpedanceParams` are for legs like HyQ's; any other robot brings a function.
     """

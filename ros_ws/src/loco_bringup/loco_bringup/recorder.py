@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from loco_control.exceptions import NameUnknownError
+from loco_control.ros.convert import TICK
 from loco_control.ros.node import LocoNode, run_nodes
 from loco_control.ros.topics import TOPICS, Topic, to_stamp
 from loco_msgs.msg import RecorderStatus
@@ -21,7 +22,7 @@ from .bag_writer import BagWriter, qos_dict
 from .interfaces import definition, type_hash, type_name
 
 _STATUS_EVERY = 10  # ticks between two recorder_status messages
-_STAMP_AT, _TICK_AT = 4, 12  # bytes: CDR header, then stamp (8), then tick (8)
+_STAMP_AT = 4  # bytes: after the CDR header
 
 
 class RecorderNode(LocoNode):
@@ -65,7 +66,7 @@ class RecorderNode(LocoNode):
             if stamped:
                 t = _time(data)
             if ticked:
-                self._count(row.name, int.from_bytes(data[_TICK_AT : _TICK_AT + 8], "little"), t)
+                self._count(row.name, int.from_bytes(data[TICK], "little"), t)
             write(name, data, t)
 
         self._inputs[row.name] = self.create_subscription(

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.executors import ExternalShutdownException
@@ -23,7 +22,7 @@ from rclpy.task import Future
 from loco_control.exceptions import LocoError
 from loco_msgs.msg import Event
 
-from .convert import Converter
+from .convert import TICK, Converter
 from .topics import TOPICS, Topic, to_stamp, topic
 
 log = logging.getLogger(__name__)
@@ -128,41 +127,41 @@ class LocoNode(Node):
 class TickJoin:
     """Collects one message per topic and calls `step` when all have the same tick.
 
-    A tick that was answered already is stale: it is counted and not answered again.
+    The newest tick counts: an older one, or one that was answered already, is stale;
+    it is counted and not answered.
     """
 
     def __init__(self, converters: dict[str, Converter], step: Callable, meter: PeriodMeter):
         self._converters = converters
         self._step = step
         self._meter = meter
-        self._latest: dict[str, tuple[int, np.ndarray]] = {}
+        self._waiting: dict[str, bytes] = {}  # of tick `_tick`
+        self._tick = -1
         self.done = -1  # newest tick answered
         self.stale = 0
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
-        codec = self._converters[name].codec
 
         def receive(data: bytes) -> None:
-            record = codec.decode(data)
-            tick = int(record["tick"])
-            if tick <= self.done:
+            tick = int.from_bytes(data[TICK], "little")
+            if tick <= self.done or tick < self._tick:
                 self.stale += 1
                 return
-            self._latest[name] = (tick, record)
-            self._answer(tick)
+            if tick > self._tick:
+                self._tick = tick
+                self._waiting.clear()
+            self._waiting[name] = data
+            if len(self._waiting) == len(self._converters):
+                self._answer(tick)
 
         return receive
 
     def _answer(self, tick: int) -> None:
-        if len(self._latest) < len(self._converters):
-            return
-        if any(t != tick for t, _ in self._latest.values()):
-            return
         self.done = tick
         self._meter.mark()
-        values = [c.unpack(self._latest[name][1]) for name, c in self._converters.items()]
-        self._step(*values)
+        waiting = self._waiting
+        self._step(*[c.unpack(c.codec.decode(waiting[n])) for n, c in self._converters.items()])
 
 
 class PeriodMeter:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -18,12 +17,10 @@ from sensor_msgs.msg import Imu, JointState
 from tf2_msgs.msg import TFMessage
 
 from loco_control.ros.codec import Codec
-from loco_control.ros.convert import stamp
+from loco_control.ros.convert import block_view, stamp_views, write_stamp
 from loco_control.ros.node import LocoNode
 from loco_control.ros.topics import topic
 from loco_control.types import GroundTruth, RobotState
-
-_XYZ, _XYZW = "xyz", "xyzw"
 
 
 class ToolTopics:
@@ -52,14 +49,20 @@ class ToolTopics:
 
 def encoders(joints: tuple[str, ...]) -> dict[str, Callable[[RobotState, GroundTruth], bytes]]:
     """Function per tool topic that gives the serialised message of a tick."""
-    return {name: _encoder(template, _FILL[name]) for name, template in _templates(joints).items()}
+    blocks = _blocks(len(joints))
+    return {name: _encoder(message, *blocks[name]) for name, message in _templates(joints).items()}
 
 
-def _encoder(template: Any, fill: Callable) -> Callable[[RobotState, GroundTruth], bytes]:
+def _encoder(template: Any, stamped: str, blocks: list) -> Callable:
+    """Encoder of a template: its stamp, then runs of doubles, each from a function of a tick."""
     record = Codec(template).record()
+    stamp = stamp_views(record, stamped)
+    filled = [(block_view(record, path, count), value) for path, count, value in blocks]
 
     def encode(state: RobotState, truth: GroundTruth) -> bytes:
-        fill(record, state, truth)
+        write_stamp(stamp, state.t)
+        for view, value in filled:
+            view[...] = value(state, truth)
         return record.tobytes()
 
     return encode
@@ -84,45 +87,44 @@ def _templates(joints: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _set(record: np.ndarray, path: str, axes: str, values: np.ndarray) -> None:
-    for axis, value in zip(axes, values, strict=True):
-        record[f"{path}.{axis}"] = value
+_TRUE_POSE = [(3, lambda state, truth: truth.position), (4, lambda state, truth: truth.orientation)]
 
 
-def _joint_states(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
-    stamp(record, "header.stamp", state.t)
-    record["position"], record["velocity"], record["effort"] = state.q, state.dq, state.tau
-
-
-def _imu(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
-    stamp(record, "header.stamp", state.t)
-    _set(record, "orientation", _XYZW, state.orientation)
-    _set(record, "angular_velocity", _XYZ, state.angular_velocity)
-    _set(record, "linear_acceleration", _XYZ, state.linear_acceleration)
-
-
-def _odometry(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
-    stamp(record, "header.stamp", truth.t)
-    _set(record, "pose.pose.position", _XYZ, truth.position)
-    _set(record, "pose.pose.orientation", _XYZW, truth.orientation)
-    _set(record, "twist.twist.linear", _XYZ, truth.linear_velocity)
-    _set(record, "twist.twist.angular", _XYZ, truth.angular_velocity)
-
-
-def _transform(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
-    stamp(record, "transforms.0.header.stamp", truth.t)
-    _set(record, "transforms.0.transform.translation", _XYZ, truth.position)
-    _set(record, "transforms.0.transform.rotation", _XYZW, truth.orientation)
-
-
-def _clock(record: np.ndarray, state: RobotState, truth: GroundTruth) -> None:
-    stamp(record, "clock", state.t)
-
-
-_FILL = {
-    "joint_states": _joint_states,
-    "imu/data": _imu,
-    "ground_truth/odom": _odometry,
-    "/tf": _transform,
-    "/clock": _clock,
-}
+def _blocks(joints: int) -> dict[str, tuple[str, list]]:
+    """Per topic: where its stamp is, and path, length and value of each run of doubles."""
+    position, orientation = _TRUE_POSE
+    return {
+        "joint_states": (
+            "header.stamp",
+            [
+                ("position", joints, lambda state, truth: state.q),
+                ("velocity", joints, lambda state, truth: state.dq),
+                ("effort", joints, lambda state, truth: state.tau),
+            ],
+        ),
+        "imu/data": (
+            "header.stamp",
+            [
+                ("orientation.x", 4, lambda state, truth: state.orientation),
+                ("angular_velocity.x", 3, lambda state, truth: state.angular_velocity),
+                ("linear_acceleration.x", 3, lambda state, truth: state.linear_acceleration),
+            ],
+        ),
+        "ground_truth/odom": (
+            "header.stamp",
+            [
+                ("pose.pose.position.x", *position),
+                ("pose.pose.orientation.x", *orientation),
+                ("twist.twist.linear.x", 3, lambda state, truth: truth.linear_velocity),
+                ("twist.twist.angular.x", 3, lambda state, truth: truth.angular_velocity),
+            ],
+        ),
+        "/tf": (
+            "transforms.0.header.stamp",
+            [
+                ("transforms.0.transform.translation.x", *position),
+                ("transforms.0.transform.rotation.x", *orientation),
+            ],
+        ),
+        "/clock": ("clock", []),
+    }
