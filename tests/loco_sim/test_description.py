@@ -27,7 +27,8 @@ def inertia_of(masses, points):
     masses, points = np.array(masses), np.array(points, dtype=float)
     centre = masses @ points / masses.sum()
     arms = points - centre
-    tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms))
+    arms_of = zip(masses, arms, strict=True)
+    tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in arms_of)
     return masses.sum(), centre, tensor
 
 

@@ -98,7 +98,7 @@ def limit_cycles(results: Sequence[CaseResult]) -> Figure:
     }
     groups = {v: cases for v, cases in groups.items() if cases}
     columns = max(1, len(groups))
-    made, axes = _new(columns, (4.6 * columns, 4.4), sharex=True, sharey=True)
+    made, axes = _new(columns, (4.6 * columns, 5.2), sharex=True, sharey=True)
     for ax, (variant, cases) in zip(axes, groups.items(), strict=False):
         case = _typical(cases)
         t, path = case.curves["cycle_t"], case.curves["cycle"]

@@ -69,7 +69,8 @@ class Drive:
             joints: Position [rad] and velocity [rad/s] (and more) of each joint.
         """
         kp, kd = self._gain
-        tau = [h - p * s[0] - d * s[1] for h, p, d, s in zip(self._held, kp, kd, joints)]
+        rows = zip(self._held, kp, kd, joints, strict=True)
+        tau = [held - p * s[0] - d * s[1] for held, p, d, s in rows]
         if max(tau) > self._smallest or min(tau) < -self._smallest:
             return limited(tau, self._limits)
         return tau

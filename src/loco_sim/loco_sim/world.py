@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import sys
 import tempfile
 import weakref
 from collections.abc import Callable, Iterable, Sequence
@@ -33,18 +32,19 @@ from .robot import Robot
 
 
 def _import_pybullet():
-    """PyBullet, without the build banner that it writes to stdout when it is loaded."""
-    sys.stdout.flush()
+    """PyBullet, without the build banner that it writes when it is loaded."""
+    saved = [(stream, os.dup(stream)) for stream in (1, 2)]
     with open(os.devnull, "wb") as sink:
-        saved = os.dup(1)
-        os.dup2(sink.fileno(), 1)
         try:
+            for stream, _ in saved:
+                os.dup2(sink.fileno(), stream)
             import pybullet
 
-            ctypes.CDLL(None).fflush(None)  # the banner waits in C's own buffer
+            ctypes.CDLL(None).fflush(None)  # the banner may wait in C's own buffer
         finally:
-            os.dup2(saved, 1)
-            os.close(saved)
+            for stream, copy in saved:
+                os.dup2(copy, stream)
+                os.close(copy)
     return pybullet
 
 

@@ -53,6 +53,14 @@ class LocoNode(Node):
         self._outputs[name] = self.create_publisher(row.type, row.name, row.qos.writer())
         return self._outputs[name]
 
+    def raw_output(self, name: str) -> Callable[[bytes], None]:
+        """Function that publishes the bytes of a message on a topic of the table.
+
+        It is rclpy's compiled publish without the checks in Python around it, which
+        cost a tenth of a composed tick.
+        """
+        return self.output(name).handle.publish_raw
+
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
         """Subscription of a topic of the table."""
         row = topic(name)

@@ -27,8 +27,11 @@ class StanceControllerNode(LocoNode):
         stance = declare(self, StanceParams(), "stance.", live)
         self.controller = StanceController(stance, declare(self, TrunkParams(), "trunk."), dt)
         on_change(self, {"stance.estimator": self.controller.set_estimator})
-        self._stance, self._pack_stance = self.output("stance"), Converter(Stance).pack
-        self._torque, self._pack_torque = self.output("trunk_torque"), Converter(TrunkTorque).pack
+        self._stance, self._pack_stance = self.raw_output("stance"), Converter(Stance).pack
+        self._torque, self._pack_torque = (
+            self.raw_output("trunk_torque"),
+            Converter(TrunkTorque).pack,
+        )
         self.input("stance_estimator", self._on_estimator)
         self.join(
             {"robot_state": RobotState, "gait_target": GaitTarget, "motion_command": MotionCommand},
@@ -38,8 +41,8 @@ class StanceControllerNode(LocoNode):
 
     def _step(self, state: RobotState, target: GaitTarget, command: MotionCommand) -> None:
         stance, torque = self.controller.step(state, target, command)
-        self._torque.publish(self._pack_torque(torque))  # first: the plant waits for it
-        self._stance.publish(self._pack_stance(stance))
+        self._torque(self._pack_torque(torque))  # first: the plant waits for it
+        self._stance(self._pack_stance(stance))
 
     def _on_estimator(self, message: String) -> None:
         try:

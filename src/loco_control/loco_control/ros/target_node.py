@@ -28,7 +28,7 @@ class TargetGeneratorNode(LocoNode):
         live = frozenset(f"gait.{name}" for name in _LIVE)
         self.generator = TargetGenerator(declare(self, GaitParams(), "gait.", live), dt)
         on_change(self, {f"gait.{name}": self._setter(name) for name in _LIVE})
-        self._target = self.output("gait_target")
+        self._publish = self.raw_output("gait_target")
         self._pack = Converter(GaitTarget).pack
         self.input("cmd_vel", self._on_velocity)
         self.input("gait_frequency", self._on_frequency)
@@ -36,7 +36,7 @@ class TargetGeneratorNode(LocoNode):
         self.announce_ready()
 
     def _step(self, state: RobotState) -> None:
-        self._target.publish(self._pack(self.generator.step(state)))
+        self._publish(self._pack(self.generator.step(state)))
 
     def _setter(self, name: str):
         return lambda value: self.generator.set(**{name: value})

@@ -26,17 +26,20 @@ class ReflexNetworkNode(LocoNode):
         self._phase = -1
         self._error = 0.0
         self._command, self._pack_command = (
-            self.output("motion_command"),
+            self.raw_output("motion_command"),
             Converter(MotionCommand).pack,
         )
-        self._state, self._pack_state = self.output("learning_state"), Converter(LearningState).pack
+        self._state, self._pack_state = (
+            self.raw_output("learning_state"),
+            Converter(LearningState).pack,
+        )
         self.join({"robot_state": RobotState, "gait_target": GaitTarget}, self._step)
         self.announce_ready()
 
     def _step(self, state: RobotState, target: GaitTarget) -> None:
         command, learning = self.network.step(state, target)
-        self._command.publish(self._pack_command(command))
-        self._state.publish(self._pack_state(learning))
+        self._command(self._pack_command(command))
+        self._state(self._pack_state(learning))
         self._error = learning.error
         if learning.phase != self._phase:
             self._enter(learning)

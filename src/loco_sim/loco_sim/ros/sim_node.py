@@ -78,7 +78,7 @@ class RobotSimNode(LocoNode):
             robot,
             standing_pose(tuple(origin)),
         )
-        self._state_topic, self._pack = self.output("robot_state"), Converter(RobotState).pack
+        self._state_topic, self._pack = self.raw_output("robot_state"), Converter(RobotState).pack
         self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)
         self.output("robot_description").publish(String(data=self.sim.robot_description))
         self._last = round(self.tick.duration * self.rate) if self.tick.duration else None
@@ -168,7 +168,7 @@ class RobotSimNode(LocoNode):
     def _publish(self, state: RobotState) -> None:
         self._pace()
         truth = self.sim.ground_truth()
-        self._state_topic.publish(self._pack(state))  # first: others wait for it
+        self._state_topic(self._pack(state))  # first: others wait for it
         self._tools.publish(state, truth)
 
     def _pace(self) -> None:

@@ -38,13 +38,13 @@ class ToolTopics:
         for name, encode in encoders(joints).items():
             wanted = topic(name).rate if name == "/clock" else chosen or topic(name).rate
             every = max(1, round(rate / wanted))
-            self._rows.append((node.output(name), encode, every))
+            self._rows.append((node.raw_output(name), encode, every))
 
     def publish(self, state: RobotState, truth: GroundTruth) -> None:
         """Publish what is due at the tick of `state`."""
-        for publisher, encode, every in self._rows:
+        for publish, encode, every in self._rows:
             if state.tick % every == 0:
-                publisher.publish(encode(state, truth))
+                publish(encode(state, truth))
 
 
 def encoders(joints: tuple[str, ...]) -> dict[str, Callable[[RobotState, GroundTruth], bytes]]:
