@@ -69,6 +69,12 @@ class Converter:
         return self.cls(tick, (seconds * 1_000_000_000 + nanoseconds) / 1e9, *values)
 
 
+def blank(cls: type) -> Any:
+    """Message of zeros as a node would receive it; a first step with it compiles the kernels."""
+    converter = Converter(cls)
+    return converter.unpack(converter.codec.decode(converter.codec.template))
+
+
 def field_view(record: np.ndarray, path: str) -> np.ndarray:
     """Writable view of one field of a record, of shape () for a number."""
     return record.reshape(1)[path][0:1].reshape(record[path].shape)

@@ -12,7 +12,7 @@ from loco_control.stance import StanceController, StanceParams
 from loco_control.trunk import TrunkParams
 from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
 
-from .convert import Converter
+from .convert import Converter, blank
 from .node import LocoNode, run_nodes
 from .parameters import declare, on_change
 
@@ -26,6 +26,8 @@ class StanceControllerNode(LocoNode):
         live = frozenset({"stance.estimator"})
         stance = declare(self, StanceParams(), "stance.", live)
         self.controller = StanceController(stance, declare(self, TrunkParams(), "trunk."), dt)
+        self.controller.step(blank(RobotState), blank(GaitTarget), blank(MotionCommand))
+        self.controller.reset()
         on_change(self, {"stance.estimator": self.controller.set_estimator})
         self._stance, self._pack_stance = self.raw_output("stance"), Converter(Stance).pack
         self._torque, self._pack_torque = (

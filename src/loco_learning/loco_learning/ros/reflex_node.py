@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from loco_control.ros.convert import Converter
+from loco_control.ros.convert import Converter, blank
 from loco_control.ros.node import LocoNode, run_nodes
 from loco_control.ros.parameters import declare
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
@@ -23,6 +23,8 @@ class ReflexNetworkNode(LocoNode):
         seed = self.declare_parameter("seed", 0).value
         self._save_to = self.declare_parameter("save_weights", "").value
         self.network = ReflexNetwork(declare(self, LearnerParams(), "learner."), dt, seed)
+        self.network.step(blank(RobotState), blank(GaitTarget))
+        self.network.reset()
         self._phase = -1
         self._error = 0.0
         self._command, self._pack_command = (
