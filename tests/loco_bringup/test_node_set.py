@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node sets, and the ROS parameters an experiment becomes."""
 
+import ast
+
 import pytest
 
 from loco_bringup import node_set
+from loco_bringup.docs import root
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.topics import NODES
 from loco_learning.experiment import load
@@ -27,6 +30,25 @@ def test_every_experiment_value_reaches_a_node():
     assert at["reflex_network"]["learner"]["memory"] == 33
     assert at["stance_controller"]["trunk"]["mass"] == 70.0
     assert at["robot_sim"]["seed"] == at["reflex_network"]["seed"] == 9
+
+
+def test_the_launch_file_names_every_argument_it_uses():
+    # The launch packages are not among the wheels, so the file is only read here.
+    path = root() / "ros_ws/src/loco_bringup/launch/hyq.launch.py"
+    tree = ast.parse(path.read_text())
+    used = {
+        node.slice.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Subscript)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "value"
+    }
+    declared = next(
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "ARGUMENTS"
+    )
+    assert used == set(declared)
 
 
 @pytest.mark.parametrize("text", ["nodes: 3", "nodes: [{class: a}]", "nodes: [", "[]"])

@@ -15,6 +15,7 @@ import rclpy
 from loco_bringup import run as runner
 from loco_bringup.bag import Bag
 from loco_bringup.interfaces import type_hash, type_name
+from loco_bringup.processes import _environment
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.ros.topics import TOPICS
 from loco_learning.experiment import load
@@ -129,6 +130,17 @@ def test_second_run_on_a_domain_is_refused_at_once(short, tmp_path):
     assert not (tmp_path / "second").exists()
 
 
+def test_a_foreign_node_on_the_domain_is_named(tmp_path):
+    """A controller that somebody else left running would answer our ticks."""
+    command = [sys.executable, "-m", "loco_control.ros.target_node"]
+    stray = subprocess.Popen(command, env=_environment())
+    try:
+        with pytest.raises(GraphError, match="gait_target has 2 writers"):
+            runner.run(load("hyq_short", {"learner.test": 600.0}), tmp_path / "bag")
+    finally:
+        stray.kill()
+
+
 def test_a_folder_with_a_bag_is_not_written_over(outcomes, short):
     with pytest.raises(ParameterError, match="holds a bag already"):
         runner.run(short, outcomes["composed"].folder)
@@ -168,7 +180,7 @@ def test_endpoints_of_the_running_graph_are_those_of_the_table(tmp_path):
             seen.update(_endpoints())
             raise KeyboardInterrupt
 
-    outcome = runner.run(long, tmp_path / "bag", speed=2.0, on_progress=look)
+    outcome = runner.run(long, tmp_path / "bag", speed=1.0, on_progress=look)
     assert outcome.interrupted
     for row in TOPICS.values():
         infos = seen["/" + row.name.lstrip("/")]
@@ -185,11 +197,11 @@ def _endpoints():
     context = rclpy.Context()
     rclpy.init(args=[], context=context)
     node = rclpy.create_node("looker", context=context)
-    names = ["/" + t.name.lstrip("/") for t in TOPICS.values()]
-    end = time.monotonic() + 10.0
-    while time.monotonic() < end and not node.get_publishers_info_by_topic("/robot_state"):
+    names = {"/" + t.name.lstrip("/"): t.writer for t in TOPICS.values()}
+    written = [name for name, writer in names.items() if writer != "any"]
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end and not all(map(node.get_publishers_info_by_topic, written)):
         time.sleep(0.05)
-    time.sleep(0.5)
     found = {name: node.get_publishers_info_by_topic(name) for name in names}
     node.destroy_node()
     context.try_shutdown()

@@ -9,9 +9,12 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
+from rclpy.experimental import EventsExecutor
 
 from loco_control.ros.convert import Converter
 from loco_control.ros.node import PeriodMeter, TickJoin
+from loco_control.ros.topics import topic
 from loco_control.types import MotionCommand, TrunkTorque
 
 
@@ -77,10 +80,13 @@ def test_a_waiting_node_ends_with_code_0_on_a_signal(number):
         stderr=subprocess.PIPE,
         env=fresh_environment(),
     )
-    time.sleep(2.0)
-    process.send_signal(number)
-    _, errors = process.communicate(timeout=20)
-    assert process.returncode == 0, errors.decode()
+    try:
+        wait_for_node("target_generator")
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == 0, errors.decode()
+    finally:
+        process.kill()  # a node left behind would disturb the tests that follow
 
 
 @pytest.mark.ros
@@ -103,6 +109,26 @@ def test_a_wrong_parameter_is_one_clear_line_and_exit_code_2(setting, message):
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def wait_for_node(name):
+    """Until the node speaks on /diagnostics, so it spins."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    listener = rclpy.create_node("listener", context=context)
+    executor = EventsExecutor(context=context)
+    executor.add_node(listener)
+    heard = set()
+    row = topic("/diagnostics")
+    listener.create_subscription(
+        row.type, row.name, lambda m: heard.update(s.name for s in m.status), row.qos.reader()
+    )
+    end = time.monotonic() + 30.0
+    while name not in heard:
+        assert time.monotonic() < end, f"{name} did not speak"
+        executor.spin_once(timeout_sec=0.1)
+    listener.destroy_node()
+    context.try_shutdown()
 
 
 def fresh_environment():

@@ -19,7 +19,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from loco_control.exceptions import LocoError
+from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
 from .convert import TICK, Converter
@@ -57,7 +57,7 @@ class LocoNode(Node):
         """Function that publishes the bytes of a message on a topic of the table.
 
         It is rclpy's compiled publish without the checks in Python around it, which
-        cost a tenth of a composed tick.
+        took 3 % of a composed tick.
         """
         return self.output(name).handle.publish_raw
 
@@ -108,7 +108,17 @@ class LocoNode(Node):
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
         return missing
 
+    def _refuse_strangers(self) -> None:
+        """A second writer of a control topic would answer our ticks with its own."""
+        for name, subscription in self._inputs.items():
+            if _paced(topic(name)) and subscription.get_publisher_count() > 1:
+                raise GraphError(
+                    f"{name} has {subscription.get_publisher_count()} writers; another graph runs "
+                    "on this ROS domain and namespace"
+                )
+
     def _check_ready(self) -> None:
+        self._refuse_strangers()
         if self._ready_timer is not None and not self.unmatched():
             self._ready_timer.cancel()
             self._ready_timer = None
@@ -117,6 +127,7 @@ class LocoNode(Node):
 
     def publish_diagnostics(self) -> None:
         """Publish the figures since the last call; a timer does it at 1 Hz."""
+        self._refuse_strangers()
         values = {**self._periods.summary(), **self.diagnose()}
         if self._ready_timer is not None:
             values["waiting for"] = ", ".join(self.unmatched())
@@ -233,6 +244,10 @@ def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None =
         log.error("%s", error)
         if nodes and rclpy.ok():
             nodes[-1].event("error", str(error))
+    except Exception:
+        if rclpy.ok():
+            raise
+        code = 0  # a signal came while a node was being made
     finally:
         for node in nodes:
             node.close()

@@ -121,9 +121,15 @@ class RobotSimNode(LocoNode):
             self._advance(command, trunk)
 
     def _on_deadline(self) -> None:
-        """Realtime: step now, with the newest commands there are."""
-        if self._finished:
-            return
+        """Realtime: step up to now, with the newest commands there are.
+
+        Timers skip the periods that they miss, so the time since the start counts.
+        """
+        due = int((time.perf_counter() - self._began) * self.rate)
+        while self.state.tick < due and not self._finished:
+            self._step_on_time()
+
+    def _step_on_time(self) -> None:
         fresh = self._commands is not None and self._commands[0].tick == self.state.tick
         self._late += not fresh
         self._late_in_a_row = 0 if fresh else self._late_in_a_row + 1
