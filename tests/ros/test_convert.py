@@ -66,3 +66,15 @@ def test_time_survives_the_stamp(tick):
     again = converter.unpack(converter.codec.decode(converter.pack(value)))
     assert again.t == pytest.approx(t, rel=1e-15)
     assert converter.pack(again) == converter.pack(value)
+
+
+def test_read_shares_equal_bytes_and_nothing_else():
+    converter, other = Converter(types.MotionCommand), Converter(types.MotionCommand)
+    rng = np.random.default_rng(3)
+    first, second = (converter.pack(example(types.MotionCommand, rng)) for _ in range(2))
+    one = converter.read(first)
+    assert other.read(bytes(bytearray(first))) is one
+    two = other.read(second)
+    assert two is not one
+    np.testing.assert_array_equal(two.q, other.unpack(other.codec.decode(second)).q)
+    np.testing.assert_array_equal(converter.read(first).q, one.q)

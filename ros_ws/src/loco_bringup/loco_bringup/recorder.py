@@ -21,7 +21,7 @@ from loco_msgs.msg import RecorderStatus
 from .bag_writer import BagWriter, qos_dict
 from .interfaces import definition, type_hash, type_name
 
-_STATUS_EVERY = 10  # ticks between two recorder_status messages
+_STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
 
 

@@ -180,7 +180,7 @@ class TickJoin:
         self.done = tick
         self._meter.mark()
         waiting = self._waiting
-        self._step(*[c.unpack(c.codec.decode(waiting[n])) for n, c in self._converters.items()])
+        self._step(*[converter.read(waiting[name]) for name, converter in self._converters.items()])
 
 
 class PeriodMeter:

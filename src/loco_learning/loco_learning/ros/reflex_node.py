@@ -23,8 +23,7 @@ class ReflexNetworkNode(LocoNode):
         seed = self.declare_parameter("seed", 0).value
         self._save_to = self.declare_parameter("save_weights", "").value
         self.network = ReflexNetwork(declare(self, LearnerParams(), "learner."), dt, seed)
-        self.network.step(blank(RobotState), blank(GaitTarget))
-        self.network.reset()
+        self._compile(dt)
         self._phase = -1
         self._error = 0.0
         self._command, self._pack_command = (
@@ -37,6 +36,13 @@ class ReflexNetworkNode(LocoNode):
         )
         self.join({"robot_state": RobotState, "gait_target": GaitTarget}, self._step)
         self.announce_ready()
+
+    def _compile(self, dt: float) -> None:
+        """One step that learns, then back to the start: the kernels are ready before a tick is."""
+        state = blank(RobotState)
+        state.tick = round(self.network.params.stand / dt)
+        self.network.step(state, blank(GaitTarget))
+        self.network.reset()
 
     def _step(self, state: RobotState, target: GaitTarget) -> None:
         command, learning = self.network.step(state, target)
