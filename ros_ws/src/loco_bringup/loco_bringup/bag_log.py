@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from loco_control.exceptions import BagError
+from loco_control.ros.convert import SHAPES
 from loco_control.types import GroundTruth
 from loco_learning.experiment import from_values
 from loco_learning.log import PARTS, Log
@@ -17,7 +18,6 @@ from .bag import Bag
 from .rollout_bag import TOPIC_OF
 
 _TRUTH = "ground_truth/odom"
-_SHAPES = {"grf": (-1, 4, 3), "foot_position": (-1, 4, 3), "foot_velocity": (-1, 4, 3)}
 
 
 def read_log(bag: Bag) -> Log:
@@ -64,7 +64,7 @@ def _stack(part: str, records: np.ndarray):
     for f in dataclasses.fields(cls):
         if f.name not in values:
             column = np.ascontiguousarray(records[f.name])
-            values[f.name] = column.reshape(_SHAPES[f.name]) if f.name in _SHAPES else column
+            values[f.name] = column.reshape(-1, *SHAPES[f.name]) if f.name in SHAPES else column
     return cls(**values)
 
 

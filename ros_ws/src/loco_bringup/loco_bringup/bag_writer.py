@@ -16,6 +16,9 @@ import yaml
 from mcap.writer import CompressionType, Writer
 
 from loco_control.exceptions import BagError
+from loco_control.ros.topics import Topic
+
+from .interfaces import definition, type_hash, type_name
 
 CHUNK_SIZE = 256 * 1024
 LIBRARY = "loco"
@@ -80,6 +83,12 @@ class BagWriter:
             "type_description_hash": hash_,
         }
         self._channels[name] = _Channel(channel, meta)
+
+    def add_row(self, name: str, row: Topic) -> None:
+        """Announce a topic of the table under the name `name`."""
+        kind = type_name(row.type)
+        qos = qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)
+        self.add_topic(name, kind, definition(kind), type_hash(kind), [qos])
 
     def write(self, topic: str, data: bytes, t: int, sequence: int = 0) -> None:
         """Append a serialised message with its simulated time [ns]."""

@@ -18,8 +18,7 @@ from loco_control.ros.node import LocoNode, run_nodes
 from loco_control.ros.topics import TOPICS, Topic, to_stamp
 from loco_msgs.msg import RecorderStatus
 
-from .bag_writer import BagWriter, qos_dict
-from .interfaces import definition, type_hash, type_name
+from .bag_writer import BagWriter
 
 _STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
@@ -50,10 +49,8 @@ class RecorderNode(LocoNode):
         self.announce_ready()
 
     def _subscribe(self, row: Topic) -> None:
-        kind = type_name(row.type)
         name = self.resolve_topic_name(row.name)
-        qos = [qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)]
-        self.writer.add_topic(name, kind, definition(kind), type_hash(kind), qos)
+        self.writer.add_row(name, row)
         fields = list(row.type.get_fields_and_field_types())
         ticked = fields[:2] == ["stamp", "tick"] and row.rate > 0
         # Topics of other people and /diagnostics are stamped with wall time.

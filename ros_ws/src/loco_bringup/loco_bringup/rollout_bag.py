@@ -20,8 +20,7 @@ from loco_learning.log import PARTS, Log
 from loco_learning.rollout import rollout
 from loco_sim.ros.tools import encoders
 
-from .bag_writer import BagWriter, qos_dict
-from .interfaces import definition, type_hash, type_name
+from .bag_writer import BagWriter
 from .run import Outcome, Progress, describe, duration_of
 
 TOPIC_OF = {  # in the order of a tick
@@ -66,10 +65,7 @@ def write_log(log: Log, folder: Path) -> None:
     packs = {part: (name, Converter(PARTS[part]).pack) for part, name in TOPIC_OF.items()}
     truth = encoders(JOINTS)[_TRUTH]
     for name in (*TOPIC_OF.values(), _TRUTH):
-        row = topic(name)
-        kind = type_name(row.type)
-        qos = [qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)]
-        writer.add_topic("/" + name, kind, definition(kind), type_hash(kind), qos)
+        writer.add_row("/" + name, topic(name))
     for tick in range(len(log)):
         t = round(log.t[tick] * 1e9)
         rows = {part: _row(getattr(log, part), PARTS[part], tick) for part in PARTS}

@@ -18,7 +18,7 @@ from .codec import Codec
 T = TypeVar("T")
 
 TICK = slice(12, 20)  # bytes of the tick in every message of a tick: after header and stamp
-_SHAPES = {"grf": (4, 3), "foot_position": (4, 3), "foot_velocity": (4, 3)}
+SHAPES = {"grf": (4, 3), "foot_position": (4, 3), "foot_velocity": (4, 3)}
 _MESSAGES = {
     cls: getattr(loco_msgs.msg, cls.__name__)
     for cls in (
@@ -54,7 +54,7 @@ class Converter:
         self._stamp = stamp_views(self._record, "stamp")
         at = self.codec.dtype.names.index
         self._head = at("stamp.sec"), at("stamp.nanosec"), at("tick")
-        self._places = [(at(name), _SHAPES.get(name)) for name in names]
+        self._places = [(at(name), SHAPES.get(name)) for name in names]
 
     def pack(self, value: Any) -> bytes:
         """Serialised message of `value`."""

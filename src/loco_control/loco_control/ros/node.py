@@ -23,7 +23,7 @@ from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
 from .convert import TICK, Converter
-from .topics import TOPICS, Topic, to_stamp, topic
+from .topics import Topic, to_stamp, topic
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +43,6 @@ class LocoNode(Node):
         self._periods = PeriodMeter()
         self._events = self.output("events")
         self._diagnostics = self.output("/diagnostics")
-        self._on_ready: Callable[[], None] = lambda: None
         self._ready_timer = None
         self.create_timer(1.0, self.publish_diagnostics)
 
@@ -78,9 +77,8 @@ class LocoNode(Node):
             self.input(name, join.receiver(name), raw=True)
         return join
 
-    def announce_ready(self, then: Callable[[], None] = lambda: None) -> None:
+    def announce_ready(self) -> None:
         """Publish the event ``ready`` once every endpoint is matched in both directions."""
-        self._on_ready = then
         self._ready_timer = self.create_timer(0.02, self._check_ready)
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
@@ -123,7 +121,6 @@ class LocoNode(Node):
             self._ready_timer.cancel()
             self._ready_timer = None
             self.event("ready")
-            self._on_ready()
 
     def publish_diagnostics(self) -> None:
         """Publish the figures since the last call; a timer does it at 1 Hz."""
@@ -262,6 +259,3 @@ def _paced(row: Topic) -> bool:
 
 def _text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-__all__ = ["TOPICS", "LocoNode", "TickJoin", "run_nodes"]
