@@ -14,7 +14,13 @@ import numpy as np
 
 from loco_control.exceptions import MissingFileError, ParameterError
 
-FORMATS = {"weights": 1, "log": 1, "case": 1}  # kinds of file and their versions
+FORMATS = {  # kinds of file and their versions
+    "weights": 1,
+    "joint_weights": 1,
+    "log": 1,
+    "joint_log": 1,
+    "case": 1,
+}
 
 
 def write(

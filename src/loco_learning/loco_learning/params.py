@@ -18,8 +18,26 @@ ACTIVATIONS = ("tanh", "relu")
 SCALINGS = ("plateau", "author")
 
 
+class PhasedParams(Params):
+    """What all networks' parameters share: the lengths of the phases, as fields named like them."""
+
+    enabled: bool
+    weights: str
+    closing_block: int
+
+    @property
+    def durations(self) -> dict[str, float]:
+        """Length of each phase [s], in the order of `PHASES`."""
+        return {phase: getattr(self, phase) for phase in PHASES}
+
+    @property
+    def duration(self) -> float:
+        """Length of all phases together [s]."""
+        return sum(self.durations.values())
+
+
 @dataclass(frozen=True)
-class LearnerParams(Params):
+class LearnerParams(PhasedParams):
     """Shape, scaling and schedule of the reflex network.
 
     Two scalings exist. ``plateau`` divides each force by `grf_scale`, so that a
@@ -55,16 +73,6 @@ class LearnerParams(Params):
         super().__post_init__()
         if self.duration <= 0.0:
             raise ParameterError("stand + train + closing + test must last longer than 0 s")
-
-    @property
-    def durations(self) -> dict[str, float]:
-        """Length of each phase [s], in the order of `PHASES`."""
-        return {phase: getattr(self, phase) for phase in PHASES}
-
-    @property
-    def duration(self) -> float:
-        """Length of all phases together [s]."""
-        return sum(self.durations.values())
 
 
 @dataclass(frozen=True)

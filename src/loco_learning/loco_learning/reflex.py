@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import zlib
-from bisect import bisect_right
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,12 @@ from .params import OUTPUT_JOINTS, PHASES, REFERENCES, LearnerParams
 from .readout import Readout
 from .reservoir import DelayLine, ElmLayer, GrfFilter
 from .scaling import OUTPUTS, SCALING
+from .schedule import CLOSING, STAND, TEST, TRAIN, Schedule
 
-__all__ = ["OUTPUT_JOINTS", "PHASES", "REFERENCES", "LearnerParams", "ReflexNetwork"]
-
-STAND, TRAIN, CLOSING, TEST = range(len(PHASES))
+__all__ = [
+    "CLOSING", "OUTPUT_JOINTS", "PHASES", "REFERENCES", "STAND", "TEST", "TRAIN",
+    "LearnerParams", "ReflexNetwork",
+]  # fmt: skip
 
 
 class ReflexNetwork:
@@ -37,15 +38,19 @@ class ReflexNetwork:
     test        prediction       rests
     ==========  ===============  =====================================
 
-    In closing, of each block of ticks the last share rho only predicts, where
-    rho grows from 0 to 1; what ramps is the learning, never a mix of signals.
-    Source: thesis section 7.2.3; the block from the author's code.
+    How learning fades in closing is told in `Schedule`. Source: thesis section 7.2.3.
 
     Args:
         params: Shape, scaling and schedule.
         dt: Control period [s].
         seed: Seed of the hidden weights.
     """
+
+    KIND = "weights"  # of file in `archive.FORMATS`
+    PARAMS = LearnerParams
+    # Must agree to reuse weights:
+    SHAPING = ("memory", "neurons", "activation", "scaling", "window", "bias_input")
+    TRAINED = ("hidden", "readout", "scaling")  # parts that training makes; the rest is state
 
     def __init__(self, params: LearnerParams, dt: float, seed: int = 0):
         self.params, self.dt, self.seed = params, dt, seed
@@ -60,8 +65,7 @@ class ReflexNetwork:
         )
         first = self.scaling.first_weights(p, rng)
         self.readout = Readout(p.neurons, OUTPUTS, p.regularisation, first)
-        ends = np.cumsum(list(p.durations.values()))
-        self._ends = [round(end / dt) for end in ends.tolist()]  # first tick after each phase
+        self.schedule = Schedule(p, dt)
         self.refresh()
         if p.weights:
             weights.restore_weights(self, p.weights)
@@ -91,8 +95,8 @@ class ReflexNetwork:
         Returns:
             Joint references for the plant, and what the network did.
         """
-        phase = self._phase_of(state.tick)
-        learning = self._learns(state.tick, phase)
+        phase = self.schedule.phase_of(state.tick)
+        learning = self.schedule.learns(state.tick, phase)
         driving = self.params.enabled and phase >= CLOSING
         prediction = self._predict(state, target, learning)
         q, dq, error = references(target.q, target.dq, prediction, driving)
@@ -116,20 +120,7 @@ class ReflexNetwork:
 
     def phase_at(self, t: float) -> int:
         """Index in `PHASES` at simulated time t [s]; test goes on after its end."""
-        return self._phase_of(round(t / self.dt))
-
-    def _phase_of(self, tick: int) -> int:
-        return min(bisect_right(self._ends, tick), TEST)
-
-    def _learns(self, tick: int, phase: int) -> bool:
-        if not self.params.enabled or self.params.weights or phase not in (TRAIN, CLOSING):
-            return False
-        if phase == TRAIN:
-            return True
-        start, stop = self._ends[TRAIN], self._ends[CLOSING]
-        rho = (tick - start) / (stop - start)
-        block = self.params.closing_block
-        return tick % block < block * (1.0 - rho)
+        return self.schedule.phase_at(t)
 
     def parts(self) -> dict[str, Any]:
         """Parts with a `state()` to save, by name."""
@@ -140,6 +131,15 @@ class ReflexNetwork:
             "grf_filter": self.grf_filter,
             "delay_line": self.delay_line,
         }
+
+    def about(self) -> dict[str, Any]:
+        """What a weight file says beside the parameters."""
+        return {"dt": self.dt, "seed": self.seed}
+
+    @classmethod
+    def remade(cls, params: LearnerParams, about: dict[str, Any]) -> ReflexNetwork:
+        """Untrained network like the one that wrote `about`."""
+        return cls(params, about["dt"], about["seed"])
 
     def save(self, path: str | Path) -> None:
         """Write weights, configuration, seed and running state to one ``.npz`` file."""

@@ -40,23 +40,23 @@ class DelayLine:
 
 
 class GrfFilter:
-    """Moving average of the vertical forces, then a dead zone.
+    """Moving average of a few signals, by default four vertical forces, then a dead zone.
 
     The average runs over the samples seen so far until the window is full.
     Source: thesis section 7.3.3, item 2 (15 samples and a threshold).
     """
 
-    def __init__(self, window: int, threshold: float = 0.0):
-        self.window, self.threshold = window, threshold
+    def __init__(self, window: int, threshold: float = 0.0, size: int = 4):
+        self.window, self.threshold, self.size = window, threshold, size
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._line = DelayLine(self.window, 4)
+        self._line = DelayLine(self.window, self.size)
         self._seen = np.zeros(1, dtype=np.int64)
 
     def step(self, grf: np.ndarray) -> np.ndarray:
-        """Average the vertical forces (4,) [N] over the window, shape (4,)."""
+        """Average the samples (size,), forces in [N], over the window, shape (size,)."""
         line = self._line.step(grf)
         return average(line, self._seen, self.threshold)
 
