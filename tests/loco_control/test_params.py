@@ -13,6 +13,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.gait import GaitParams
 from loco_control.impedance import ImpedanceParams
 from loco_control.kinematics import LegGeometry
+from loco_control.oscillators import CpgParams
 from loco_control.params import Params, from_dict, parameter, to_dict
 from loco_control.stance import StanceParams
 from loco_control.trunk import TrunkParams
@@ -37,7 +38,7 @@ class Outer(Params):
     anything: object = parameter(None, "not checked")
 
 
-ALL = [Inner, Outer, GaitParams, ImpedanceParams, LegGeometry, StanceParams, TrunkParams]
+ALL = [Inner, Outer, CpgParams, GaitParams, ImpedanceParams, LegGeometry, StanceParams, TrunkParams]
 
 
 @pytest.mark.parametrize("cls", ALL)

@@ -28,6 +28,7 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] | None = None,
+    any_length: bool = False,
 ) -> Any:
     """Field of a `Params` class with its meaning, unit and legal values.
 
@@ -38,8 +39,10 @@ def parameter(
         low: Smallest legal value (each element for tuples).
         high: Largest legal value (each element for tuples).
         choices: Legal texts, for fields that are names.
+        any_length: A tuple may have any number of values from one, not only as many as `default`.
     """
     meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    meta["any_length"] = any_length
     if dataclasses.is_dataclass(default):
         return field(default_factory=lambda: default, metadata=meta)
     return field(default=default, metadata=meta)
@@ -109,9 +112,11 @@ def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
         return value
     name = f"{owner}.{f.name}"
     if isinstance(default, tuple):
-        if isinstance(value, str) or not hasattr(value, "__len__"):
-            raise ParameterError(f"{name} must be a list of {len(default)} numbers, got {value!r}")
-        if len(default) and len(value) != len(default):
+        many = f.metadata.get("any_length", False)
+        if isinstance(value, str) or not hasattr(value, "__len__") or (many and not len(value)):
+            size = "one or more" if many else len(default)
+            raise ParameterError(f"{name} must be a list of {size} numbers, got {value!r}")
+        if len(default) and len(value) != len(default) and not many:
             raise ParameterError(f"{name} must have {len(default)} values, got {len(value)}")
         kind = default[0] if default else 0.0
         return tuple(_scalar(f"{name}[{i}]", kind, v, f.metadata) for i, v in enumerate(value))
