@@ -19,13 +19,13 @@ def base_at(z=0.6, orientation=LEVEL, velocity=(0, 0, 0), spin=(0, 0, 0)):
 
 
 def test_at_rest_the_accelerometer_reads_gravity_along_the_worlds_up():
-    still = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.004, 9.81)
+    still = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.004, (0.0, 0.0, -9.81))
     assert specific_force(rotation_matrix(LEVEL), *still) == pytest.approx((0, 0, 9.81))
     assert specific_force(rotation_matrix(UP_SIDE), *still) == pytest.approx((0, 9.81, 0))
 
 
 def test_in_free_fall_it_reads_nothing():
-    fall = ((0.0, 0.0, -1.0), (0.0, 0.0, -1.0 - 9.81 * 0.004), 0.004, 9.81)
+    fall = ((0.0, 0.0, -1.0), (0.0, 0.0, -1.0 - 9.81 * 0.004), 0.004, (0.0, 0.0, -9.81))
     assert specific_force(rotation_matrix(UP_SIDE), *fall) == pytest.approx((0, 0, 0), abs=1e-12)
 
 

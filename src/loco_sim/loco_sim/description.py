@@ -80,6 +80,12 @@ class Description:
         found = self._find("joint", joint).find("dynamics")
         return 0.0 if found is None else float(found.get("damping", 0.0))
 
+    def joint_types(self) -> dict[str, str]:
+        """Type of each joint that moves."""
+        moving = ("revolute", "continuous", "prismatic")
+        joints = self._root.findall("joint")
+        return {j.get("name", ""): j.get("type") for j in joints if j.get("type") in moving}
+
     def mass(self) -> float:
         """Mass of all links [kg]."""
         return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
@@ -91,13 +97,7 @@ class Description:
             NameUnknownError: There is no such link.
             ParameterError: The link has no inertia, or turned axes for it.
         """
-        inertial = self._find("link", link).find("inertial")
-        origin = None if inertial is None else inertial.find("origin")
-        if inertial is None or (origin is not None and _turned(origin)):
-            raise ParameterError(f"link {link!r} needs an <inertial> along its own axes")
-        if origin is None:
-            origin = ET.SubElement(inertial, "origin", xyz="0 0 0")
-        weight, tensor = inertial.find("mass"), inertial.find("inertia")
+        weight, tensor, origin = self._inertial(link)
         ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
         inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
         com = np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
@@ -108,6 +108,62 @@ class Description:
         origin.set("xyz", " ".join(repr(float(v)) for v in com))
         for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
             tensor.set(key, repr(float(value)))
+
+    def set_mass(self, link: str, mass: float) -> None:
+        """Give a link a mass [kg]; its inertia changes in proportion.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no mass to begin with.
+        """
+        weight, tensor, _ = self._inertial(link)
+        old = float(weight.get("value", 0.0))
+        if old <= 0.0:
+            raise ParameterError(f"link {link!r} needs a mass above 0 to be given another")
+        weight.set("value", repr(float(mass)))
+        for key in TENSOR:
+            tensor.set(key, repr(float(tensor.get(key, 0.0)) * mass / old))
+
+    def add_inertia(self, link: str, diagonal: tuple[float, float, float]) -> None:
+        """Add moments of inertia [kg·m²] about the axes of a link, e.g. of a rotor.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia, or turned axes for it.
+        """
+        _, tensor, _ = self._inertial(link)
+        for key, extra in zip(("ixx", "iyy", "izz"), diagonal, strict=True):
+            tensor.set(key, repr(float(tensor.get(key, 0.0)) + float(extra)))
+
+    def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
+        """Move the centre of mass of a link [m]; the inertia about it stays.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia, or turned axes for it.
+        """
+        _, _, origin = self._inertial(link)
+        com = [float(v) for v in origin.get("xyz", "0 0 0").split()]
+        moved = [c + float(o) for c, o in zip(com, offset, strict=True)]
+        origin.set("xyz", " ".join(repr(v) for v in moved))
+
+    def set_damping(self, joint: str, value: float) -> None:
+        """Give a joint a viscous damping [N·m·s/rad]."""
+        element = self._find("joint", joint)
+        dynamics = element.find("dynamics")
+        if dynamics is None:
+            dynamics = ET.SubElement(element, "dynamics")
+        dynamics.set("damping", repr(float(value)))
+
+    def _inertial(self, link: str) -> tuple[ET.Element, ET.Element, ET.Element]:
+        """Elements of a link's mass, inertia tensor and centre of mass."""
+        inertial = self._find("link", link).find("inertial")
+        origin = None if inertial is None else inertial.find("origin")
+        if inertial is None or (origin is not None and _turned(origin)):
+            raise ParameterError(f"link {link!r} needs an <inertial> along its own axes")
+        if origin is None:
+            origin = ET.SubElement(inertial, "origin", xyz="0 0 0")
+        return inertial.find("mass"), inertial.find("inertia"), origin
 
     def text(self, folder: Path | None = None) -> str:
         """The URDF; with `folder`, relative mesh files are found from there."""

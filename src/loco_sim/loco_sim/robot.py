@@ -8,6 +8,7 @@ Everything that differs between robots is in these two files; ``world.py`` and
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from loco_control.exceptions import MissingFileError, NameUnknownError, Paramete
 from loco_control.params import Params, from_dict, parameter
 
 from .description import Description
+from .params import SimParams
 
 ASSETS = Path(__file__).parent / "assets"
 
@@ -46,6 +48,9 @@ class Robot:
         fixed_base: The base is bolted to the world.
         height: Height of the base at the start [m]; None puts the lowest foot on the ground.
         fall: When the robot counts as fallen.
+        driven: Indices in `joints` of those with a drive, (m,); the others are passive.
+        control_rate: Rate at which the robot is usually commanded [Hz].
+        sim: Physics that suits the robot.
     """
 
     name: str
@@ -58,6 +63,9 @@ class Robot:
     fixed_base: bool = False
     height: float | None = None
     fall: FallLimits = FallLimits()
+    driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    control_rate: float = 250.0
+    sim: SimParams = SimParams()
 
 
 def names() -> list[str]:
@@ -98,7 +106,20 @@ def load(name_or_path: str | Path) -> Robot:
         fixed_base=bool(values.get("fixed_base", False)),
         height=None if height is None else float(height),
         fall=from_dict(FallLimits, values.get("fall"), f"{path}: fall"),
+        driven=np.arange(len(joints)),
     )
+
+
+def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
+    """Indices of the joints that a name or fnmatch pattern names.
+
+    Raises:
+        NameUnknownError: It names none.
+    """
+    found = [i for i, joint in enumerate(joints) if fnmatchcase(joint, pattern)]
+    if not found:
+        raise NameUnknownError("joint", pattern, joints)
+    return np.array(found)
 
 
 def _path(name_or_path: str | Path) -> Path:

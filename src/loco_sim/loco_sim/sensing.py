@@ -18,7 +18,7 @@ from .world import Base
 
 
 def specific_force(
-    rotation: Rotation, before: Triple, after: Triple, period: float, gravity: float
+    rotation: Rotation, before: Triple, after: Triple, period: float, gravity: Triple
 ) -> Triple:
     """What an accelerometer at the base origin reads, mean over a period: Rᵀ (dv/dt - g).
 
@@ -27,13 +27,13 @@ def specific_force(
         before: Velocity of the base origin at the start, in world [m/s].
         after: At the end.
         period: Between the two [s].
-        gravity: Acceleration of gravity, downwards [m/s²].
+        gravity: Acceleration of gravity, in world [m/s²].
 
     Returns:
         Specific force in the base frame [m/s²]: (0, 0, +g) at rest.
     """
-    (ax, ay, az), (bx, by, bz) = before, after
-    change = (bx - ax) / period, (by - ay) / period, (bz - az) / period + gravity
+    (ax, ay, az), (bx, by, bz), (gx, gy, gz) = before, after, gravity
+    change = (bx - ax) / period - gx, (by - ay) / period - gy, (bz - az) / period - gz
     return rotate_back(rotation, change)
 
 

@@ -47,23 +47,25 @@ class Simulation:
 
     def __init__(
         self,
-        params: SimParams,
-        impedance: ImpedanceParams | GainsOf,
+        params: SimParams | None = None,
+        impedance: ImpedanceParams | GainsOf | None = None,
         effects: Sequence[Effect] = (),
         seed: int = 0,
-        dt: float = 0.004,
+        dt: float | None = None,
         robot: str | robots.Robot = "hyq",
         standing: np.ndarray | None = None,
     ):
         """Build the world; nothing moves before `reset`.
 
         Args:
-            params: Physics and sensors.
+            params: Physics and sensors; default the robot's.
             impedance: Gains of the joint impedance, or a function from stance flags (m,)
-                to kp and kd (n,) for robots with other legs than HyQ's, or none.
+                to kp and kd (n,) for robots with other legs than HyQ's, or none. Robots
+                whose drives are in ``robot.yaml`` need none.
             effects: Departures from the ideal plant; the order matters.
             seed: Of the random streams of the effects.
-            dt: Control period [s], a whole multiple of the physics step.
+            dt: Control period [s], a whole multiple of the physics step; default the
+                robot's.
             robot: Name, path or `Robot`.
             standing: Joint positions at the start [rad], (n,); default the robot's.
 
@@ -72,6 +74,8 @@ class Simulation:
                 need more sub-steps than `params.max_substeps`.
         """
         self.robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
+        params = self.robot.sim if params is None else params
+        dt = 1.0 / self.robot.control_rate if dt is None else dt
         self.dt, self._params, self._impedance = dt, params, impedance
         self._effects, self._seed = list(effects), seed
         self._standing = np.array(self.robot.standing if standing is None else standing, float)
@@ -80,6 +84,13 @@ class Simulation:
         self._refine()
         self.physics_dt = self._world.dt
         self._drive = Drive(impedance, self.robot.effort, len(self.robot.feet))
+        self._no_trunk = TrunkTorque(
+            tick=0,
+            t=0.0,
+            tau=np.zeros(len(self.robot.joints)),
+            wrench=np.zeros(6),
+            stance=np.ones(len(self.robot.feet), dtype=bool),
+        )
         self._force_count, self._mean_grf = 3 * len(self.robot.feet), params.grf == "mean"
         self.reset()
 
@@ -114,11 +125,19 @@ class Simulation:
         self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
-        self._on_command, self._on_torque, self._on_step, self._on_measurement = (
+        (
+            self._on_command,
+            self._on_torque,
+            self._on_brake,
+            self._on_step,
+            self._on_measurement,
+        ) = (
             windows(self._effects, hook, self.physics_dt)
-            for hook in ("on_command", "on_torque", "on_step", "on_measurement")
+            for hook in ("on_command", "on_torque", "on_brake", "on_step", "on_measurement")
         )
-        self._affected = bool(self._on_command or self._on_torque or self._on_step)
+        self._affected = bool(
+            self._on_command or self._on_torque or self._on_brake or self._on_step
+        )
         self._tick = self._step = self.rejected = 0
         self.fallen: str | None = None
         self._drive.reset(self._standing)
@@ -128,18 +147,19 @@ class Simulation:
 
     # ---- one control period ------------------------------------------------------
 
-    def step(self, command: MotionCommand, trunk: TrunkTorque) -> RobotState:
+    def step(self, command: MotionCommand, trunk: TrunkTorque | None = None) -> RobotState:
         """Run one control period with the command held, then measure.
 
         Args:
             command: Joint references.
-            trunk: Feed-forward torque and the legs that use stance gains.
+            trunk: Feed-forward torque and the legs that use stance gains; None is no
+                torque and all legs in stance.
 
         Raises:
             DivergedError: The state is no longer finite; or the command is not, and
                 `SimParams.safety` is off.
         """
-        if not self._drive.accept(command, trunk):
+        if not self._drive.accept(command, trunk or self._no_trunk):
             self._reject()
         world, before = self._world, self._base.velocity
         taus, grf = [], [0.0] * self._force_count
@@ -176,36 +196,55 @@ class Simulation:
                     q, dq = change(q, dq, t)
             drive.follow(q, dq)
         tau = drive.torque(joints)
-        if self._on_torque:
-            now = np.array(tau)
-            q, dq = (np.array([joint[i] for joint in joints]) for i in (0, 1))
-            for start, stop, change in self._on_torque:
-                if start <= step < stop:
-                    now = change(now, q, dq, self.physics_dt, t)
-            tau = now.tolist()
+        if self._on_torque or self._on_brake:
+            tau = self._changed(tau, joints, t)
         for start, stop, act in self._on_step:
             if start <= step < stop:
                 act(self._world, t)
         return tau
 
+    def _changed(self, tau: list[float], joints: tuple, t: float) -> list[float]:
+        """Torques after the effects that change them; brakes the joints."""
+        step, now, dt = self._step, np.array(tau), self.physics_dt
+        q, dq = (np.array([joint[i] for joint in joints]) for i in (0, 1))
+        for start, stop, change in self._on_torque:
+            if start <= step < stop:
+                now = change(now, q, dq, dt, t)
+        if self._on_brake:
+            budget = np.zeros(len(now))
+            for start, stop, brake in self._on_brake:
+                if start <= step < stop:
+                    budget = brake(budget, now, q, dq, dt, t)
+            self._world.brake(budget.tolist())
+        return now.tolist()
+
     def _sense(self, tau: list[float], grf: list[float], before: tuple) -> RobotState:
         base, t = self._base, self._tick * self.dt
         q, dq, _, _ = zip(*self._joints, strict=True)
+        self._q, self._dq = q, dq
         check_finite(t, q, dq, base.position, base.velocity, tau)
         rotation = rotation_matrix(base.orientation)
         if self.fallen is None:
             self.fallen = fall_reason(base, rotation, self.robot.fall)
-        force = specific_force(rotation, before, base.velocity, self.dt, self._params.gravity)
+        force = specific_force(rotation, before, base.velocity, self.dt, self._world.gravity)
         threshold = self._params.contact_threshold
-        state = robot_state(
-            self._tick, t, (q, dq), tau, grf, base, force, rotation, threshold
-        )
+        state = robot_state(self._tick, t, (q, dq), tau, grf, base, force, rotation, threshold)
         for start, stop, change in self._on_measurement:
             if start <= self._step < stop:
                 state = change(state)
         return state
 
     # ---- beside the sensors ------------------------------------------------------
+
+    @property
+    def true_q(self) -> np.ndarray:
+        """Joint positions [rad], (n,), whatever the sensors say."""
+        return np.array(self._q)
+
+    @property
+    def true_dq(self) -> np.ndarray:
+        """Joint velocities [rad/s], (n,), whatever the sensors say."""
+        return np.array(self._dq)
 
     def ground_truth(self) -> GroundTruth:
         """What only the simulator knows, at the current tick."""

@@ -28,7 +28,7 @@ import numpy as np
 from .description import Description
 from .geometry import multiply, rotate, rotation_matrix
 from .params import SimParams
-from .robot import Robot
+from .robot import Robot, joint_index
 
 
 def _import_pybullet():
@@ -69,6 +69,9 @@ class World:
     Attributes:
         description: The URDF, which `configure` functions may edit.
         friction: Friction of single links; others have the world's.
+        contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
+            have the world's.
+        gravity: Acceleration of gravity [m/s²], (3,); a slope is gravity turned.
         dt: Physics step [s].
     """
 
@@ -82,6 +85,21 @@ class World:
         self._body = self._ground = -1
         self.description = Description(robot.urdf)
         self.friction: dict[str, float] = {}
+        self.contact: dict[str, tuple[float, float]] = {}
+        self.gravity: Triple = (0.0, 0.0, -params.gravity)
+
+    @property
+    def driven(self) -> np.ndarray:
+        """Indices of the joints with a drive in the robot's joints, (m,)."""
+        return self.robot.driven
+
+    def joint_index(self, pattern: str) -> np.ndarray:
+        """Indices of the robot's joints that a name or fnmatch pattern names.
+
+        Raises:
+            NameUnknownError: It names none.
+        """
+        return joint_index(self.robot.joints, pattern)
 
     def close(self) -> None:
         """Free the client; calling again does nothing."""
@@ -98,10 +116,12 @@ class World:
         Args:
             q: Joint positions [rad], (n,).
             configure: Called with this world before the robot is loaded; may edit
-                `description` and `friction`.
+                `description`, `friction`, `contact` and `gravity`.
             height: Of the base [m]; None puts the lowest foot on the ground.
         """
         self.description, self.friction = Description(self.robot.urdf), {}
+        self.contact, self.gravity = {}, (0.0, 0.0, -self.params.gravity)
+        self._braked = False
         for function in configure:
             function(self)
         self._load(0.0 if height is None else height)
@@ -114,7 +134,7 @@ class World:
         c, p = self._client, self.params
         pybullet.resetSimulation(physicsClientId=c)
         pybullet.setTimeStep(self.dt, physicsClientId=c)
-        pybullet.setGravity(0.0, 0.0, -p.gravity, physicsClientId=c)
+        pybullet.setGravity(*self.gravity, physicsClientId=c)
         pybullet.setPhysicsEngineParameter(
             numSolverIterations=p.solver_iterations,
             deterministicOverlappingPairs=1,
@@ -170,12 +190,12 @@ class World:
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=c)
         awake = pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
         pybullet.changeDynamics(body, -1, activationState=awake, physicsClientId=c)
-        values = {"restitution": p.restitution}
-        if p.contact_stiffness > 0.0:
-            values["contactStiffness"] = p.contact_stiffness
-            values["contactDamping"] = p.contact_damping
         for name, link in self._links.items():
+            values = {"restitution": p.restitution}
             friction = self.friction.get(name, p.friction)
+            soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
+            if soft[0] > 0.0:
+                values["contactStiffness"], values["contactDamping"] = soft
             pybullet.changeDynamics(
                 body, link, lateralFriction=friction, **values, physicsClientId=c
             )
@@ -209,6 +229,32 @@ class World:
         )
         pybullet.stepSimulation(self._client)
 
+    def brake(self, budget: Sequence[float]) -> None:
+        """Let each joint be stopped by up to this torque from now on.
+
+        The engine solves it with the contacts: a constraint of zero velocity whose
+        torque is at most the budget. It acts beside the torque given to `step`.
+
+        Args:
+            budget: Largest stopping torque [N·m], (n,), >= 0.
+        """
+        if any(budget):
+            if not self._braked:  # else iterations end early and held joints creep
+                pybullet.setPhysicsEngineParameter(
+                    solverResidualThreshold=0.0, physicsClientId=self._client
+                )
+            self._braked = True
+        elif not self._braked:
+            return
+        pybullet.setJointMotorControlArray(
+            self._body,
+            self._joints,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=[0.0] * len(self._joints),
+            forces=budget,
+            physicsClientId=self._client,
+        )
+
     def joint_states(self) -> tuple[tuple[float, float, tuple, float], ...]:
         """Per joint: position [rad], velocity [rad/s], and two things of no use here."""
         return pybullet.getJointStates(self._body, self._joints, self._client)
@@ -220,9 +266,7 @@ class World:
             total: x y z of each foot in turn, (3 m,); changed in place.
         """
         slots = self._foot_slot
-        contacts = pybullet.getContactPoints(
-            self._body, self._ground, physicsClientId=self._client
-        )
+        contacts = pybullet.getContactPoints(self._body, self._ground, physicsClientId=self._client)
         for _, _, _, link, _, _, _, normal, _, press, along, slide, across, side in contacts:
             if link in slots:
                 slot = slots[link]

@@ -61,10 +61,11 @@ class Effect:
             )
 
     def configure(self, world: World) -> None:
-        """Change the world before it is built: `world.description`, `world.friction`.
+        """Change the world before it is built: `world.description`, `world.friction`,
+        `world.contact`, `world.gravity`.
 
         Called at every reset, first, whatever `start` says. `world.dt` is the
-        physics step, `world.robot` the robot.
+        physics step, `world.robot` the robot; `world.joint_index` finds joints.
         """
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -100,6 +101,31 @@ class Effect:
             t: Time [s].
         """
         return tau
+
+    def on_brake(
+        self,
+        budget: np.ndarray,
+        tau: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        t: float,
+    ) -> np.ndarray:
+        """Torque that is there to stop each joint, e.g. dry friction.
+
+        The engine gives each joint as much of it as stops the joint and no more: it
+        never reverses a motion, never adds energy, and does not chatter. Called
+        before every physics step, after `on_torque`.
+
+        Args:
+            budget: Of the effects before this one [N·m], (n,), >= 0; add to it.
+            tau: Torque on the joints [N·m], (n,).
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            dt: Physics step [s].
+            t: Time [s].
+        """
+        return budget
 
     def on_step(self, world: World, t: float) -> None:
         """Act on the world, e.g. push it. Called before every physics step."""
