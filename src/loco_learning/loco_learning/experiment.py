@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
 
@@ -23,12 +23,18 @@ from loco_sim.params import SimParams
 
 from .params import CriterionParams, LearnerParams
 
+if TYPE_CHECKING:
+    from .joint_experiment import JointExperiment
+
 ROBOTS = ("hyq",)
+KINDS = ("gait", "joint")  # of experiments: this class, and `joint_experiment`
 
 
 @dataclass(frozen=True)
 class Experiment(Params):
     """Everything that decides a run; two runs of equal experiments are equal bit by bit."""
+
+    node_set: ClassVar[str] = "hyq"
 
     name: str = parameter("unnamed", "name in logs and reports")
     description: str = parameter("", "what it shows, for people")
@@ -72,8 +78,10 @@ def names() -> list[str]:
     return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
 
 
-def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
-    """Read an experiment.
+def load(
+    name_or_path: str | Path, overrides: Mapping[str, Any] | None = None
+) -> Experiment | JointExperiment:
+    """Read an experiment; ``kind: joint`` in it makes a `JointExperiment`.
 
     Args:
         name_or_path: One of `names()`, or a path that ends in ``.yaml``.
@@ -92,15 +100,24 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     return from_values(values, where=path.stem)
 
 
-def from_values(values: Mapping[str, Any], where: str = "") -> Experiment:
+def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | JointExperiment:
     """Experiment from nested plain values (what `to_dict` makes)."""
     values = dict(values)
+    kind = values.pop("kind", "gait")
+    if kind == "joint":
+        from . import joint_experiment
+
+        return joint_experiment.from_values(values, where)
+    if kind not in KINDS:
+        raise NameUnknownError("kind of experiment", str(kind), KINDS)
     effects = values.pop("effects", None) or ()
     made = from_dict(Experiment, values, where)
     return made.replace(effects=effects) if effects else made
 
 
-def override(experiment: Experiment, overrides: Mapping[str, Any]) -> Experiment:
+def override(
+    experiment: Experiment | JointExperiment, overrides: Mapping[str, Any]
+) -> Experiment | JointExperiment:
     """Copy of an experiment with some values changed, by dotted name."""
     values = to_dict(experiment)
     for key, value in overrides.items():
