@@ -23,7 +23,7 @@ ALLOWED = {
     "loco_sim": {"loco_control", "numpy", "numba", "yaml", "PIL"},
     "loco_learning": {
         *("loco_control", "loco_sim"),
-        *("numpy", "numba", "scipy", "cma", "yaml", "matplotlib"),
+        *("numpy", "numba", "scipy", "cma", "distributed", "yaml", "matplotlib"),
     },
 }
 # ROS and the messages: only in the ros folder of a package, and anywhere in loco_bringup.

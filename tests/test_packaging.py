@@ -27,7 +27,7 @@ PYTHON_PACKAGES = {
 MESSAGES = ROOT / "src/loco_msgs/msg"
 
 # The messages that are only for people and tools, and the type that only the simulator has.
-WITHOUT_TYPE = {"Event", "RecorderStatus"}
+WITHOUT_TYPE = {"CalibrationState", "Event", "Gap", "RecorderStatus"}
 WITHOUT_MESSAGE = {"GroundTruth"}
 
 
@@ -127,7 +127,7 @@ ROSDEP = {
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
 }
-ONLY_PIP = {"cma", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"}
+ONLY_PIP = {"cma", "distributed", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"}
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
@@ -246,8 +246,10 @@ def test_every_message_carries_tick_and_stamp_first(path):
 
 @pytest.mark.parametrize("package", ["loco_msgs", "tf2_msgs"])
 def test_every_message_is_built(package):
-    listed = re.findall(r"msg/\w+\.msg", read(f"src/{package}/CMakeLists.txt"))
-    there = sorted(f"msg/{path.name}" for path in (ROOT / "src" / package / "msg").glob("*"))
+    listed = re.findall(r"(?:msg|action)/\w+\.\w+", read(f"src/{package}/CMakeLists.txt"))
+    folder = ROOT / "src" / package
+    files = [*folder.glob("msg/*"), *folder.glob("action/*")]
+    there = sorted(path.relative_to(folder).as_posix() for path in files)
     assert sorted(listed) == there
 
 
@@ -258,6 +260,16 @@ def test_installed_messages_are_those_of_the_source():
     for path in MESSAGES.glob("*.msg"):
         built = getattr(loco_msgs.msg, path.stem).get_fields_and_field_types()
         assert list(built) == list(message_fields(path)), path.stem
+
+
+def test_installed_action_is_that_of_the_source():
+    from loco_msgs.action import Calibrate
+
+    text = (MESSAGES.parent / "action/Calibrate.action").read_text()
+    parts = [Calibrate.Goal, Calibrate.Result, Calibrate.Feedback]
+    for part, lines in zip(parts, text.split("---\n"), strict=True):
+        named = [line.split("#")[0].split() for line in lines.splitlines()]
+        assert list(part.get_fields_and_field_types()) == [line[1] for line in named if line]
 
 
 def test_tf_message_is_the_one_of_every_other_installation():
