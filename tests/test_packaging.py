@@ -127,7 +127,16 @@ ROSDEP = {
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
 }
-ONLY_PIP = {"cma", "distributed", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"}
+ONLY_PIP = {
+    "cma",
+    "distributed",
+    "mcap",
+    "mcap_ros2",
+    "numba",
+    "pybullet",
+    "pybullet_data",
+    "rosbags",
+}
 
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
