@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -23,9 +23,13 @@ from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
 from .convert import TICK, Converter
-from .topics import Topic, to_stamp, topic
+from .topics import TOPICS, Topic, to_stamp, topic
 
 log = logging.getLogger(__name__)
+
+
+def _tick(data: bytes) -> int:
+    return int.from_bytes(data[TICK], "little")
 
 
 class LocoNode(Node):
@@ -33,7 +37,12 @@ class LocoNode(Node):
 
     Args:
         name: Node name, as in the topic table.
+
+    Attributes:
+        table: The topic table of the graph that the node belongs to.
     """
+
+    table: ClassVar[dict[str, Topic]] = TOPICS
 
     def __init__(self, name: str):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
@@ -46,9 +55,13 @@ class LocoNode(Node):
         self._ready_timer = None
         self.create_timer(1.0, self.publish_diagnostics)
 
+    def row(self, name: str) -> Topic:
+        """Row of a topic in the table of this graph."""
+        return topic(name, self.table)
+
     def output(self, name: str) -> Any:
         """Publisher of a topic of the table; `publish` takes bytes or a message."""
-        row = topic(name)
+        row = self.row(name)
         self._outputs[name] = self.create_publisher(row.type, row.name, row.qos.writer())
         return self._outputs[name]
 
@@ -62,7 +75,7 @@ class LocoNode(Node):
 
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
         """Subscription of a topic of the table."""
-        row = topic(name)
+        row = self.row(name)
         self._inputs[name] = self.create_subscription(
             row.type, row.name, callback, row.qos.reader(), raw=raw
         )
@@ -70,10 +83,21 @@ class LocoNode(Node):
 
     def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
         """Call ``step(a, b, …)`` once every topic of `classes` has sent the same tick."""
-        join = TickJoin(
-            {name: Converter(cls) for name, cls in classes.items()}, step, self._periods
-        )
-        for name in classes:
+        readers = {name: Converter(cls) for name, cls in classes.items()}
+        return self.join_by(readers, step)
+
+    def join_by(
+        self, readers: dict[str, Any], step: Callable, tick_of: Callable[[bytes], int] = _tick
+    ) -> TickJoin:
+        """As `join`, with an object per topic whose `read` decodes its bytes.
+
+        Args:
+            readers: By topic.
+            step: Gets what they read, in their order.
+            tick_of: Number in the bytes of a message that all messages of a tick share.
+        """
+        join = TickJoin(readers, step, self._periods, tick_of)
+        for name in readers:
             self.input(name, join.receiver(name), raw=True)
         return join
 
@@ -97,10 +121,10 @@ class LocoNode(Node):
         """Topics that still wait for an endpoint, with what is missing."""
         missing = []
         for name, subscription in self._inputs.items():
-            if _paced(topic(name)) and subscription.get_publisher_count() < 1:
+            if _paced(self.row(name)) and subscription.get_publisher_count() < 1:
                 missing.append(f"{name} (no writer)")
         for name, publisher in self._outputs.items():
-            row = topic(name)
+            row = self.row(name)
             wanted = len(row.readers) + bool(self.recorded)
             if _paced(row) and publisher.get_subscription_count() < wanted:
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
@@ -109,7 +133,7 @@ class LocoNode(Node):
     def _refuse_strangers(self) -> None:
         """A second writer of a control topic would answer our ticks with its own."""
         for name, subscription in self._inputs.items():
-            if _paced(topic(name)) and subscription.get_publisher_count() > 1:
+            if _paced(self.row(name)) and subscription.get_publisher_count() > 1:
                 raise GraphError(
                     f"{name} has {subscription.get_publisher_count()} writers; another graph runs "
                     "on this ROS domain and namespace"
@@ -130,7 +154,7 @@ class LocoNode(Node):
             values["waiting for"] = ", ".join(self.unmatched())
         status = DiagnosticStatus(
             level=DiagnosticStatus.OK if self._ready_timer is None else DiagnosticStatus.WARN,
-            name=self.get_name(),
+            name=self.get_fully_qualified_name().lstrip("/"),
             message="waiting for endpoints" if self._ready_timer is not None else "running",
             hardware_id="loco",
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
@@ -143,12 +167,19 @@ class LocoNode(Node):
 class TickJoin:
     """Collects one message per topic and calls `step` when all have the same tick.
 
-    The newest tick counts: an older one, or one that was answered already, is stale;
-    it is counted and not answered.
+    A tick is any number that grows: the tick itself, or the stamp. The newest counts:
+    an older one, or one that was answered already, is stale; it is counted and not
+    answered.
     """
 
-    def __init__(self, converters: dict[str, Converter], step: Callable, meter: PeriodMeter):
-        self._converters = converters
+    def __init__(
+        self,
+        converters: dict[str, Any],
+        step: Callable,
+        meter: PeriodMeter,
+        tick_of: Callable[[bytes], int] = _tick,
+    ):
+        self._converters, self._tick_of = converters, tick_of
         self._step = step
         self._meter = meter
         self._waiting: dict[str, bytes] = {}  # of tick `_tick`
@@ -158,9 +189,10 @@ class TickJoin:
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
+        tick_of = self._tick_of
 
         def receive(data: bytes) -> None:
-            tick = int.from_bytes(data[TICK], "little")
+            tick = tick_of(data)
             if tick <= self.done or tick < self._tick:
                 self.stale += 1
                 return

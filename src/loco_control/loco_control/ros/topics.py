@@ -188,15 +188,16 @@ TOPICS = {topic.name: topic for topic in _rows()}
 NODES = ("robot_sim", "target_generator", "reflex_network", "stance_controller")
 
 
-def topic(name: str) -> Topic:
-    """Row of a topic.
+def topic(name: str, table: dict[str, Topic] | None = None) -> Topic:
+    """Row of a topic, of `TOPICS` unless another table is given.
 
     Raises:
         NameUnknownError: The table has no such topic.
     """
-    if name not in TOPICS:
-        raise NameUnknownError("topic", name, TOPICS)
-    return TOPICS[name]
+    table = TOPICS if table is None else table
+    if name not in table:
+        raise NameUnknownError("topic", name, table)
+    return table[name]
 
 
 def to_stamp(t: float) -> Time:
