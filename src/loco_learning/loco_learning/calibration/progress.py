@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration tells while it runs and in the end: plain data, ready for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Generation:
+    """State of the search after one generation."""
+
+    index: int  # generations done
+    evaluations: int  # rollouts so far
+    best: float  # smallest error so far
+    median: float  # error of the generation's middle model
+    sigma: float  # step size, share of the bounds
+    values: dict[str, float]  # best so far, in the units of the parameters
+    failed: int = 0  # models of the generation that could not be built or diverged
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of one search."""
+
+    seed: int
+    values: dict[str, float]
+    error: float
+    before: float  # error of the default body
+    history: list[Generation] = field(repr=False)
+    ended: str  # why it stopped
+    seconds: float  # wall time
+
+    @property
+    def ratio(self) -> float:
+        """Error before over error after."""
+        return self.before / self.error if self.error > 0.0 else float("inf")
+
+    @property
+    def plateau(self) -> int:
+        """Generation at which the error has made 95 % of its way from default to best."""
+        return plateau([self.before, *(g.best for g in self.history)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self) | {"ratio": self.ratio, "plateau": self.plateau}
+
+
+def plateau(best: list[float], share: float = 0.95) -> int:
+    """First index at which a falling curve has made `share` of its whole way down."""
+    curve = np.minimum.accumulate(np.asarray(best, dtype=float))
+    bound = curve[0] - share * (curve[0] - curve[-1])
+    return int(np.argmax(curve <= bound))
+
+
+def fit_from_dict(values: dict[str, Any]) -> Fit:
+    """Undo `Fit.to_dict`."""
+    known = {k: values[k] for k in ("seed", "values", "error", "before", "ended", "seconds")}
+    return Fit(**known, history=[Generation(**g) for g in values["history"]])

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cuts periodic signals into periods at the actuation's zero crossings and averages them.
+
+The command is periodic and the same on the robot and in its model, so its rising
+zero crossings cut both alike; each period is then drawn on one common phase axis and
+averaged, which removes what does not repeat (sensor noise, vibration).
+
+Source: thesis section 5.2, figure 5.2a; constants from the author's code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, filtfilt
+
+from loco_control.exceptions import ParameterError
+
+CUTOFF = 0.03  # of the low-pass, share of half the sampling rate
+POINTS = 200  # on the phase axis of one period
+FLAT = 1e-9  # a reference that moves less [its unit] is constant
+SPREAD = 0.2  # largest departure of a period from the median period
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Signals cut into periods.
+
+    Attributes:
+        period: Mean length of a period [s].
+        periods: Each period on the common phase axis, (P, N, J).
+    """
+
+    period: float
+    periods: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Average period, (N, J)."""
+        return self.periods.mean(axis=0)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation between periods, (N, J)."""
+        return self.periods.std(axis=0)
+
+
+def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
+    """Second-order Butterworth low-pass without phase shift (run forth and back).
+
+    Args:
+        x: Evenly sampled signal, (T,).
+        cutoff: Corner frequency as a share of half the sampling rate, in (0, 1).
+
+    Raises:
+        ParameterError: The signal is too short to filter.
+    """
+    if len(x) < 16:
+        raise ParameterError(f"a signal of {len(x)} samples is too short to be cut into periods")
+    b, a = butter(2, cutoff)
+    return filtfilt(b, a, x, padlen=min(len(x) - 1, 300))
+
+
+def crossings(
+    t: np.ndarray, reference: np.ndarray, least: int = 2, cutoff: float = CUTOFF
+) -> np.ndarray:
+    """Times at which the centred, smoothed reference rises through zero [s], (P + 1,).
+
+    Args:
+        t: Times of the samples [s], evenly spaced, (T,).
+        reference: Command of one driven joint, (T,).
+        least: Whole periods that are needed.
+        cutoff: See `low_pass`.
+
+    Raises:
+        ParameterError: Not finite, constant, not periodic or too few periods.
+    """
+    if not np.all(np.isfinite(reference)):
+        raise ParameterError("the actuation has values that are not finite")
+    if len(reference) == 0 or np.ptp(reference) < FLAT:
+        raise ParameterError("the actuation is constant: it has no zero crossings to cut at")
+    smooth = low_pass(reference, cutoff)
+    smooth = smooth - 0.5 * (smooth.max() + smooth.min())
+    before = np.flatnonzero((smooth[:-1] < 0.0) & (smooth[1:] >= 0.0))
+    if len(before) < least + 1:
+        raise ParameterError(
+            f"the actuation has {max(0, len(before) - 1)} whole periods in {t[-1] - t[0]:.1f} s, "
+            f"at least {least} are needed"
+        )
+    low, high = smooth[before], smooth[before + 1]
+    times = t[before] - low / (high - low) * (t[before + 1] - t[before])
+    lengths = np.diff(times)
+    usual = float(np.median(lengths))
+    if np.any(np.abs(lengths - usual) > SPREAD * usual):
+        raise ParameterError(
+            f"the actuation is not periodic: its periods last {lengths.min():.2f} s to "
+            f"{lengths.max():.2f} s"
+        )
+    return times
+
+
+def cut(t: np.ndarray, x: np.ndarray, at: np.ndarray, points: int = POINTS) -> Segments:
+    """Put each period of the signals on one phase axis.
+
+    Args:
+        t: Times of the samples [s], rising, (T,).
+        x: Signals, (T, J).
+        at: Borders of the periods [s], (P + 1,), inside `t`.
+        points: Samples N of the phase axis, which leaves out its end.
+
+    Raises:
+        ParameterError: A signal is not finite, or a border lies outside the signal.
+    """
+    if not np.all(np.isfinite(x)):
+        raise ParameterError("a sensor signal has values that are not finite")
+    step = float(np.median(np.diff(t)))
+    if at[0] < t[0] - step or at[-1] > t[-1] + step:
+        raise ParameterError(
+            f"periods from {at[0]:.2f} s to {at[-1]:.2f} s lie outside the signal "
+            f"({t[0]:.2f} s to {t[-1]:.2f} s)"
+        )
+    phase = np.arange(points) / points
+    when = at[:-1, None] + phase * np.diff(at)[:, None]  # (P, N)
+    periods = np.stack([np.interp(when, t, column) for column in x.T], axis=-1)
+    return Segments(float(np.mean(np.diff(at))), periods)
