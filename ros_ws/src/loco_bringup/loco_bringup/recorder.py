@@ -3,25 +3,31 @@
 
 It tells the plant how far it is (`recorder_status`), so that a lockstep run
 waits for the disk and loses nothing; ticks that are missing are counted.
+Several robots, each in a namespace, can go into the same bag; each plant then
+hears of its own ticks.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import NameUnknownError
+from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.convert import TICK
+from loco_control.ros.joint_topics import TABLES
 from loco_control.ros.node import LocoNode, run_nodes
-from loco_control.ros.topics import TOPICS, Topic, to_stamp
-from loco_msgs.msg import RecorderStatus
+from loco_control.ros.topics import Topic, to_stamp
+from loco_msgs.msg import Event, RecorderStatus
 
 from .bag_writer import BagWriter
 
 _STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
+_STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states"}  # by table
 
 
 class RecorderNode(LocoNode):
@@ -31,73 +37,110 @@ class RecorderNode(LocoNode):
         super().__init__("recorder")
         folder = Path(self.declare_parameter("bag", "bags/unnamed").value)
         custom = json.loads(self.declare_parameter("custom_data", "{}").value)
-        wanted = self.declare_parameter("topics", [""]).value
+        wanted = [n for n in self.declare_parameter("topics", [""]).value if n]
+        graphs = self._graphs()
+        self._rate = self.declare_parameter("control_rate", 250.0).value
         # With flow control no queue can overflow, and acknowledging each message would
         # cost the writers more than writing it.
         self._reliable = self.declare_parameter("reliable", True).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
+        self.table = {**self.table, **_merged(graphs)}
+        chosen = {space: _chosen(wanted, TABLES[table]) for space, table in graphs}
         self.writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
-        self._now = 0  # simulated time of the newest robot_state [ns]
-        self._tick = self._told = -1
-        self._received = self._dropped = 0
+        self._received, self._dropped = 0, 0
         self._next_tick: dict[str, int] = {}
-        self._status = self.output("recorder_status")
-        for row in _chosen([name for name in wanted if name]):
-            self._subscribe(row)
+        self.robots = [_Robot(self, space, table) for space, table in graphs]
+        for robot in self.robots:
+            for row in chosen[robot.namespace]:
+                self._subscribe(robot, row)
         self.create_timer(0.1, self._tell_if_new)
         self.create_timer(1.0, self.writer.flush)
         self.announce_ready()
 
-    def _subscribe(self, row: Topic) -> None:
-        name = self.resolve_topic_name(row.name)
+    def _graphs(self) -> list[tuple[str, str]]:
+        """Namespace and table of each graph to record."""
+        table = self.declare_parameter("table", "hyq").value
+        spaces = [s.strip("/") for s in self.declare_parameter("namespaces", [""]).value]
+        tables = [t or table for t in self.declare_parameter("tables", [""]).value]
+        if len(tables) == 1:
+            tables *= len(spaces)
+        if len(tables) != len(spaces) or len(set(spaces)) != len(spaces):
+            raise ParameterError(
+                f"namespaces {spaces} must differ, and tables {tables} name one for each"
+            )
+        for name in tables:
+            if name not in TABLES:
+                raise NameUnknownError("topic table", name, TABLES)
+        return list(zip(spaces, tables, strict=True))
+
+    def _subscribe(self, robot: _Robot, row: Topic) -> None:
+        key = _key(robot.namespace, row.name)
+        if key in self._inputs:
+            return  # a topic of all robots, such as /diagnostics
+        name = self.resolve_topic_name(key)
         self.writer.add_row(name, row)
         fields = list(row.type.get_fields_and_field_types())
-        ticked = fields[:2] == ["stamp", "tick"] and row.rate > 0
+        tick_of = self._tick_of(robot, row, fields)
         # Topics of other people and /diagnostics are stamped with wall time.
         stamped = fields[0] in ("stamp", "header") and (row.writer != "any" or row.name == "events")
         write = self.writer.write
 
         def receive(data: bytes) -> None:
             self._received += 1
-            t = self._now
+            t = robot.now
             if stamped:
                 t = _time(data)
-            if ticked:
-                self._count(row.name, int.from_bytes(data[TICK], "little"), t)
+            if tick_of:
+                self._count(key, tick_of(data))
+            if row.name == robot.starts_tick:
+                robot.moved(t, tick_of(data))
             write(name, data, t)
 
-        self._inputs[row.name] = self.create_subscription(
-            row.type, row.name, receive, row.qos.tap(self._reliable), raw=True
+        self._inputs[key] = self.create_subscription(
+            row.type, key, receive, row.qos.tap(self._reliable), raw=True
         )
 
-    def _count(self, name: str, tick: int, t: int) -> None:
-        expected = self._next_tick.get(name, tick)
+    def _tick_of(
+        self, robot: _Robot, row: Topic, fields: list[str]
+    ) -> Callable[[bytes], int] | None:
+        """Function that reads the tick of a message, None for topics that skip ticks."""
+        if fields[:2] == ["stamp", "tick"] and row.rate > 0:
+            return lambda data: int.from_bytes(data[TICK], "little")
+        paces = TABLES[robot.table].get(robot.starts_tick)
+        if robot.table == "joint" and fields[0] == "header" and row.rate == paces.rate:
+            return lambda data: round(_time(data) * self._rate / 1e9)
+        return None
+
+    def _count(self, key: str, tick: int) -> None:
+        expected = self._next_tick.get(key, tick)
         self._dropped += max(0, tick - expected)
-        self._next_tick[name] = tick + 1
-        if name == "robot_state":
-            self._now, self._tick = t, tick
-            if tick - self._told >= _STATUS_EVERY or tick == 0:
-                self._tell()
+        self._next_tick[key] = tick + 1
 
     def _tell_if_new(self) -> None:
-        if self._tick > self._told:
-            self._tell()
+        for robot in self.robots:
+            if robot.tick > robot.told:
+                robot.tell()
 
-    def _tell(self) -> None:
-        self._told = self._tick
-        self._status.publish(
-            RecorderStatus(
-                stamp=to_stamp(self._now / 1e9),
-                tick=max(0, self._tick),
-                received=self._received,
-                written=self.writer.written,
-                dropped=self._dropped,
-            )
+    def status(self, stamp: int, tick: int) -> RecorderStatus:
+        """How far the recorder is, for a robot whose newest tick had this stamp [ns]."""
+        return RecorderStatus(
+            stamp=to_stamp(stamp / 1e9),
+            tick=max(0, tick),
+            received=self._received,
+            written=self.writer.written,
+            dropped=self._dropped,
         )
+
+    def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
+        """Publish an event to the graph of each robot."""
+        message = Event(stamp=to_stamp(t), tick=tick, node=self.get_name(), kind=kind, text=text)
+        for name in dict.fromkeys(_key(robot.namespace, "events") for robot in self.robots):
+            self._outputs[name].publish(message)
 
     def diagnose(self) -> dict[str, Any]:
         """Messages received and ticks missing."""
-        return {"received": self._received, "dropped": self._dropped, "tick": self._tick}
+        tick = max((robot.tick for robot in self.robots), default=-1)
+        return {"received": self._received, "dropped": self._dropped, "tick": tick}
 
     def close(self) -> None:
         """Attach the run's files, then write index and metadata."""
@@ -109,16 +152,56 @@ class RecorderNode(LocoNode):
         self.writer.close()
 
 
+class _Robot:
+    """Newest tick of one robot's graph, and whom to tell about it."""
+
+    def __init__(self, recorder: RecorderNode, namespace: str, table: str):
+        self._recorder = recorder
+        self.namespace, self.table = namespace, table
+        self.starts_tick = _STARTS_TICK.get(table, "")
+        self.now = 0  # simulated time of the newest tick [ns]
+        self.tick = self.told = -1
+        if namespace:
+            recorder.output(_key(namespace, "events"))
+        if self.starts_tick:
+            self._status = recorder.output(_key(namespace, "recorder_status"))
+
+    def moved(self, now: int, tick: int) -> None:
+        """A tick begins."""
+        self.now, self.tick = now, tick
+        if tick - self.told >= _STATUS_EVERY or tick == 0:
+            self.tell()
+
+    def tell(self) -> None:
+        """Publish how far the recorder is."""
+        self.told = self.tick
+        self._status.publish(self._recorder.status(self.now, self.tick))
+
+
+def _key(namespace: str, name: str) -> str:
+    """Topic name seen from the recorder."""
+    return name if name.startswith("/") or not namespace else f"{namespace}/{name}"
+
+
+def _merged(graphs: list[tuple[str, str]]) -> dict[str, Topic]:
+    """One table of all graphs, with the namespaces in the names."""
+    return {
+        _key(space, row.name): dataclasses.replace(row, name=_key(space, row.name))
+        for space, table in graphs
+        for row in TABLES[table].values()
+    }
+
+
 def _time(data: bytes) -> int:
     seconds = int.from_bytes(data[_STAMP_AT : _STAMP_AT + 4], "little", signed=True)
     return seconds * 1_000_000_000 + int.from_bytes(data[_STAMP_AT + 4 : _STAMP_AT + 8], "little")
 
 
-def _chosen(names: list[str]) -> list[Topic]:
+def _chosen(names: list[str], table: dict[str, Topic]) -> list[Topic]:
     for name in names:
-        if name not in TOPICS:
-            raise NameUnknownError("topic", name, TOPICS)
-    return [TOPICS[name] for name in names or TOPICS if name != "recorder_status"]
+        if name not in table:
+            raise NameUnknownError("topic", name, table)
+    return [table[name] for name in names or table if name != "recorder_status"]
 
 
 def main(args: list[str] | None = None) -> None:
