@@ -65,6 +65,16 @@ class Description:
         children = {child.get("link") for child in self._root.iter("child")}
         return next(name for name in self.links() if name not in children)
 
+    def below(self, link: str) -> list[str]:
+        """A link and all links that hang on it, itself first."""
+        self._find("link", link)
+        found = [link]
+        for name in found:  # grows while it is walked
+            for joint in self._root.findall("joint"):
+                if joint.find("parent").get("link") == name:
+                    found.append(joint.find("child").get("link"))
+        return found
+
     def efforts(self) -> dict[str, float]:
         """Torque limit [N·m] of each joint that moves; infinite where the URDF has none."""
         limits = {}
@@ -89,6 +99,32 @@ class Description:
     def mass(self) -> float:
         """Mass of all links [kg]."""
         return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
+
+    def mass_of(self, link: str) -> float:
+        """Mass of one link [kg]."""
+        weight = self._find("link", link).find("inertial/mass")
+        return 0.0 if weight is None else float(weight.get("value", 0.0))
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Smallest and largest position of a joint [rad or m]; infinite if it has none."""
+        element = self._find("joint", joint)
+        limit = element.find("limit")
+        if limit is None or element.get("type") == "continuous":
+            return -math.inf, math.inf
+        return float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+
+    def set_lower_limit(self, joint: str, lower: float) -> None:
+        """Move the lower stop of a joint [rad or m].
+
+        Raises:
+            ParameterError: The joint has no stops, or the upper one is below.
+        """
+        if not lower < self.limits(joint)[1] < math.inf:
+            raise ParameterError(
+                f"the stop of {joint} must be below its upper limit of "
+                f"{self.limits(joint)[1]:g}, got {lower:g}"
+            )
+        self._find("joint", joint).find("limit").set("lower", repr(float(lower)))
 
     def add_mass(self, link: str, mass: float, position: tuple[float, float, float]) -> None:
         """Fix a point mass [kg] to a link, at a position in its frame [m].

@@ -17,8 +17,8 @@ from pathlib import Path
 from loco_control.kinematics import LegGeometry
 from loco_control.names import LEGS, foot_name, joint_name
 
-Vector = tuple[float, float, float]
-ZERO: Vector = (0.0, 0.0, 0.0)
+from .urdf_text import ZERO, Vector, link, shape, text
+
 ALONG_X: Vector = (0.0, pi / 2, 0.0)  # turns a cylinder's axis from z to x
 
 EFFORT, SPEED, DAMPING = 150.0, 12.0, 0.1  # [N·m], [rad/s], [N·m·s/rad]
@@ -52,14 +52,14 @@ def write(geometry: LegGeometry | None = None) -> str:
 def _trunk() -> list[str]:
     inertia = (1.5725937, 8.5015928, 9.1954911, 0.028375, -0.203139, -0.004462)
     shapes = [
-        _shape("collision", "box", (0.9, 0.35, 0.2)),
-        _shape("visual", "box", (0.64, 0.22, 0.14), colour=BODY),
-        _shape("visual", "box", (0.42, 0.27, 0.08), (0.0, 0.0, 0.0), colour=METAL),
-        _shape("visual", "box", (0.13, 0.30, 0.12), (0.36, 0.0, 0.01), colour=BODY),
-        _shape("visual", "box", (0.13, 0.30, 0.12), (-0.36, 0.0, 0.01), colour=BODY),
-        _shape("visual", "box", (0.05, 0.15, 0.06), (0.42, 0.0, 0.02), colour=RUBBER),
+        shape("collision", "box", (0.9, 0.35, 0.2)),
+        shape("visual", "box", (0.64, 0.22, 0.14), colour=BODY),
+        shape("visual", "box", (0.42, 0.27, 0.08), (0.0, 0.0, 0.0), colour=METAL),
+        shape("visual", "box", (0.13, 0.30, 0.12), (0.36, 0.0, 0.01), colour=BODY),
+        shape("visual", "box", (0.13, 0.30, 0.12), (-0.36, 0.0, 0.01), colour=BODY),
+        shape("visual", "box", (0.05, 0.15, 0.06), (0.42, 0.0, 0.02), colour=RUBBER),
     ]
-    return _link("base_link", 58.96, (0.01, 0.0, 0.00358), inertia, shapes)
+    return link("base_link", 58.96, (0.01, 0.0, 0.00358), inertia, shapes)
 
 
 def _leg(leg: str, geometry: LegGeometry) -> list[str]:
@@ -88,52 +88,40 @@ def _leg(leg: str, geometry: LegGeometry) -> list[str]:
 def _hip(name: str, sign: float) -> list[str]:
     inertia = (0.05071, 0.05486, 0.00571, -0.00004 * sign, -0.00159 * sign, -0.00005)
     shapes = [
-        _shape("visual", "box", (0.10, 0.075, 0.13), colour=METAL),
-        _shape("visual", "box", (0.10, 0.085, 0.08), (0.07, 0.0, 0.0), colour=BODY),
+        shape("visual", "box", (0.10, 0.075, 0.13), colour=METAL),
+        shape("visual", "box", (0.10, 0.085, 0.08), (0.07, 0.0, 0.0), colour=BODY),
     ]
-    return _link(name, 2.93, (0.04263, 0.0, 0.16931 * sign), inertia, shapes)
+    return link(name, 2.93, (0.04263, 0.0, 0.16931 * sign), inertia, shapes)
 
 
 def _thigh(name: str, sign: float, length: float, colour: Vector) -> list[str]:
     inertia = (0.00368, 0.02719, 0.02811, -0.00302 * sign, 0.0001 * sign, 0.00002)
     middle = (length / 2, 0.0, 0.0)
     shapes = [
-        _shape("collision", "sphere", (KNEE_RADIUS,), (length, 0.0, 0.0)),
-        _shape("visual", "box", (length - 0.02, 0.065, 0.05), middle, colour=colour),
-        _shape("visual", "cylinder", (KNEE_RADIUS, 0.07), (length, 0.0, 0.0), colour=METAL),
+        shape("collision", "sphere", (KNEE_RADIUS,), (length, 0.0, 0.0)),
+        shape("visual", "box", (length - 0.02, 0.065, 0.05), middle, colour=colour),
+        shape("visual", "cylinder", (KNEE_RADIUS, 0.07), (length, 0.0, 0.0), colour=METAL),
     ]
-    return _link(name, 2.638, (0.15074, -0.02625 * sign, 0.0), inertia, shapes)
+    return link(name, 2.638, (0.15074, -0.02625 * sign, 0.0), inertia, shapes)
 
 
 def _shank(name: str, sign: float, length: float, colour: Vector) -> list[str]:
     inertia = (0.00047, 0.01256, 0.01233, 0.00006 * sign, -0.00001 * sign, 0.0)
     middle = (length / 2, 0.0, 0.0)
-    shapes = [_shape("visual", "cylinder", (0.019, length), middle, ALONG_X, colour)]
-    return _link(name, 0.881, (0.1254, 0.00004 * sign, -0.0001 * sign), inertia, shapes)
+    shapes = [shape("visual", "cylinder", (0.019, length), middle, ALONG_X, colour)]
+    return link(name, 0.881, (0.1254, 0.00004 * sign, -0.0001 * sign), inertia, shapes)
 
 
 def _foot(name: str, radius: float) -> list[str]:
     shapes = [
-        _shape("collision", "sphere", (radius,)),
-        _shape("visual", "sphere", (radius + 0.004,), colour=RUBBER),
+        shape("collision", "sphere", (radius,)),
+        shape("visual", "sphere", (radius + 0.004,), colour=RUBBER),
     ]
-    return _link(name, 0.0, ZERO, (0.0,) * 6, shapes)  # explicit: without it PyBullet adds 1 kg
+    return link(name, 0.0, ZERO, (0.0,) * 6, shapes)  # explicit: without it PyBullet adds 1 kg
 
 
 def _mirrored(span: tuple[float, float], front: float) -> tuple[float, float]:
     return span if front > 0 else (-span[1], -span[0])
-
-
-def _link(name: str, mass: float, com: Vector, inertia: tuple, shapes: list[str]) -> list[str]:
-    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    tensor = " ".join(f'{n}="{v + 0.0:.9g}"' for n, v in zip(names, inertia, strict=True))
-    return [
-        f'  <link name="{name}">',
-        f'    <inertial><origin xyz="{_text(com)}"/><mass value="{mass:g}"/>'
-        f"<inertia {tensor}/></inertial>",
-        *shapes,
-        "  </link>",
-    ]
 
 
 def _joint(name: str, parent: str, child: str, xyz: Vector, rpy: Vector,
@@ -141,7 +129,7 @@ def _joint(name: str, parent: str, child: str, xyz: Vector, rpy: Vector,
     lines = [
         f'  <joint name="{name}" type="{"revolute" if span else "fixed"}">',
         f'    <parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{_text(xyz)}" rpy="{_text(rpy)}"/>',
+        f'<origin xyz="{text(xyz)}" rpy="{text(rpy)}"/>',
     ]
     if span:
         lines += [
@@ -150,28 +138,6 @@ def _joint(name: str, parent: str, child: str, xyz: Vector, rpy: Vector,
             f'velocity="{SPEED}"/>',
         ]
     return [*lines, "  </joint>"]
-
-
-def _shape(tag: str, kind: str, size: tuple, xyz: Vector = ZERO, rpy: Vector = ZERO,
-           colour: Vector | None = None) -> str:  # fmt: skip
-    sizes = {
-        "box": f'size="{_text(size)}"',
-        "cylinder": f'radius="{size[0]:g}" length="{size[-1]:g}"',
-        "sphere": f'radius="{size[0]:g}"',
-    }
-    paint = ""
-    if colour:
-        paint = f'<material name="c{"_".join(f"{100 * c:.0f}" for c in colour)}">' \
-                f'<color rgba="{_text(colour)} 1"/></material>'  # fmt: skip
-    return (
-        f'    <{tag}><origin xyz="{_text(xyz)}" rpy="{_text(rpy)}"/>'
-        f"<geometry><{kind} {sizes[kind]}/></geometry>{paint}</{tag}>"
-    )
-
-
-def _text(values: tuple) -> str:
-    return " ".join(f"{v + 0.0:.17g}" if v in (pi, pi / 2, -pi / 2) else f"{v + 0.0:.9g}"
-                    for v in values)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ Everything that differs between robots is in these two files; ``world.py`` and
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -18,8 +20,12 @@ import yaml
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 
+from . import equipment
 from .description import Description
+from .equipment import ContactParams
 from .params import SimParams
+from .servo import DriveParams
+from .spring import SpringParams
 
 ASSETS = Path(__file__).parent / "assets"
 
@@ -51,6 +57,11 @@ class Robot:
         driven: Indices in `joints` of those with a drive, (m,); the others are passive.
         control_rate: Rate at which the robot is usually commanded [Hz].
         sim: Physics that suits the robot.
+        drives: Drive of each joint that has one; none at all means that every joint has
+            an impedance whose gains come with the experiment.
+        springs: Spring and damper of each joint that has them.
+        friction: Friction of single links; others have the world's.
+        contact: Contact stiffness [N/m] and damping [N·s/m] of single links.
     """
 
     name: str
@@ -66,6 +77,27 @@ class Robot:
     driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     control_rate: float = 250.0
     sim: SimParams = SimParams()
+    drives: dict[str, DriveParams] = field(default_factory=dict)
+    springs: dict[str, SpringParams] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+    contact: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def equipped(self) -> bool:
+        """Drives or springs are in ``robot.yaml``."""
+        return bool(self.drives or self.springs)
+
+    def damping(self, stance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Zeros, and the damping of drives and springs [N·m·s/rad]; each (n,).
+
+        The face of `drive.GainsOf`, with which the plant chooses its sub-steps.
+        """
+        each = [
+            getattr(self.drives.get(joint), "damping", 0.0)
+            + getattr(self.springs.get(joint), "damping", 0.0)
+            for joint in self.joints
+        ]
+        return np.zeros(len(each)), np.array(each)
 
 
 def names() -> list[str]:
@@ -73,11 +105,17 @@ def names() -> list[str]:
     return sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml"))
 
 
-def load(name_or_path: str | Path) -> Robot:
+def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Robot:
     """Read a robot by name, or by the path of its ``robot.yaml`` or of the folder with it.
 
+    Args:
+        name_or_path: Which robot.
+        overrides: Values of ``robot.yaml`` to change, by dotted name
+            (`equipment.override`).
+
     Raises:
-        NameUnknownError: No such robot comes with the package.
+        NameUnknownError: No such robot comes with the package, or the file or an override
+            names what is not there.
         MissingFileError: The path, or the URDF it names, does not exist.
         ParameterError: The file is not what it should be, or does not fit the URDF.
     """
@@ -86,28 +124,56 @@ def load(name_or_path: str | Path) -> Robot:
     urdf = path.parent / str(values["urdf"])
     if not urdf.is_file():
         raise MissingFileError(f"{path}: there is no URDF at {urdf}")
-    text = urdf.read_text(encoding="utf-8")
+    description = Description(urdf.read_text(encoding="utf-8"))
     joints, feet = tuple(values["joints"]), tuple(values.get("feet") or ())
-    limits = _check_names(path, Description(text), joints, feet)
+    limits = _check_names(path, description, joints, feet)
+    values = equipment.expanded(values, joints, description.links(), path)
+    equipment.override(values, overrides or {}, description.links())
+    try:
+        fitted = _fit(path.parent, description, joints, feet, values)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+    return Robot(
+        name=path.parent.name, folder=path.parent, joints=joints, feet=feet, effort=limits, **fitted
+    )
+
+
+def _fit(
+    folder: Path, description: Description, joints: tuple, feet: tuple, values: dict[str, Any]
+) -> dict[str, Any]:
+    """Fields of a `Robot` that follow from an expanded ``robot.yaml``; edits the URDF."""
     standing = np.asarray(values.get("standing") or np.zeros(len(joints)), dtype=float)
     if standing.shape != (len(joints),):
-        raise ParameterError(
-            f"{path}: standing must have {len(joints)} values, got {standing.size}"
-        )
-    height = values.get("height")
-    return Robot(
-        name=path.parent.name,
-        urdf=text,
-        folder=path.parent,
-        joints=joints,
-        feet=feet,
-        standing=standing,
-        effort=limits,
-        fixed_base=bool(values.get("fixed_base", False)),
-        height=None if height is None else float(height),
-        fall=from_dict(FallLimits, values.get("fall"), f"{path}: fall"),
-        driven=np.arange(len(joints)),
-    )
+        raise ParameterError(f"standing must have {len(joints)} values, got {standing.size}")
+    drives = equipment.drives(values["drives"])
+    springs = equipment.parts(values["springs"], SpringParams, "springs")
+    contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
+    edited = bool(values["masses"]) or any(s.stop > -math.inf for s in springs.values())
+    equipment.set_masses(description, values["masses"])
+    for joint, spring in springs.items():
+        if spring.stop > -math.inf:
+            description.set_lower_limit(joint, spring.stop)
+    share = description.mass() / max(1, len(feet))
+    equipped = bool(drives or springs)
+    height, rate = values.get("height"), values.get("control_rate", 250.0)
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0.0 < rate <= 1e5:
+        raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    return {
+        "urdf": description.text() if edited else (folder / str(values["urdf"])).read_text(),
+        "standing": standing,
+        "fixed_base": bool(values.get("fixed_base", False)),
+        "height": None if height is None else float(height),
+        "fall": from_dict(FallLimits, values["fall"], "fall"),
+        "driven": np.array(
+            [i for i, joint in enumerate(joints) if joint in drives or not equipped], dtype=int
+        ),
+        "control_rate": float(rate),
+        "sim": from_dict(SimParams, values["sim"], "sim"),
+        "drives": drives,
+        "springs": springs,
+        "friction": {link: contact.friction for link, contact in contacts.items()},
+        "contact": {link: contact.softness(share) for link, contact in contacts.items()},
+    }
 
 
 def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
@@ -139,7 +205,8 @@ def _read(path: Path) -> dict[str, Any]:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ParameterError(f"{path} is not YAML: {error}") from None
-    known = ("urdf", "joints", "feet", "standing", "fixed_base", "height", "fall")
+    sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
+    known = ("urdf", "joints", "feet", "standing", *equipment.SCALARS, *sections)
     if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
         raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
     for key in values:

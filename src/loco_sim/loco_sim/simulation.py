@@ -24,6 +24,7 @@ from loco_control.impedance import ImpedanceParams
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
 
 from . import robot as robots
+from .actuators import Actuators
 from .drive import Drive, GainsOf, substeps
 from .effects.base import Effect, overrides, streams, windows
 from .geometry import rotation_matrix
@@ -79,11 +80,19 @@ class Simulation:
         self.dt, self._params, self._impedance = dt, params, impedance
         self._effects, self._seed = list(effects), seed
         self._standing = np.array(self.robot.standing if standing is None else standing, float)
+        if impedance is None and not self.robot.equipped:
+            raise ParameterError(
+                f"robot {self.robot.name!r} needs gains of a joint impedance: its robot.yaml "
+                "lists no drives"
+            )
         self._steps = periods(dt, params.physics_rate)
         self._world = World(self.robot, params, dt / self._steps)
         self._refine()
         self.physics_dt = self._world.dt
-        self._drive = Drive(impedance, self.robot.effort, len(self.robot.feet))
+        if self.robot.equipped:
+            self._drive = Actuators(self.robot, self.physics_dt)
+        else:
+            self._drive = Drive(impedance, self.robot.effort, len(self.robot.feet))
         self._no_trunk = TrunkTorque(
             tick=0,
             t=0.0,
@@ -106,7 +115,8 @@ class Simulation:
         inertia = world.joint_inertia(self._standing)
         damping = np.array([world.description.damping(joint) for joint in joints])
         legs, dt = len(self.robot.feet), world.dt
-        count = substeps(self._impedance, inertia, damping, legs, dt, self._params)
+        gains = self.robot.damping if self.robot.equipped else self._impedance
+        count = substeps(gains, inertia, damping, legs, dt, self._params)
         if count > 1:
             log.info("every physics step is divided by %d: the damping gains need it", count)
         self._steps *= count

@@ -121,6 +121,8 @@ class World:
         """
         self.description, self.friction = Description(self.robot.urdf), {}
         self.contact, self.gravity = {}, (0.0, 0.0, -self.params.gravity)
+        self.friction.update(self.robot.friction)
+        self.contact.update(self.robot.contact)
         self._braked = False
         for function in configure:
             function(self)
@@ -241,7 +243,7 @@ class World:
         if any(budget):
             if not self._braked:  # else iterations end early and held joints creep
                 pybullet.setPhysicsEngineParameter(
-                    solverResidualThreshold=0.0, physicsClientId=self._client
+                    solverResidualThreshold=1e-10, physicsClientId=self._client
                 )
             self._braked = True
         elif not self._braked:

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All drives and springs of a robot, one kernel call per physics step.
+
+Takes the place of `drive.Drive` for robots whose ``robot.yaml`` lists drives or
+springs; a joint without either is free.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+from numba import njit
+
+from loco_control.types import MotionCommand, TrunkTorque
+
+from .robot import Robot
+from .servo import COLUMNS as DRIVE_COLUMNS
+from .servo import IMPEDANCE, SERVO, TORQUE, clipped, servo_torque
+from .spring import COLUMNS as SPRING_COLUMNS
+from .spring import spring_energy, spring_torque
+
+
+@njit(cache=True)
+def joint_torques(
+    state: np.ndarray,
+    command: np.ndarray,
+    drives: np.ndarray,
+    springs: np.ndarray,
+    rotors: np.ndarray,
+    dt: float,
+) -> np.ndarray:
+    """Torque of drive and spring of every joint [N·m], (n,).
+
+    Args:
+        state: Positions, then velocities of the joints [rad, rad/s], (2 n,).
+        command: Positions, velocities, torques wanted, (3, n).
+        drives: A row per joint, (n, 9).
+        springs: A row per joint, (n, 7).
+        rotors: Position and speed of each servo's rotor, (n, 2); changed in place.
+        dt: Physics step [s].
+    """
+    n = len(drives)
+    tau = np.zeros(n)
+    for i in range(n):
+        q, dq, row = state[i], state[n + i], drives[i]
+        if row[0] == SERVO:
+            tau[i] = servo_torque(q, dq, command[0, i], row, rotors[i], dt)
+        elif row[0] == IMPEDANCE:
+            wanted = row[1] * (command[0, i] - q) + row[2] * (command[1, i] - dq)
+            tau[i] = clipped(wanted + command[2, i], row[8])
+        elif row[0] == TORQUE:
+            tau[i] = clipped(command[2, i], row[8])
+        if springs[i, 0] > 0.0:
+            tau[i] += spring_torque(q, dq, springs[i])
+    return tau
+
+
+class Actuators:
+    """Drives and springs of a robot, with the face of `drive.Drive`.
+
+    Attributes:
+        q: Desired joint positions in force [rad], (n,).
+        dq: Desired joint velocities in force [rad/s], (n,).
+    """
+
+    def __init__(self, robot: Robot, dt: float):
+        n = len(robot.joints)
+        self._dt = dt
+        self._drives, self._springs = np.zeros((n, DRIVE_COLUMNS)), np.zeros((n, SPRING_COLUMNS))
+        for i, joint in enumerate(robot.joints):
+            if joint in robot.drives:
+                self._drives[i] = robot.drives[joint].row(robot.effort[i])
+            if joint in robot.springs:
+                self._springs[i] = robot.springs[joint].row()
+        self._driven = self._drives[:, 0] > 0.0
+        self._rotors, self._command = np.zeros((n, 2)), np.zeros((3, n))
+
+    def reset(self, q: np.ndarray) -> None:
+        """Hold a pose [rad], (n,), with the rotors at rest."""
+        self._rotors[:, 0], self._rotors[:, 1] = q, 0.0
+        self.q, self.dq = np.array(q, dtype=float), np.zeros(len(q))
+        self._command[:] = 0.0
+        self._command[0] = q
+
+    def accept(self, command: MotionCommand, trunk: TrunkTorque) -> bool:
+        """Take a command over; False, and nothing changes, if it is not finite."""
+        on = self._driven
+        if not isfinite(sum((command.q + command.dq + trunk.tau)[on].tolist())):
+            return False
+        self.q, self.dq = command.q, command.dq
+        self._command[0], self._command[1], self._command[2] = command.q, command.dq, trunk.tau
+        return True
+
+    def follow(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Follow these references instead of the command's, e.g. late ones."""
+        self._command[0], self._command[1] = q, dq
+
+    def torque(self, joints: tuple[tuple[float, float, tuple, float], ...]) -> list[float]:
+        """Joint torques [N·m], (n,).
+
+        Args:
+            joints: Position [rad] and velocity [rad/s] (and more) of each joint.
+        """
+        state = np.array([s[0] for s in joints] + [s[1] for s in joints])
+        tau = joint_torques(
+            state, self._command, self._drives, self._springs, self._rotors, self._dt
+        )
+        return tau.tolist()
+
+    def energy(self, q: np.ndarray) -> tuple[float, float]:
+        """Energy in springs and gears, and of the rotors [J]."""
+        turned = self._drives[:, 5] * (self._drives[:, 0] == SERVO)
+        stretch = (self._rotors[:, 0] - q)[turned > 0.0]
+        gears = 0.5 * np.sum(self._drives[turned > 0.0, 6] * stretch**2)
+        rows = zip(q, self._springs, strict=True)
+        springs = sum(spring_energy(x, row) for x, row in rows if row[0] > 0.0)
+        return float(gears + springs), float(0.5 * np.sum(turned * self._rotors[:, 1] ** 2))

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ``robot.yaml`` fits to the bare URDF: drives, springs, contacts, masses, sensors.
+
+Sections name joints and links, or fnmatch patterns of them; a later entry adds to
+and wins over an earlier one. `override` changes single values by dotted name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.params import Params, from_dict, parameter
+
+from .description import Description
+from .servo import DRIVES, DriveParams
+
+BY_JOINT, BY_LINK = ("drives", "springs"), ("contacts", "masses")
+NESTED = ("sensors", "sim", "fall")
+SCALARS = ("control_rate", "height", "fixed_base")
+GRAVITY = 9.81  # [m/s²], for the static load of a foot
+
+
+@dataclass(frozen=True)
+class ContactParams(Params):
+    """Contact of one link with the ground.
+
+    `depth` is how far the link sinks in when it carries its share of the robot at
+    rest, weight / feet; the stiffness follows. The damping makes that share critically
+    damped, which is more than enough for the lighter leg that lands first.
+    """
+
+    friction: float = parameter(1.0, "Coulomb friction with the ground", low=0.0, high=1e6)
+    depth: float = parameter(
+        0.0, "penetration under the static load, 0 is rigid", "m", low=0.0, high=0.1
+    )
+
+    def softness(self, mass: float) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N·s/m] for the mass that the link carries [kg]."""
+        if self.depth == 0.0:
+            return 0.0, 0.0
+        stiffness = mass * GRAVITY / self.depth
+        return stiffness, 2.0 * (stiffness * mass) ** 0.5
+
+
+def expanded(
+    values: Mapping[str, Any], joints: Iterable[str], links: Iterable[str], path: Path
+) -> dict[str, Any]:
+    """Contents of a ``robot.yaml`` with an entry per joint or link in place of patterns.
+
+    Raises:
+        NameUnknownError: A pattern names no joint or link.
+        ParameterError: A section or an entry is not a mapping.
+    """
+    full = dict(values)
+    for section in (*BY_JOINT, *BY_LINK):
+        known = list(joints if section in BY_JOINT else links)
+        kind = "joint" if section in BY_JOINT else "link"
+        entries = _mapping(values.get(section) or {}, f"{path}: {section}")
+        full[section] = made = {}
+        for pattern, entry in entries.items():
+            for name in matches(known, str(pattern), f"{kind} for {section} in {path}"):
+                if section == "masses":
+                    made[name] = entry
+                else:
+                    entry = _mapping(entry, f"{path}: {section}.{pattern}")
+                    made[name] = {**made.get(name, {}), **entry}
+    for section in NESTED:
+        full[section] = dict(_mapping(values.get(section) or {}, f"{path}: {section}"))
+    return full
+
+
+def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable[str]) -> None:
+    """Change values of an `expanded` robot by dotted names.
+
+    ``springs.l?_kfe_joint.stiffness``, ``masses.front_body``, ``sim.physics_rate``.
+
+    Args:
+        values: Changed in place.
+        changes: New values by dotted name; patterns for joints and links are allowed.
+        links: Links of the robot.
+
+    Raises:
+        NameUnknownError: A name leads nowhere.
+    """
+    for dotted, value in changes.items():
+        section, *rest = str(dotted).split(".")
+        if section in SCALARS and not rest:
+            values[section] = value
+        elif section == "masses" and len(rest) == 1:
+            names = matches(list(links), rest[0], f"link for the override {dotted!r}")
+            values[section].update(dict.fromkeys(names, value))
+        elif section in (*BY_JOINT, "contacts") and len(rest) == 2:
+            what = f"entry of {section} for the override {dotted!r}"
+            for name in matches(values[section], rest[0], what):
+                values[section][name] = {**values[section][name], rest[1]: value}
+        elif section in NESTED and rest:
+            _set(values[section], rest, value)
+        else:
+            raise NameUnknownError("value of a robot to override", str(dotted), _legal(values))
+
+
+def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
+    """Drive of each joint that has one, by its `kind`."""
+    made = {}
+    for joint, entry in section.items():
+        kind = entry.get("kind")
+        if kind not in DRIVES:
+            raise NameUnknownError(f"kind of drive for {joint}", str(kind), DRIVES)
+        rest = {key: value for key, value in entry.items() if key != "kind"}
+        made[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
+    return made
+
+
+def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:
+    """Parameters of each entry of a section."""
+    return {name: from_dict(kind, entry, f"{where}.{name}") for name, entry in section.items()}
+
+
+def set_masses(description: Description, masses: Mapping[str, Any]) -> None:
+    """Give links a mass; a link is weighed with everything that hangs on it.
+
+    Raises:
+        ParameterError: A mass is not a positive number, or less than what hangs on the link.
+    """
+    for link in sorted(masses, key=lambda name: len(description.below(name))):
+        mass, rest = masses[link], description.below(link)[1:]
+        if isinstance(mass, bool) or not isinstance(mass, (int, float)) or not 0.0 < mass < 1e6:
+            raise ParameterError(f"masses.{link} must be a number above 0 [kg], got {mass!r}")
+        hanging = sum(description.mass_of(name) for name in rest)
+        if mass <= hanging:
+            raise ParameterError(
+                f"masses.{link} must be above {hanging:g} kg, which is what hangs on it, "
+                f"got {mass:g}"
+            )
+        description.set_mass(link, mass - hanging)
+
+
+def matches(names: Iterable[str], pattern: str, what: str) -> list[str]:
+    """Names that a pattern matches.
+
+    Raises:
+        NameUnknownError: It matches none.
+    """
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        raise NameUnknownError(what, pattern, names)
+    return found
+
+
+def _mapping(value: Any, where: str) -> Mapping:
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{where} must be a mapping, got {value!r}")
+    return value
+
+
+def _set(values: dict[str, Any], keys: list[str], value: Any) -> None:
+    for key in keys[:-1]:
+        values[key] = dict(_mapping(values.get(key) or {}, key))
+        values = values[key]
+    values[keys[-1]] = value
+
+
+def _legal(values: Mapping[str, Any]) -> list[str]:
+    per_name = [f"{s}.{name}.<parameter>" for s in (*BY_JOINT, "contacts") for name in values[s]]
+    return [*SCALARS, "masses.<link>", *(f"{s}.<parameter>" for s in NESTED), *per_name]

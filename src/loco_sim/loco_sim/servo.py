@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives that a robot brings along in ``robot.yaml``: servos, impedance and plain torque.
+
+A servo is a DC motor behind a gear with a position loop of its own:
+
+    u = clip(kp (q_d - q), -1, 1)                        share of the supply voltage
+    tau_m = stall_torque (u - w / no_load_speed)         torque-speed line, |tau_m| <= effort
+    J dw/dt = tau_m - tau                                rotor, seen at the joint
+    tau = gear_stiffness (x - q) + gear_damping (w - dq) on the joint; dx/dt = w
+
+with q and q_d rounded to the resolution of its encoder. Behind a gear of 193 : 1 the
+rotor is far heavier than a leg of 40 g, so leaving it out (`rotor_inertia` 0, then tau
+is tau_m with w = dq) is the worse model, and one that needs ten times finer steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from loco_control.params import Params, parameter
+
+TORQUE, IMPEDANCE, SERVO = 1.0, 2.0, 3.0  # in the first column of a row; 0 is passive
+COLUMNS = 9
+
+
+@dataclass(frozen=True)
+class ServoParams(Params):
+    """A geared servo with a position loop, e.g. a Dynamixel."""
+
+    stall_torque: float = parameter(2.6, "torque at rest at full voltage", "N·m", low=1e-6)
+    no_load_speed: float = parameter(13.2, "speed without load at full voltage", "rad/s", low=1e-3)
+    kp: float = parameter(6.2, "share of full voltage per position error", "1/rad", low=0.0)
+    resolution: float = parameter(
+        0.0, "step of the encoder, and of the command; 0 is none", "rad", low=0.0, high=1.0
+    )
+    rotor_inertia: float = parameter(
+        0.0, "inertia of rotor and gear at the joint", "kg·m²", low=0.0, high=1e3
+    )
+    gear_stiffness: float = parameter(
+        30.0, "stiffness of gear and horn, used with a rotor", "N·m/rad", low=0.0
+    )
+    gear_damping: float = parameter(
+        0.05, "damping of gear and horn, used with a rotor", "N·m·s/rad", low=0.0
+    )
+
+    def row(self, effort: float) -> tuple[float, ...]:
+        """What the kernel computes with, (COLUMNS,)."""
+        line = self.stall_torque, self.stall_torque / self.no_load_speed, self.kp
+        gear = self.rotor_inertia, self.gear_stiffness, self.gear_damping
+        return (SERVO, *line, self.resolution, *gear, effort)
+
+    @property
+    def damping(self) -> float:
+        """Damping that the joint feels within one physics step [N·m·s/rad]."""
+        geared = self.rotor_inertia > 0.0
+        return self.gear_damping if geared else self.stall_torque / self.no_load_speed
+
+
+@dataclass(frozen=True)
+class ImpedanceDrive(Params):
+    """Joint impedance: kp (q_d - q) + kd (dq_d - dq) + feed-forward torque."""
+
+    kp: float = parameter(0.0, "stiffness", "N·m/rad", low=0.0)
+    kd: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0)
+
+    def row(self, effort: float) -> tuple[float, ...]:
+        """What the kernel computes with, (COLUMNS,)."""
+        return (IMPEDANCE, self.kp, self.kd, 0.0, 0.0, 0.0, 0.0, 0.0, effort)
+
+    @property
+    def damping(self) -> float:
+        """Damping that the joint feels within one physics step [N·m·s/rad]."""
+        return self.kd
+
+
+@dataclass(frozen=True)
+class TorqueDrive(Params):
+    """A direct drive: the feed-forward torque, within the joint's limit."""
+
+    def row(self, effort: float) -> tuple[float, ...]:
+        """What the kernel computes with, (COLUMNS,)."""
+        return (TORQUE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, effort)
+
+    @property
+    def damping(self) -> float:
+        """Damping that the joint feels within one physics step [N·m·s/rad]."""
+        return 0.0
+
+
+DriveParams = ServoParams | ImpedanceDrive | TorqueDrive
+DRIVES: dict[str, type[DriveParams]] = {
+    "servo": ServoParams,
+    "impedance": ImpedanceDrive,
+    "torque": TorqueDrive,
+}
+
+
+@njit(cache=True)
+def rounded(x: float, step: float) -> float:
+    """To the nearest multiple of a step; 0 leaves it alone."""
+    return step * np.floor(x / step + 0.5) if step > 0.0 else x
+
+
+@njit(cache=True)
+def clipped(x: float, limit: float) -> float:
+    """Within +-limit."""
+    return min(max(x, -limit), limit)
+
+
+@njit(cache=True)
+def servo_torque(
+    q: float, dq: float, target: float, row: np.ndarray, rotor: np.ndarray, dt: float
+) -> float:
+    """Torque of a servo on its joint [N·m] for the next physics step.
+
+    The rotor is advanced with it, implicitly in its speed: stable at any step.
+
+    Args:
+        q: Joint position [rad].
+        dq: Joint velocity [rad/s].
+        target: Desired joint position [rad].
+        row: `ServoParams.row`.
+        rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
+        dt: Physics step [s].
+    """
+    stall, slope, kp, step = row[1], row[2], row[3], row[4]
+    inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
+    push = stall * clipped(kp * (rounded(target, step) - rounded(q, step)), 1.0)
+    if inertia <= 0.0:
+        return clipped(push - slope * dq, effort)
+    gear = stiff * (rotor[0] - q) - damp * dq  # torque of a rotor that stops now
+    give = damp + stiff * dt  # and what its speed adds
+    speed = (inertia * rotor[1] + dt * (push - gear)) / (inertia + dt * (slope + give))
+    if abs(push - slope * speed) > effort:
+        most = clipped(push - slope * speed, effort)
+        speed = (inertia * rotor[1] + dt * (most - gear)) / (inertia + dt * give)
+    rotor[0] += dt * speed
+    rotor[1] = speed
+    return gear + give * speed

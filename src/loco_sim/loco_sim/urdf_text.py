@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of a URDF, for the modules that write one."""
+
+from __future__ import annotations
+
+from math import pi
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def link(name: str, mass: float, com: Vector, inertia: tuple, shapes: list[str]) -> list[str]:
+    """A link of a mass [kg], with its inertia (xx, yy, zz, xy, xz, yz) about `com` [kg·m²]."""
+    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    tensor = " ".join(f'{n}="{v + 0.0:.9g}"' for n, v in zip(names, inertia, strict=True))
+    return [
+        f'  <link name="{name}">',
+        f'    <inertial><origin xyz="{text(com)}"/><mass value="{mass:g}"/>'
+        f"<inertia {tensor}/></inertial>",
+        *shapes,
+        "  </link>",
+    ]
+
+
+def shape(tag: str, kind: str, size: tuple, xyz: Vector = ZERO, rpy: Vector = ZERO,
+           colour: Vector | None = None) -> str:  # fmt: skip
+    """A `collision` or `visual` shape: box (sides), cylinder (radius, length) or sphere [m]."""
+    sizes = {
+        "box": f'size="{text(size)}"',
+        "cylinder": f'radius="{size[0]:g}" length="{size[-1]:g}"',
+        "sphere": f'radius="{size[0]:g}"',
+    }
+    paint = ""
+    if colour:
+        paint = f'<material name="c{"_".join(f"{100 * c:.0f}" for c in colour)}">' \
+                f'<color rgba="{text(colour)} 1"/></material>'  # fmt: skip
+    return (
+        f'    <{tag}><origin xyz="{text(xyz)}" rpy="{text(rpy)}"/>'
+        f"<geometry><{kind} {sizes[kind]}/></geometry>{paint}</{tag}>"
+    )
+
+
+def text(values: tuple) -> str:
+    """Numbers as an attribute."""
+    return " ".join(f"{v + 0.0:.17g}" if v in (pi, pi / 2, -pi / 2) else f"{v + 0.0:.9g}"
+                    for v in values)  # fmt: skip
