@@ -9,6 +9,7 @@ from PIL import Image
 
 from loco_control.exceptions import ParameterError
 from loco_sim import hyq_urdf
+from loco_sim import robot as robots
 from loco_sim.params import SimParams
 from loco_sim.render import frames, render_gif
 from loco_sim.stage import Stage, look_at, perspective
@@ -36,6 +37,13 @@ def hues(picture):
         if (directions @ aim > 0.99).sum() > 5:
             found.add(leg)
     return found
+
+
+def test_the_camera_comes_closer_to_a_small_robot():
+    robot = robots.load("tigrillo")  # a quarter of the size of HyQ
+    pose = np.zeros(1), np.array([[0.0, 0.0, 0.14]]), np.array([[0.0, 0.0, 0.0, 1.0]])
+    picture = next(frames(*pose, robot.standing[None], size=SIZE, robot=robot))
+    assert hues(picture) == set(hyq_urdf.COLOURS)  # both robots' legs have the same colours
 
 
 def test_a_gif_plays_for_the_time_of_the_run(tmp_path, recorded):

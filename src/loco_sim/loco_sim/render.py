@@ -17,6 +17,7 @@ from .params import SimParams
 from .stage import Stage
 from .world import World
 
+FULL_SIZE = 0.9  # the camera comes closer to robots that are smaller [m]
 FOLLOW = 0.5  # the camera follows the mean position over this time [s]
 
 
@@ -87,8 +88,9 @@ def frames(
     t, position, orientation, q = (np.asarray(x, float) for x in (t, position, orientation, q))
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))
-    stage, world = Stage(size), World(robot, SimParams(), 0.001, visible=True)
+    world = World(robot, SimParams(), 0.001, visible=True)
     world.rebuild(robot.standing, height=1.0)
+    stage = Stage(size, scale=min(1.0, np.ptp(world.corners(0.0), axis=0).max() / FULL_SIZE))
     try:
         for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):
             k = min(int(np.searchsorted(t, now - 1e-9)), len(t) - 1)

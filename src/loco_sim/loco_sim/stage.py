@@ -31,23 +31,26 @@ class Stage:
 
     Args:
         size: Width and height of the pictures [pixel].
-        height: Height of the point looked at [m].
+        height: Height of the point looked at [m], of a robot of full size.
+        scale: Size of the robot; all lengths above are for a robot of about a metre.
     """
 
-    def __init__(self, size: tuple[int, int], height: float = 0.40):
-        self.size, self._height = size, height
+    def __init__(self, size: tuple[int, int], height: float = 0.40, scale: float = 1.0):
+        height *= scale
+        self.size, self._height, self._scale = size, height, scale
+        self._eye, self._tile = scale * EYE, scale * TILE
         wide, high = size
-        self._projection = perspective(FIELD_OF_VIEW, wide / high)
+        self._projection = perspective(FIELD_OF_VIEW, wide / high, 0.1 * scale, 100.0 * scale)
         rays = self._rays()
         self._down = rays[:, :, 2] < -1e-6
         rise = (rays[:, :, 2] / np.linalg.norm(rays, axis=-1)).clip(0.0, 1.0)
         self._sky = HORIZON + (SKY - HORIZON) * np.sqrt(rise)[..., None]
-        reach = -(height + EYE[2]) / rays[:, :, 2][self._down]
-        self._ground = EYE[:2] + reach[:, None] * rays[self._down][:, :2]  # from the target
-        self._fog = 1.0 - np.exp(-((reach / FOG) ** 2))[:, None]
+        reach = -(height + self._eye[2]) / rays[:, :, 2][self._down]
+        self._ground = self._eye[:2] + reach[:, None] * rays[self._down][:, :2]  # from the target
+        self._fog = 1.0 - np.exp(-((reach / (FOG * scale)) ** 2))[:, None]
         # Width of a pixel on the ground, in tiles, along the ray and across it.
-        across = 2.0 * np.tan(0.5 * FIELD_OF_VIEW) / high * reach / TILE
-        self._blur = (across * np.sqrt(1.0 + (reach / (height + EYE[2])) ** 2))[:, None]
+        across = 2.0 * np.tan(0.5 * FIELD_OF_VIEW) / high * reach / self._tile
+        self._blur = (across * np.sqrt(1.0 + (reach / (height + self._eye[2])) ** 2))[:, None]
 
     def _rays(self) -> np.ndarray:
         """Direction of each pixel in the world, not normalised, (height, width, 3)."""
@@ -63,12 +66,14 @@ class Stage:
         target = np.array([centre[0], centre[1], self._height])
         image = self._sky.copy()
         image[self._down] = self._floor(world, target)
-        self._paint(image, world, look_at(target + EYE, target))
+        self._paint(image, world, look_at(target + self._eye, target))
         return Image.fromarray((255.0 * image.clip(0.0, 1.0)).astype(np.uint8))
 
     def _floor(self, world: World, target: np.ndarray) -> np.ndarray:
         ground = self._ground + target[:2]
-        wave = 2.0 * np.abs((ground / TILE) % 2.0 - 1.0) - 1.0  # triangle, one period two tiles
+        wave = (
+            2.0 * np.abs((ground / self._tile) % 2.0 - 1.0) - 1.0
+        )  # triangle, one period two tiles
         square = (wave / self._blur.clip(1e-3)).clip(-1.0, 1.0)  # smooth over a pixel
         mix = 0.5 + 0.5 * square[:, :1] * square[:, 1:]
         colour = mix * TILES[0] + (1.0 - mix) * TILES[1]
@@ -77,9 +82,10 @@ class Stage:
 
     def _shadow(self, world: World, target: np.ndarray, ground: np.ndarray) -> np.ndarray:
         """How dark each point of the ground is, in [0, 1]: a blurred silhouette from the light."""
-        view = look_at(target + SUN * LIGHT, target)
+        sun = SUN * self._scale
+        view = look_at(target + sun * LIGHT, target)
         angle = 2.0 * np.arctan(0.5 * SHADOW_SPAN / SUN)
-        camera = perspective(angle, 1.0, 1.0, 2.0 * SUN)
+        camera = perspective(angle, 1.0, self._scale, 2.0 * sun)
         _, robot = world.picture(view, camera, (SHADOW_PIXELS, SHADOW_PIXELS), tuple(LIGHT))
         silhouette = Image.fromarray((255 * robot).astype(np.uint8))
         blurred = np.asarray(silhouette.filter(ImageFilter.GaussianBlur(2.2))) / 255.0
@@ -91,7 +97,7 @@ class Stage:
 
     def _paint(self, image: np.ndarray, world: World, view: np.ndarray) -> None:
         """Draw the robot over the image, in the part of it where it is."""
-        left, top, right, bottom = self._box(world.corners(), view)
+        left, top, right, bottom = self._box(world.corners(0.08 * self._scale), view)
         if right <= left or bottom <= top:
             return
         wide, high = self.size
