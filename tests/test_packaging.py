@@ -128,14 +128,7 @@ ROSDEP = {
     "yaml": "python3-yaml",
 }
 ONLY_PIP = {
-    "cma",
-    "distributed",
-    "mcap",
-    "mcap_ros2",
-    "numba",
-    "pybullet",
-    "pybullet_data",
-    "rosbags",
+    *("cma", "distributed", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"),
 }
 
 
