@@ -23,7 +23,9 @@ from loco_control.params import Params, from_dict, parameter
 from . import equipment
 from .description import Description
 from .equipment import ContactParams
+from .hall import HallSensor
 from .params import SimParams
+from .sensors import SensorParams
 from .servo import DriveParams
 from .spring import SpringParams
 
@@ -62,6 +64,8 @@ class Robot:
         springs: Spring and damper of each joint that has them.
         friction: Friction of single links; others have the world's.
         contact: Contact stiffness [N/m] and damping [N·s/m] of single links.
+        sensors: Sensors, None if they tell the truth.
+        hall: Hall sensor of each joint that has one.
     """
 
     name: str
@@ -81,6 +85,8 @@ class Robot:
     springs: dict[str, SpringParams] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
     contact: dict[str, tuple[float, float]] = field(default_factory=dict)
+    sensors: SensorParams | None = None
+    hall: dict[str, HallSensor] = field(default_factory=dict, repr=False)
 
     @property
     def equipped(self) -> bool:
@@ -153,6 +159,7 @@ def _fit(
     for joint, spring in springs.items():
         if spring.stop > -math.inf:
             description.set_lower_limit(joint, spring.stop)
+    sensors = from_dict(SensorParams, values["sensors"], "sensors")
     share = description.mass() / max(1, len(feet))
     equipped = bool(drives or springs)
     height, rate = values.get("height"), values.get("control_rate", 250.0)
@@ -169,6 +176,8 @@ def _fit(
         ),
         "control_rate": float(rate),
         "sim": from_dict(SimParams, values["sim"], "sim"),
+        "sensors": sensors if values["sensors"] else None,
+        "hall": sensors.hall_sensors(folder, joints),
         "drives": drives,
         "springs": springs,
         "friction": {link: contact.friction for link, contact in contacts.items()},

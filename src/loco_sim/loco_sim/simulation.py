@@ -30,6 +30,7 @@ from .effects.base import Effect, overrides, streams, windows
 from .geometry import rotation_matrix
 from .params import SimParams
 from .sensing import check_finite, fall_reason, ground_truth, robot_state, specific_force
+from .sensors import Sensors
 from .world import World
 
 log = logging.getLogger(__name__)
@@ -93,6 +94,8 @@ class Simulation:
             self._drive = Actuators(self.robot, self.physics_dt)
         else:
             self._drive = Drive(impedance, self.robot.effort, len(self.robot.feet))
+        sensors, joints = self.robot.sensors, self.robot.joints
+        self._sensors = sensors and Sensors(sensors, self.robot.hall, joints, dt)
         self._no_trunk = TrunkTorque(
             tick=0,
             t=0.0,
@@ -151,6 +154,8 @@ class Simulation:
         self._tick = self._step = self.rejected = 0
         self.fallen: str | None = None
         self._drive.reset(self._standing)
+        if self._sensors:
+            self._sensors.reset(self._seed)
         self._joints, self._base = self._world.joint_states(), self._world.base()
         no_tau, no_force = [0.0] * len(self.robot.joints), [0.0] * self._force_count
         return self._sense(no_tau, no_force, self._base.velocity)
@@ -239,6 +244,8 @@ class Simulation:
         force = specific_force(rotation, before, base.velocity, self.dt, self._world.gravity)
         threshold = self._params.contact_threshold
         state = robot_state(self._tick, t, (q, dq), tau, grf, base, force, rotation, threshold)
+        if self._sensors:
+            state = self._sensors.measure(state)
         for start, stop, change in self._on_measurement:
             if start <= self._step < stop:
                 state = change(state)
@@ -259,6 +266,10 @@ class Simulation:
     def ground_truth(self) -> GroundTruth:
         """What only the simulator knows, at the current tick."""
         return ground_truth(self._tick, self._tick * self.dt, self._base)
+
+    def adc(self) -> np.ndarray:
+        """Last counts of the Hall sensors, (k,), in the order of the joints that have one."""
+        return self._sensors.adc.copy() if self._sensors else np.zeros(0, dtype=int)
 
     def close(self) -> None:
         """Free the physics engine; calling again does nothing."""

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hall sensors at joints: a magnet's field, read by an analog-digital converter.
+
+The field falls with the cube of the distance, so a sensor is fine where the magnet is
+near (0.01 degrees per count on Tigrillo) and coarse where it is far (1 degree). A table
+of angles and counts per joint, interpolated monotonically (PCHIP), stands for it; the
+cubic of the author's code overshoots beyond the last measured point.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+
+GRID = 4001  # points at which a table is worked out
+HEADER = ["joint", "angle_deg", "counts"]
+
+
+class HallSensor:
+    """Counts of one joint's converter as a function of the angle, and back."""
+
+    def __init__(self, angles: np.ndarray, counts: np.ndarray, bits: int = 12):
+        """Interpolate a table.
+
+        Args:
+            angles: Joint positions [rad], (k,), rising.
+            counts: What the converter reads there, (k,), rising.
+            bits: Resolution of the converter.
+
+        Raises:
+            ParameterError: Fewer than two points, or values that do not rise.
+        """
+        rises = len(angles) > 1 and np.all(np.diff(angles) > 0.0) and np.all(np.diff(counts) > 0.0)
+        if not rises:
+            raise ParameterError("a Hall table needs two points or more, both columns rising")
+        self.top = 2**bits - 1
+        self._angles = np.linspace(angles[0], angles[-1], GRID)
+        self._counts = PchipInterpolator(angles, counts)(self._angles)
+        self._angle_of = np.interp(np.arange(self.top + 1.0), self._counts, self._angles)
+
+    def counts(self, angle: float, noise: float = 0.0) -> int:
+        """What the converter reads at an angle [rad], with noise in counts."""
+        exact = np.interp(angle, self._angles, self._counts) + noise
+        return int(min(max(round(exact), 0), self.top))
+
+    def angle(self, counts: int) -> float:
+        """Angle that the robot takes from a reading [rad]."""
+        return float(self._angle_of[counts])
+
+
+def read_table(path: Path, bits: int = 12) -> dict[str, HallSensor]:
+    """Sensors by joint from a CSV file with the columns joint, angle_deg, counts.
+
+    Raises:
+        MissingFileError: There is no such file.
+        ParameterError: It is not such a table.
+    """
+    try:
+        text = path.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        raise MissingFileError(f"there is no Hall table at {path}") from None
+    rows = list(csv.reader(line for line in text if not line.startswith("#")))
+    if not rows or rows[0] != HEADER:
+        raise ParameterError(f"{path} must start with the columns {','.join(HEADER)}")
+    points: dict[str, list[tuple[float, float]]] = {}
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            joint, angle, counts = row
+            points.setdefault(joint, []).append((float(angle), float(counts)))
+        except ValueError:
+            raise ParameterError(f"{path}: row {number} is not joint,angle,counts") from None
+    made = {}
+    for joint, table in points.items():
+        angles, counts = np.array(table).T
+        try:
+            made[joint] = HallSensor(np.deg2rad(angles), counts, bits)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {joint}: {error}") from None
+    return made
+
+
+def check_joints(path: Path, sensors: dict[str, HallSensor], joints: tuple[str, ...]) -> None:
+    """Raise when a table has a joint that the robot lacks.
+
+    Raises:
+        NameUnknownError: It has.
+    """
+    for joint in sensors:
+        if joint not in joints:
+            raise NameUnknownError(f"joint of the robot in {path}", joint, joints)
