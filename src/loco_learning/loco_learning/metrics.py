@@ -43,12 +43,14 @@ class Metric:
 METRICS: dict[str, Metric] = {}
 
 
-def metric(unit: str, equation: str, learner: bool = False) -> Callable:
+def metric(
+    unit: str, equation: str, learner: bool = False, registry: dict[str, Metric] = METRICS
+) -> Callable:
     """Register a function of a log under its own name; the docstring says what it is."""
 
     def register(function: Callable[[Log], float]) -> Callable[[Log], float]:
         name = function.__name__
-        METRICS[name] = Metric(name, unit, equation, function.__doc__ or "", function, learner)
+        registry[name] = Metric(name, unit, equation, function.__doc__ or "", function, learner)
         return function
 
     return register

@@ -69,21 +69,34 @@ def course(log: Log) -> Course | None:
 
 def judge(log: Log, criterion: CriterionParams | None = None) -> Verdict:
     """Hold a run against a failure criterion, by default that of its experiment."""
-    criterion = criterion or log.experiment.criterion
     found = course(log)
     numbers = _numbers(log, found) if found else {}
+    end = float(log.t[-1]) if len(log) else 0.0
+    return verdict(criterion or log.experiment.criterion, log.fall, end, numbers)
+
+
+def verdict(
+    criterion: CriterionParams, fall: str, end: float, numbers: dict[str, float]
+) -> Verdict:
+    """Which criteria the fall and the numbers of a run meet.
+
+    Args:
+        criterion: Bounds.
+        fall: Why the robot fell; empty if it did not.
+        end: Simulated time reached [s].
+        numbers: Of `Verdict`, by name; none if the prediction never drove.
+    """
     failed = [
         name
         for name, bad in {
-            "fall": criterion.fall and bool(log.fall),
+            "fall": criterion.fall and bool(fall),
             "phase_slip": numbers.get("slip", 0.0) >= criterion.phase_slip,
             "freeze": numbers.get("amplitude", 1.0) < criterion.freeze,
             "nrmse": numbers.get("nrmse", 0.0) > criterion.nrmse,
         }.items()
         if bad
     ]
-    end = float(log.t[-1]) if len(log) else 0.0
-    return Verdict(not failed, failed, log.fall, end, **numbers)
+    return Verdict(not failed, failed, fall, end, **numbers)
 
 
 def _numbers(log: Log, found: Course) -> dict[str, float]:
