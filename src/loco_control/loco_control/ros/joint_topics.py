@@ -16,6 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from loco_msgs.msg import Event, RecorderStatus
 
+from .calibration_topics import CALIBRATION_TOPICS
 from .topics import CLOCK, COMMAND, LATCHED, LATCHED_LOG, STATE, TOPICS, Topic
 
 JOINT_NODES = ("robot_sim", "target_generator", "reflex_network")
@@ -117,4 +118,8 @@ def _rows() -> tuple[Topic, ...]:
 
 
 JOINT_TOPICS = {topic.name: topic for topic in _rows()}
-TABLES = {"hyq": TOPICS, "joint": JOINT_TOPICS}  # by node set
+TABLES = {  # by node set
+    "hyq": TOPICS,
+    "joint": JOINT_TOPICS,
+    "calibration": CALIBRATION_TOPICS,
+}

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals of robots that run: their newest seconds, and how far two of them are apart.
+
+`Signals` keeps what one robot said; `GapMeter` cuts the last whole period out of two
+of them, each at the zero crossings of its own actuation, and compares the passive
+joints by the windowed error of thesis eq. (5.4). Robots whose clocks differ, or that
+run at different speeds, are compared all the same.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from . import mawe, segments
+from .recording import Recording, align
+
+SETTLED = 0.15  # s; the low-pass before the cut is unsure about a crossing younger than this
+
+
+class Signals:
+    """The newest commands and joint angles of one robot, oldest dropped first.
+
+    Args:
+        name: Of the robot, for messages.
+        joints: Names of its joints, columns of the angles.
+        driven: Names of its driven joints, columns of the commands.
+        span: Simulated time that is kept [s].
+    """
+
+    def __init__(self, name: str, joints: Sequence[str], driven: Sequence[str], span: float):
+        self.name, self.joints, self.driven = name, tuple(joints), tuple(driven)
+        self.span = span
+        self._states: deque[tuple[float, np.ndarray]] = deque()
+        self._commands: deque[tuple[float, np.ndarray]] = deque()
+
+    def add_state(self, t: float, q: np.ndarray) -> None:
+        """Measured angles [rad], (n,), at simulated time t [s]."""
+        self._add(self._states, t, q)
+
+    def add_command(self, t: float, q: np.ndarray) -> None:
+        """Commands of the driven joints [rad], (m,), at simulated time t [s]."""
+        self._add(self._commands, t, q)
+
+    def _add(self, kept: deque, t: float, value: np.ndarray) -> None:
+        if kept and t < kept[-1][0]:  # the robot began anew
+            self._states.clear()
+            self._commands.clear()
+        kept.append((t, value))
+        while kept[0][0] < t - self.span:
+            kept.popleft()
+
+    @property
+    def now(self) -> float:
+        """Time of the newest state [s], -1 before the first."""
+        return self._states[-1][0] if self._states else -1.0
+
+    @property
+    def length(self) -> float:
+        """Time that states and commands both cover [s]."""
+        if not (self._states and self._commands):
+            return 0.0
+        begin = max(self._states[0][0], self._commands[0][0])
+        return max(0.0, min(self._states[-1][0], self._commands[-1][0]) - begin)
+
+    def recording(self, rate: float) -> Recording:
+        """What is kept, on one even time axis.
+
+        Raises:
+            ParameterError: Too little, or values that are not finite.
+        """
+        if self.length <= 0.0:
+            raise ParameterError(f"{self.name} has sent no joint states or no commands yet")
+        states, commands = (
+            (np.array([t for t, _ in kept]), np.array([x for _, x in kept]))
+            for kept in (self._states, self._commands)
+        )
+        return align(self.name, (*states, self.joints), (*commands, self.driven), rate)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a model is from a measured robot over one period.
+
+    Attributes:
+        number: Of the period, from 0.
+        t: End of the period on the measured robot's clock [s].
+        since: Start of the model's period on its clock [s].
+        gap: Windowed error, summed over the joints [rad].
+        lag: How far the measured robot is behind its model [s].
+        joints: Mean absolute error of each joint at that shift [rad], (J,).
+        period: Length of the period [s].
+    """
+
+    number: int
+    t: float
+    since: float
+    gap: float
+    lag: float
+    joints: np.ndarray
+    period: float
+
+
+class GapMeter:
+    """Compares the last whole period of two robots that run.
+
+    Args:
+        measured: Signals of the measured robot.
+        model: Signals of its model.
+        passive: Joints that are compared.
+        rate: Samples per second.
+        window: Largest shift of one against the other [s].
+    """
+
+    def __init__(
+        self,
+        measured: Signals,
+        model: Signals,
+        passive: Sequence[str],
+        rate: float,
+        window: float = mawe.WINDOW,
+    ):
+        self._measured, self._model = measured, model
+        self.passive, self._rate, self._window = tuple(passive), rate, window
+        self._number, self._newest = 0, -np.inf
+
+    def update(self) -> Gap | None:
+        """The gap over the newest period, None if that period is known already or not whole."""
+        measured = self._last_period(self._measured, self._newest)
+        model = measured and self._last_period(self._model)
+        if not measured or not model:
+            return None
+        (_, end), ours = measured
+        (since, _), theirs = model
+        self._newest = end
+        gap, lag = mawe.thesis(ours.mean, theirs.mean, ours.period, self._window)
+        shift = round(lag / ours.period * segments.POINTS)
+        joints = np.abs(ours.mean - np.roll(theirs.mean, shift, axis=0)).mean(axis=0)
+        self._number += 1
+        return Gap(self._number - 1, end, since, gap, lag, joints, ours.period)
+
+    def _last_period(
+        self, signals: Signals, after: float = -np.inf
+    ) -> tuple[np.ndarray, segments.Segments] | None:
+        """Borders and signals of the newest period that ends after a time, None if none does."""
+        try:
+            recording = signals.recording(self._rate)
+            at = segments.crossings(recording.t, recording.command[:, 0], 1)
+        except ParameterError:
+            return None
+        at = at[at <= recording.t[-1] - SETTLED]
+        if len(at) < 2 or at[-1] <= after + 0.5 * (at[-1] - at[-2]):
+            return None
+        columns = [signals.joints.index(name) for name in self.passive]
+        return at[-2:], segments.cut(recording.t, recording.q[:, columns], at[-2:])
