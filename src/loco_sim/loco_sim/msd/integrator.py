@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels that advance mass-spring-damper networks: one alone, or blocks of a population.
+
+A block is `WIDTH` networks side by side, one per lane. In a network alone the lanes are
+neighbouring nodes, and links that join neighbours to neighbours (`runs`). Both take the
+same sums in the same order, so a network has the same bits in either. All that a block
+needs stays in the first-level cache for a whole run.
+
+Step, from state x, v, a at t to t + h (velocity Verlet, thesis section 4.1.1):
+
+    x += h v + h²/2 a,  ground,  a' = F(x, u, t + h) / m,  v += h/2 (a + a')
+
+with u = v + h a for the velocity-dependent forces, which keeps the scheme second order
+with dampers; the author's code takes u = v.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .lanes import bell, fma, get, inverse_length, next_word, put, put_span, span, where_negative
+
+# Arrays are lists of rows of lanes. `state` has 6 parts of dimension * nodes rows: position,
+# velocity, acceleration, force, reaction (force on the far ends of links) and the velocity
+# that dampers see.
+X, V, A, F, R, U = range(6)
+# `links`: 6 parts of one row per link, of each network its own.
+STIFFNESS, SWING, PHASE, SINE, COSINE, FACTOR = range(6)
+# `shape`: 3 parts of one row (or number) per link, the same for all networks; `masses`: mass
+# and its inverse per node.
+REST, DAMPING, HARDENING = range(3)
+# `network`: one row (or number) each.
+OMEGA, NOISE, TURN_SINE, TURN_COSINE = range(4)
+# `scales` and `choices`: numbers for all networks.
+STEP, GRAVITY, DRAG, JOLT_RATE, JOLT_SIZE = range(5)
+NODES, THREE, ALONG, AUTHOR, GROUND, GIVEN, NOISY, JOLT_HOLD = range(8)
+NO_GROUND, STICK, AUTHOR_GROUND = range(3)
+
+EXACT_EVERY = 512  # steps between exact sines; between them a rotation, right to 1e-13
+TINY = 1e-24  # [m²] keeps the direction of a link of no length finite
+
+# Without reference counts, which would cost more than the arithmetic. Nothing is allocated.
+inner = njit(cache=True, _nrt=False, forceinline=True)
+outer = njit(cache=True, _nrt=False, nogil=True)
+
+
+@inner
+def drift(masses, scales, choices, state):
+    """Move the nodes, hold those in the ground; leaves v + h a / 2, u, drag and weight."""
+    nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
+    up = rows - nodes
+    h, half, drag = scales[STEP], 0.5 * scales[STEP], -scales[DRAG]
+    reach = 0.0 if choices[AUTHOR] else h
+    ground, author = choices[GROUND], choices[GROUND] == AUTHOR_GROUND
+    for i in range(nodes):
+        height = get(state, up + i)
+        rise = fma(half, get(state, A * rows + up + i), get(state, V * rows + up + i))
+        landed = fma(h, rise, height)
+        none = height * 0.0
+        for row in range(i, rows, nodes):
+            at, speed = get(state, row), get(state, V * rows + row)
+            pull = get(state, A * rows + row)
+            to = fma(h, fma(half, pull, speed), at)
+            if ground:
+                stop = to if row < up else none
+                if not author:  # a node that lay on the ground has not moved along it either
+                    if row < up:
+                        stop = where_negative(height * -1.0, to, at)
+                    pull = where_negative(landed, none, pull)
+                to = where_negative(landed, stop, to)
+                speed = where_negative(landed, none, speed)
+            flow = fma(reach, pull, speed)
+            put(state, row, to)
+            put(state, V * rows + row, fma(half, pull, speed))
+            put(state, U * rows + row, flow)
+            put(state, R * rows + row, none)
+            if row < up:
+                put(state, F * rows + row, flow * drag)
+            else:
+                weight = get(masses, i) * -scales[GRAVITY] + none
+                put(state, F * rows + row, fma(drag, flow, weight))
+
+
+@inner
+def exact_sines(t, links, network):
+    """Sine and cosine of omega t + phase from their definition."""
+    width, size = network.size // 4, links.size // 6
+    omega, link = network.reshape(-1), links.reshape(-1)
+    for k in range(size):
+        angle = omega[OMEGA * width + k % width] * t + link[PHASE * size + k]
+        link[SINE * size + k], link[COSINE * size + k] = np.sin(angle), np.cos(angle)
+
+
+@inner
+def driven(e, count, rest, turning, choices, links, network, words):
+    """Length that a link is driven to [m], eq. 4.7, with noise on the amplitude."""
+    if choices[GIVEN]:
+        return get(links, FACTOR * count + e) * rest
+    sine = get(links, SINE * count + e)
+    if turning:  # to this step, by the addition theorem
+        cosine = get(links, COSINE * count + e)
+        by_sine, by_cosine = get(network, TURN_SINE), get(network, TURN_COSINE)
+        put(links, COSINE * count + e, fma(cosine, by_cosine, sine * by_sine * -1.0))
+        sine = fma(sine, by_cosine, cosine * by_sine)
+        put(links, SINE * count + e, sine)
+    swing = get(links, SWING * count + e)
+    if choices[NOISY]:
+        word = next_word(get(words, e))
+        put(words, e, word)
+        swing = fma(get(network, NOISE) * rest, bell(word), swing)
+    return fma(swing, sine, rest)
+
+
+@inner
+def tension(e, square, closing, turning, shape, choices, links, network, words):
+    """Pull of a link per length [N/m]: spring of eq. 4.3 and damper along the link of eq. 4.4."""
+    count = links.shape[0] // 6
+    inverse = inverse_length(square)
+    rest = get(shape, REST * count + e)
+    wanted = driven(e, count, rest, turning, choices, links, network, words)
+    stretch = square * inverse - wanted
+    bent = fma(stretch * get(shape, HARDENING * count + e), stretch, 1.0)
+    pull = get(links, STIFFNESS * count + e) * stretch * bent * inverse
+    if choices[ALONG]:
+        damping = get(shape, DAMPING * count + e)
+        pull = fma(closing * damping, inverse * inverse, pull)
+    return pull
+
+
+@inner
+def block_forces(first, other, turning, shape, choices, state, links, network, words):
+    """Forces of all links on the nodes of a block of networks.
+
+    Nodes from last to first and links by their far ends: the order of `single_forces`.
+    """
+    nodes, rows, count = first.size - 1, state.shape[0] // 6, links.shape[0] // 6
+    side, up, f, r, u = nodes, rows - nodes, F * rows, R * rows, U * rows
+    three, along = choices[THREE], choices[ALONG]
+    for i in range(nodes - 1, -1, -1):
+        x0, z0, y0 = get(state, i), get(state, up + i), get(state, side + i)
+        u0, w0, v0 = get(state, u + i), get(state, u + up + i), get(state, u + side + i)
+        fx, fz, fy = get(state, f + i), get(state, f + up + i), get(state, f + side + i)
+        dy = dv = x0 * 0.0
+        for e in range(get(first, i), get(first, i + 1)):
+            j = get(other, e)
+            dx, dz = get(state, j) - x0, get(state, up + j) - z0
+            du, dw = get(state, u + j) - u0, get(state, u + up + j) - w0
+            square = fma(dz, dz, fma(dx, dx, TINY))
+            closing = fma(dw, dz, du * dx)
+            if three:
+                dy, dv = get(state, side + j) - y0, get(state, u + side + j) - v0
+                square, closing = fma(dy, dy, square), fma(dv, dy, closing)
+            pull = tension(e, square, closing, turning, shape, choices, links, network, words)
+            gx, gz, gy = pull * dx, pull * dz, pull * dy
+            if not along:
+                damping = get(shape, DAMPING * count + e)
+                gx, gz, gy = fma(damping, du, gx), fma(damping, dw, gz), fma(damping, dv, gy)
+            fx, fz = fx + gx, fz + gz
+            put(state, r + j, get(state, r + j) + gx)
+            put(state, r + up + j, get(state, r + up + j) + gz)
+            if three:
+                fy = fy + gy
+                put(state, r + side + j, get(state, r + side + j) + gy)
+        put(state, f + i, fx)
+        put(state, f + up + i, fz)
+        if three:
+            put(state, f + side + i, fy)
+
+
+@inner
+def single_forces(near, far, turning, shape, choices, state, links, network, words):
+    """Forces of all links on the nodes of one network, run by run.
+
+    Run e joins nodes near[e], near[e] + 1, … to far[e], far[e] + 1, …; what is missing to
+    `WIDTH` links has no stiffness and no damping.
+    """
+    count, flat = links.shape[0] // 6, state.reshape(-1)
+    size = flat.size // 6
+    side = size // (3 if choices[THREE] else 2)
+    up, f, r, u = size - side, F * size, R * size, U * size
+    three, along = choices[THREE], choices[ALONG]
+    for e in range(count):
+        i, j = get(near, e), get(far, e)
+        dx, dz = span(flat, j) - span(flat, i), span(flat, up + j) - span(flat, up + i)
+        du = span(flat, u + j) - span(flat, u + i)
+        dw = span(flat, u + up + j) - span(flat, u + up + i)
+        square = fma(dz, dz, fma(dx, dx, TINY))
+        closing = fma(dw, dz, du * dx)
+        dy = dv = dx * 0.0
+        if three:
+            dy = span(flat, side + j) - span(flat, side + i)
+            dv = span(flat, u + side + j) - span(flat, u + side + i)
+            square, closing = fma(dy, dy, square), fma(dv, dy, closing)
+        pull = tension(e, square, closing, turning, shape, choices, links, network, words)
+        gx, gz, gy = pull * dx, pull * dz, pull * dy
+        if not along:
+            damping = get(shape, DAMPING * count + e)
+            gx, gz, gy = fma(damping, du, gx), fma(damping, dw, gz), fma(damping, dv, gy)
+        put_span(flat, f + i, span(flat, f + i) + gx)
+        put_span(flat, f + up + i, span(flat, f + up + i) + gz)
+        put_span(flat, r + j, span(flat, r + j) + gx)
+        put_span(flat, r + up + j, span(flat, r + up + j) + gz)
+        if three:
+            put_span(flat, f + side + i, span(flat, f + side + i) + gy)
+            put_span(flat, r + side + j, span(flat, r + side + j) + gy)
+
+
+@inner
+def jolt(masses, scales, choices, state, words, running, push):
+    """Impulse noise: now and then one node is pushed for a while, drawn for each network.
+
+    A push begins in a step with probability `JOLT_RATE` and lasts `JOLT_HOLD` steps; its
+    components are uniform within ± `JOLT_SIZE` times the mean absolute acceleration then.
+    """
+    width, dimension = words.size, 3 if choices[THREE] else 2
+    nodes, size = choices[NODES], state.size // 6
+    flat, mass = state.reshape(-1), masses.reshape(-1)
+    stride = size // dimension  # of an axis; a network alone has room to spare
+    for w in range(width):
+        word = next_word(words[w])
+        if (word >> np.uint64(11)) * 2.0**-53 < scales[JOLT_RATE]:
+            mean = 0.0
+            for d in range(dimension):
+                for i in range(nodes):
+                    mean += abs(flat[A * size + d * stride + i * width + w])
+            mean /= nodes * dimension
+            word = next_word(word)
+            running[width + w] = np.int64((word >> np.uint64(33)) % np.uint64(nodes))
+            running[w] = choices[JOLT_HOLD]
+            for d in range(dimension):
+                word = next_word(word)
+                share = (word >> np.uint64(11)) * 2.0**-52 - 1.0
+                push[d * width + w] = share * scales[JOLT_SIZE] * mean
+        words[w] = word
+        if running[w] > 0:
+            running[w] -= 1
+            i = running[width + w]
+            for d in range(dimension):
+                flat[F * size + d * stride + i * width + w] += mass[i] * push[d * width + w]
+
+
+@inner
+def kick(masses, scales, state):
+    """Acceleration from force, and the second half of the change of velocity."""
+    nodes, rows, half = masses.shape[0] // 2, state.shape[0] // 6, 0.5 * scales[STEP]
+    for i in range(nodes):
+        light = get(masses, nodes + i)
+        for row in range(i, rows, nodes):
+            pull = (get(state, F * rows + row) - get(state, R * rows + row)) * light
+            put(state, A * rows + row, pull)
+            put(state, V * rows + row, fma(half, pull, get(state, V * rows + row)))
+
+
+@inner
+def forces(near, far, turning, shape, choices, state, links, network, words):
+    """Forces of all links: of a network alone, whose `shape` has lanes, or of a block."""
+    if shape.ndim == 2:
+        single_forces(near, far, turning, shape, choices, state, links, network, words)
+    else:
+        block_forces(near, far, turning, shape, choices, state, links, network, words)
+
+
+@outer
+def advance(
+    tick, steps, every, near, far, shape, masses, scales, choices,
+    state, links, network, words, jolt_words, running, push, seen,
+):  # fmt: skip
+    """Run `steps` steps from step number `tick`; `seen` takes x, v, a each `every` steps."""
+    kept = 3 * (state.shape[0] // 6)
+    for k in range(tick + 1, tick + steps + 1):
+        drift(masses, scales, choices, state)
+        turning = k % EXACT_EVERY != 0
+        if not turning and not choices[GIVEN]:
+            exact_sines(k * scales[STEP], links, network)
+        forces(near, far, turning, shape, choices, state, links, network, words)
+        if scales[JOLT_RATE] > 0.0:
+            jolt(masses, scales, choices, state, jolt_words, running, push)
+        kick(masses, scales, state)
+        if every and (k - tick) % every == 0:
+            frame = ((k - tick) // every - 1) * kept
+            for row in range(kept):
+                put(seen, frame + row, get(state, row))
+
+
+@outer
+def advance_blocks(
+    begin, end, tick, steps, every, near, far, shape, masses, scales, choices,
+    state, links, network, words, jolt_words, running, push, seen,
+):  # fmt: skip
+    """`advance` for the blocks begin … end - 1 of a population, one after the other."""
+    for b in range(begin, end):
+        advance(
+            tick, steps, every, near, far, shape, masses, scales, choices, state[b],
+            links[b], network[b], words[b], jolt_words[b], running[b], push[b], seen[b],
+        )  # fmt: skip
+
+
+@outer
+def settle(near, far, shape, masses, scales, choices, state, links, network, words):
+    """Acceleration of the first instant; positions and velocities are left alone."""
+    nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
+    for row in range(rows):
+        speed = get(state, V * rows + row)
+        none = speed * 0.0
+        weight = none
+        if row >= rows - nodes:
+            weight = get(masses, row % nodes) * -scales[GRAVITY] + none
+        put(state, U * rows + row, speed)
+        put(state, R * rows + row, none)
+        put(state, F * rows + row, fma(-scales[DRAG], speed, weight))
+    forces(near, far, False, shape, choices, state, links, network, words)
+    for row in range(rows):
+        pull = get(state, F * rows + row) - get(state, R * rows + row)
+        put(state, A * rows + row, pull * get(masses, nodes + row % nodes))

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A mass-spring-damper network that runs, alone or as a population in lanes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, ParameterError
+
+from . import integrator as kernel
+from .layout import Alone, Blocks
+from .network import Network
+from .params import MsdParams, NoiseParams
+from .stability import check_step
+
+GROUNDS = ("none", "stick", "author")
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Actuation l = l_ref (1 + a sin(2 pi f t + phi)), eq. 4.7, with one value per link.
+
+    For a population each array has an axis of networks in front.
+    """
+
+    amplitude: np.ndarray  # a [-], (links,) or (networks, links)
+    phase: np.ndarray  # phi [rad], the same shape
+    frequency: np.ndarray | float = 1.0  # f [Hz], one number or (networks,)
+    stiffness: np.ndarray | None = None  # k [N/m], the same shape; None leaves the network's
+
+
+class History(NamedTuple):
+    """What was kept: t (T,) and (T, nodes, axes) arrays; of a population (networks, T, …)."""
+
+    t: np.ndarray  # [s]
+    position: np.ndarray  # [m]
+    velocity: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s²]
+
+
+class MsdSimulation:
+    """Network, ground and actuation, advanced by fixed steps; keeps nothing of the past.
+
+    Args:
+        network: Nodes and links.
+        params: Gravity, drag, ground, integrator and step; its structure is not read.
+        drive: Actuation; None is passive. A drive of several networks makes a population,
+            and all arrays get an axis of networks in front.
+        noise: What disturbs it.
+        seed: Of the noise; for a population one per network, or one to count up from.
+
+    Raises:
+        ParameterError: Shapes do not fit, a value is out of range, or the step is too large.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        params: MsdParams | None = None,
+        drive: Drive | None = None,
+        noise: NoiseParams | None = None,
+        seed: int | np.ndarray = 0,
+    ):
+        self.network, self.params = network, params or MsdParams()
+        self.noise = noise or NoiseParams()
+        zero = np.zeros(network.count)
+        drive = drive or Drive(zero, zero, 0.0)
+        shape = np.shape(drive.amplitude)
+        self.size = shape[0] if len(shape) == 2 else None
+        self._lead = () if self.size is None else (self.size,)
+        self._layout = Alone(network) if self.size is None else Blocks(network, self.size)
+        self._read_drive(drive, seed)
+        check_step(network, self.params, self.stiffness.reshape(-1, network.count).max(axis=0))
+        self._make_constants()
+        self.reset()
+
+    def _read_drive(self, drive: Drive, seed: int | np.ndarray) -> None:
+        links = (*self._lead, self.network.count)
+        stiffness = self.network.stiffness if drive.stiffness is None else drive.stiffness
+        self.amplitude = _shaped("amplitude", drive.amplitude, links)
+        self.phase = _shaped("phase", drive.phase, links)
+        self.frequency = _shaped("frequency", drive.frequency, self._lead)
+        self.stiffness = _shaped("stiffness", stiffness, links)
+        if (self.stiffness < 0.0).any():
+            raise ParameterError(
+                f"stiffness must be 0 or more N/m, got {float(self.stiffness.min()):g}"
+            )
+        if np.ndim(seed) == 0 and self._lead:
+            seed = int(seed) + np.arange(self.size)
+        self.seed = np.broadcast_to(np.asarray(seed, np.uint64), self._lead)
+
+    def _make_constants(self) -> None:
+        p, n, network = self.params, self.noise, self.network
+        rate = n.impulse_rate if n.impulse_size > 0.0 else 0.0
+        self._scales = np.array([p.step, p.gravity, p.drag, rate, n.impulse_size])
+        self._choices = np.zeros(8, np.int64)
+        self._choices[kernel.NODES] = network.nodes
+        self._choices[kernel.THREE] = network.dimension == 3
+        self._choices[kernel.ALONG] = p.damper == "along_link"
+        self._choices[kernel.AUTHOR] = p.integrator == "author"
+        self._choices[kernel.GROUND] = GROUNDS.index(p.ground)
+        self._choices[kernel.NOISY] = n.actuation > 0.0
+        self._choices[kernel.JOLT_HOLD] = n.impulse_steps
+        shape = np.stack([network.rest, network.damping, p.nonlinearity / network.rest**2])
+        self._shape = self._layout.shape(shape)
+        self._masses = self._layout.masses(network.masses)
+
+    def reset(self) -> None:
+        """Back to the first instant, at rest, with the same noise to come."""
+        self.tick, self._stale = 0, False
+        network, lead = self.network, self._lead
+        one = np.ones_like(self.phase)
+        self._links = self._layout.links(
+            np.stack(
+                [
+                    self.stiffness, self.amplitude * network.rest, self.phase,
+                    np.sin(self.phase), np.cos(self.phase), one,
+                ],
+                axis=-2,
+            )
+        )  # fmt: skip
+        omega = 2.0 * np.pi * self.frequency
+        turn = omega * self.params.step
+        noise = np.full(lead, self.noise.actuation)
+        self._network = self._layout.numbers(
+            np.stack([omega, noise, np.sin(turn), np.cos(turn)], axis=-1)
+        )
+        words = _streams(self.seed, network.count + 1)
+        self._words = self._layout.links(words[..., None, :-1])
+        self._jolts = self._layout.numbers(words[..., -1:])[..., 0, :] if lead else words[-1:]
+        width = self._jolts.shape[-1]
+        self._running = np.zeros((*self._jolts.shape[:-1], 2 * width), np.int64)
+        self._push = np.zeros((*self._jolts.shape[:-1], network.dimension * width))
+        still = np.zeros((*lead, *network.positions.shape))
+        self.place(still + network.positions, still)
+
+    def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Put the nodes somewhere [m] with velocities [m/s], each (nodes, axes)."""
+        shape = (*self._lead, *self.network.positions.shape)
+        parts = [
+            self._layout.nodes_in(_shaped(name, values, shape))
+            for name, values in (("position", position), ("velocity", velocity))
+        ]
+        rest = [np.zeros_like(parts[0])] * 4
+        self._state = np.concatenate([*parts, *rest], axis=-2)
+        if self.params.integrator == "author":
+            return
+        quiet = self._choices.copy()
+        quiet[[kernel.NOISY, kernel.GIVEN]] = False  # noise begins with the first step
+        for block in range(len(self._state)) if self._lead else [...]:
+            kernel.settle(
+                self._layout.near, self._layout.far, self._shape, self._masses, self._scales,
+                quiet, self._state[block], self._links[block], self._network[block],
+                self._words[block],
+            )  # fmt: skip
+
+    def run(self, steps: int, every: int = 0) -> History | None:
+        """Advance `steps` steps; keep each `every`-th of them, or nothing.
+
+        Raises:
+            ParameterError: `steps` is not a multiple of `every`.
+        """
+        if every and steps % every:
+            raise ParameterError(f"steps must be a multiple of every, got {steps} and {every}")
+        frames = steps // every if every else 0
+        rows = self._state.shape[-2] // 2  # of position, velocity and acceleration
+        seen = np.zeros((*self._state.shape[:-2], frames * rows, self._state.shape[-1]))
+        self._advance(steps, every, seen)
+        if not every:
+            return None
+        t = self.params.step * (self.tick - steps + every * np.arange(1, frames + 1))
+        parts = seen.reshape(*seen.shape[:-2], frames, 3, rows // 3, seen.shape[-1])
+        out = self._layout.nodes_out(parts)  # (…, frames, 3, nodes, axes)
+        return History(t, *(np.ascontiguousarray(out[..., k, :, :]) for k in range(3)))
+
+    def step(self, factor: np.ndarray | None = None) -> None:
+        """Advance one step; `factor` (links,) sets the driven lengths over the rest lengths."""
+        if factor is not None:
+            rows = self._layout.links(np.asarray(factor, float)[..., None, :])
+            first = kernel.FACTOR * rows.shape[-2]
+            self._links[..., first : first + rows.shape[-2], :] = rows
+            self._choices[kernel.GIVEN] = True
+        self._advance(1, 0, np.zeros((*self._state.shape[:-2], 0, self._state.shape[-1])))
+        self._choices[kernel.GIVEN] = False
+        self._stale = factor is not None
+
+    def _advance(self, steps: int, every: int, seen: np.ndarray) -> None:
+        if self._stale and not self._choices[kernel.GIVEN]:
+            self._catch_up()
+        at = (0, len(self._state)) if self._lead else ()
+        function = kernel.advance_blocks if self._lead else kernel.advance
+        function(
+            *at, self.tick, steps, every, self._layout.near, self._layout.far, self._shape,
+            self._masses, self._scales, self._choices, self._state, self._links, self._network,
+            self._words, self._jolts, self._running, self._push, seen,
+        )  # fmt: skip
+        self.tick += steps
+
+    def _catch_up(self) -> None:
+        """Sines of the drive at this tick, after steps that were driven from outside."""
+        t = self.tick * self.params.step
+        for block in range(len(self._links)) if self._lead else [...]:
+            kernel.exact_sines(t, self._links[block], self._network[block])
+
+    def _part(self, number: int) -> np.ndarray:
+        rows = self._state.shape[-2] // 6
+        return self._layout.nodes_out(self._state[..., number * rows : (number + 1) * rows, :])
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.tick * self.params.step
+
+    @property
+    def position(self) -> np.ndarray:
+        """Of the nodes [m], (nodes, axes), the last axis up."""
+        return self._part(kernel.X)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Of the nodes [m/s], (nodes, axes)."""
+        return self._part(kernel.V)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Of the nodes [m/s²], (nodes, axes)."""
+        return self._part(kernel.A)
+
+    def check_finite(self) -> None:
+        """Raise when the state is no longer finite.
+
+        Raises:
+            DivergedError: It is not.
+        """
+        if not np.all(np.isfinite(self.position)):
+            raise DivergedError(f"the network diverged before {self.time:g} s")
+
+
+def _shaped(name: str, values: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        values = np.broadcast_to(np.asarray(values, float), shape)
+    except ValueError as error:
+        raise ParameterError(f"{name} must have shape {shape}, got {np.shape(values)}") from error
+    if not np.all(np.isfinite(values)):
+        raise ParameterError(f"{name} must be finite numbers")
+    return values
+
+
+def _streams(seed: np.ndarray, count: int) -> np.ndarray:
+    """First words of `count` random streams of each seed, (…, count); none is 0.
+
+    Splitmix64 of Steele, Lea and Flood (2014).
+    """
+    with np.errstate(over="ignore"):
+        key = _mix(np.asarray(seed, np.uint64) + np.uint64(0x9E3779B97F4A7C15))
+        words = _mix(
+            key[..., None]
+            + np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        )
+    return np.where(words == 0, np.uint64(1), words)
+
+
+def _mix(z: np.ndarray) -> np.ndarray:
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
