@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from loco_control.exceptions import DivergedError
-from loco_control.types import MotionCommand, RobotState, TrunkTorque
+from loco_control.types import RobotState
 from loco_sim import effects as sim_effects
-from loco_sim.robot import Robot
+from loco_sim.joint_commands import JointCommands
 from loco_sim.simulation import Simulation
 
 from .joint_experiment import JointExperiment
@@ -33,32 +33,6 @@ class Target(Protocol):
 
     def step(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions [rad] and velocities [rad/s] at time t [s], (m,) each."""
-
-
-class Commands:
-    """Puts commands of the driven joints where the plant wants them.
-
-    The command of a joint is an angle, or a torque where the drive is of kind ``torque``.
-    """
-
-    def __init__(self, robot: Robot):
-        self._n, self._driven, self._feet = len(robot.joints), robot.driven, len(robot.feet)
-        kinds = [robot.drives[robot.joints[i]].kind for i in robot.driven]
-        self._torque = np.array([kind == "torque" for kind in kinds], dtype=bool)
-        self._any = bool(self._torque.any())
-
-    def __call__(
-        self, tick: int, t: float, q: np.ndarray, dq: np.ndarray
-    ) -> tuple[MotionCommand, TrunkTorque | None]:
-        """Messages for `Simulation.step`; `q` [rad or N·m] and `dq` [rad/s] have shape (m,)."""
-        wanted, speed = np.zeros(self._n), np.zeros(self._n)
-        wanted[self._driven], speed[self._driven] = q, dq
-        command = MotionCommand(tick, t, wanted, speed)
-        if not self._any:
-            return command, None
-        tau = np.zeros(self._n)
-        tau[self._driven[self._torque]] = q[self._torque]
-        return command, TrunkTorque(tick, t, tau, np.zeros(6), np.ones(self._feet, dtype=bool))
 
 
 @dataclass
@@ -82,7 +56,7 @@ class JointLoop:
 
     def __post_init__(self) -> None:
         robot = self.sim.robot
-        self._commands = Commands(robot)
+        self._commands = JointCommands(robot)
         self._passive = passive_joints(robot)
         self._learns = self.experiment.learner.enabled
 

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -15,9 +15,12 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import to_dict
 from loco_learning.experiment import Experiment
 
+if TYPE_CHECKING:
+    from loco_learning.joint_experiment import JointExperiment
+
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "impedance", "effects", "seed", "tick", "gait", "learner", "stance",
-          "trunk", "weights")  # fmt: skip
+          "trunk", "weights", "plant", "joints", "target")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,15 @@ def load(name: str) -> list[NodeSpec]:
         NameUnknownError: No such set, or a part that experiments do not have.
         ParameterError: The file is not a node set.
     """
+    return _read(name)[1]
+
+
+def table_of(name: str) -> str:
+    """Topic table of a node set, by name or path: a key of `joint_topics.TABLES`."""
+    return _read(name)[0]
+
+
+def _read(name: str) -> tuple[str, list[NodeSpec]]:
     path = Path(name)
     if path.suffix != ".yaml":
         folder = resources.files("loco_bringup") / _FOLDER
@@ -44,7 +56,8 @@ def load(name: str) -> list[NodeSpec]:
             known = [p.stem for p in Path(str(folder)).glob("*.yaml")]
             raise NameUnknownError("node set", name, known)
     try:
-        rows = yaml.safe_load(path.read_text())["nodes"]
+        content = yaml.safe_load(path.read_text())
+        rows, table = content["nodes"], content.get("table", "hyq")
         specs = [NodeSpec(r["name"], r["class"], tuple(r.get("parameters", ()))) for r in rows]
     except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
         raise ParameterError(
@@ -53,11 +66,18 @@ def load(name: str) -> list[NodeSpec]:
     for part in (part for spec in specs for part in spec.parameters):
         if part not in _PARTS:
             raise NameUnknownError("experiment part", part, _PARTS)
-    return specs
+    from loco_control.ros.joint_topics import TABLES  # loads ROS
+
+    if table not in TABLES:
+        raise NameUnknownError("topic table", str(table), TABLES)
+    return table, specs
 
 
 def parameter_file(
-    specs: list[NodeSpec], experiment: Experiment, tick: dict[str, Any], run: dict[str, Any]
+    specs: list[NodeSpec],
+    experiment: Experiment | JointExperiment,
+    tick: dict[str, Any],
+    run: dict[str, Any],
 ) -> dict[str, Any]:
     """Content of the ROS parameter YAML for a run.
 
@@ -65,8 +85,8 @@ def parameter_file(
         specs: The node set.
         experiment: Checked experiment.
         tick: Clock, speed, duration … of `TickParams`.
-        run: `recorded` for every node, `recorder` (parameters of the recorder) and
-            `weights` (file that the reflex network writes).
+        run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
+            has a file of its own) and `weights` (file that the reflex network writes).
     """
     content: dict[str, Any] = {}
     for spec in specs:
@@ -77,13 +97,26 @@ def parameter_file(
         for part in spec.parameters:
             parameters.update(_part(part, experiment, tick, run))
         content[f"/**/{spec.name}"] = {"ros__parameters": parameters}
-    content["/**/recorder"] = {"ros__parameters": {"recorded": True, **run["recorder"]}}
+    if run.get("recorder"):
+        content |= recorder_parameters(run["recorder"])
     return content
 
 
-def _part(part: str, experiment: Experiment, tick: dict[str, Any], run: dict[str, Any]) -> dict:
+def recorder_parameters(values: dict[str, Any]) -> dict[str, Any]:
+    """Content of a ROS parameter YAML for the recorder."""
+    return {"/**/recorder": {"ros__parameters": {"recorded": True, **values}}}
+
+
+def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any]) -> dict:
     if part == "tick":
         return tick
+    if part == "plant":
+        return {"robot": experiment.robot, **{
+            key: json.dumps(getattr(experiment, key)) for key in ("overrides", "effects", "sim")
+        }}  # fmt: skip
+    if part == "joints":
+        joints = experiment.plant.joints
+        return {"joints": list(joints), "driven": [joints[i] for i in experiment.plant.driven]}
     if part == "robot":
         return {"robot": experiment.robot, "standing_feet": list(experiment.gait.origin)}
     if part == "seed":

@@ -7,7 +7,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -23,6 +23,10 @@ from loco_sim.ros.tools import encoders
 from .bag_writer import BagWriter
 from .run import Outcome, Progress, describe, duration_of
 
+if TYPE_CHECKING:
+    from loco_learning.joint_experiment import JointExperiment
+    from loco_learning.joint_log import JointLog
+
 TOPIC_OF = {  # in the order of a tick
     "state": "robot_state",
     "target": "gait_target",
@@ -35,7 +39,9 @@ _TRUTH = "ground_truth/odom"
 
 
 def run_rollout(
-    experiment: Experiment, folder: Path, on_progress: Callable[[Progress], None]
+    experiment: Experiment | JointExperiment,
+    folder: Path,
+    on_progress: Callable[[Progress], None],
 ) -> Outcome:
     """Run an experiment in this process, without nodes, into a bag."""
     progress = Progress(duration=duration_of(experiment), phase="running")
@@ -48,20 +54,42 @@ def run_rollout(
             on_progress(progress)
 
     Path(folder).mkdir(parents=True, exist_ok=True)
-    log = rollout(experiment, on_tick=on_tick, save_weights=str(Path(folder) / "weights.npz"))
+    weights = str(Path(folder) / "weights.npz")
+    if isinstance(experiment, Experiment):
+        log = rollout(experiment, on_tick=on_tick, save_weights=weights)
+    else:
+        from loco_learning.joint_rollout import rollout as joint_rollout
+
+        log = joint_rollout(experiment, on_tick=on_tick, save_weights=weights)
     write_log(log, folder)
-    outcome = Outcome(Path(folder), fallen=bool(log.fall))
-    length = len(log) * experiment.dt
-    outcome.text = (
-        f"fell at {length:.2f} s: {log.fall}" if log.fall else f"{length:.1f} s simulated"
-    )
-    outcome.real_time_factor = length / log.wall_time
+    outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_ending(log))
+    outcome.real_time_factor = len(log) * experiment.dt / log.wall_time
     return outcome
 
 
-def write_log(log: Log, folder: Path) -> None:
+def _ending(log: Log | JointLog) -> str:
+    if not isinstance(log, Log):
+        from .joint_rollout_bag import ending
+
+        return ending(log)
+    length = len(log) * log.dt
+    return f"fell at {length:.2f} s: {log.fall}" if log.fall else f"{length:.1f} s simulated"
+
+
+def write_log(log: Log | JointLog, folder: Path) -> None:
     """Write a log as a bag, tick by tick, with the bytes that the nodes would publish."""
     writer = BagWriter(folder, describe(log.experiment, layout="rollout", fall=log.fall))
+    if isinstance(log, Log):
+        _write_messages(log, writer)
+    else:
+        from . import joint_rollout_bag
+
+        joint_rollout_bag.write_log(log, writer)
+    _attach(log, writer)
+    writer.close()
+
+
+def _write_messages(log: Log, writer: BagWriter) -> None:
     packs = {part: (name, Converter(PARTS[part]).pack) for part, name in TOPIC_OF.items()}
     truth = encoders(JOINTS)[_TRUTH]
     for name in (*TOPIC_OF.values(), _TRUTH):
@@ -72,13 +100,17 @@ def write_log(log: Log, folder: Path) -> None:
         writer.write("/" + _TRUTH, truth(rows["state"], rows["truth"]), t)
         for part, (name, pack) in packs.items():
             writer.write("/" + name, pack(rows[part]), t)
+
+
+def _attach(log: Log | JointLog, writer: BagWriter) -> None:
+    """Put the experiment and trained weights into the bag, the experiment beside it too."""
+    folder = writer.folder
     text = yaml.safe_dump(to_dict(log.experiment), sort_keys=False)
-    (Path(folder) / "experiment.yaml").write_text(text)
+    (folder / "experiment.yaml").write_text(text)
     writer.attach("experiment.yaml", text.encode())
-    weights = Path(folder) / "weights.npz"
+    weights = folder / "weights.npz"
     if weights.is_file():
         writer.attach("weights.npz", weights.read_bytes(), "application/octet-stream")
-    writer.close()
 
 
 def _row(stacked: Any, cls: type, tick: int) -> Any:

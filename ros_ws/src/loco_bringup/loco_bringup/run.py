@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import importlib.metadata
 import json
-import logging
 import os
 import tempfile
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import yaml
 
@@ -23,52 +21,43 @@ from loco_control.params import to_dict
 from loco_learning.experiment import Experiment
 
 from . import node_set
-from .processes import Process, stop_all
+from .processes import Process
+from .watch import Outcome, Progress, Watch
 
-log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from loco_learning.joint_experiment import JointExperiment
+
+    AnyExperiment = Experiment | JointExperiment
+
+__all__ = [
+    "LAYOUTS", "Helper", "Outcome", "Progress", "default_folder", "describe", "duration_of",
+    "run", "run_robots",
+]  # fmt: skip
 
 LAYOUTS = ("composed", "processes")
-START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
-STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
 VERSIONS = ("loco", "ros-rclpy", "pybullet", "numpy", "scipy", "numba", "mcap")
+# Files of a robot that go into the bag.
+_ATTACHED = (("experiment", ".yaml"), ("params", ".yaml"), ("weights", ".npz"))
 
 
-@dataclass
-class Progress:
-    """What the progress line shows."""
+class Helper(NamedTuple):
+    """A node that takes part in a run without being of a node set."""
 
-    phase: str = "starting"
-    sim_time: float = 0.0
-    duration: float = 0.0
-    real_time_factor: float = 0.0
-
-
-@dataclass
-class Outcome:
-    """How a run ended."""
-
-    folder: Path
-    text: str = ""
-    fallen: bool = False
-    interrupted: bool = False
-    real_time_factor: float = 0.0
-    dropped: int = 0
-    exit_codes: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def exit_code(self) -> int:
-        """0 done, 3 fell, 130 interrupted."""
-        return 130 if self.interrupted else 3 if self.fallen else 0
+    name: str
+    cls: str  # module:Class
+    parameters: dict[str, Any]
+    table: str = ""  # of topics that go into the bag too
 
 
 def run(
-    experiment: Experiment,
+    experiment: AnyExperiment,
     folder: Path,
     layout: str = "composed",
     clock: str = "lockstep",
     speed: float = 0.0,
-    nodes: str = "hyq",
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    nodes: str | None = None,
+    on_progress: Callable[[Progress], Any] = lambda progress: None,
+    namespace: str = "",
 ) -> Outcome:
     """Run an experiment as a ROS graph and record it.
 
@@ -78,40 +67,72 @@ def run(
         layout: ``composed`` (one process) or ``processes`` (one each).
         clock: ``lockstep``, ``asap`` or ``realtime``.
         speed: Lockstep: at most this many times real time, 0 for no limit.
-        nodes: Node set, by name or path.
-        on_progress: Called about ten times a second of wall time.
+        nodes: Node set, by name or path; default the one of the experiment's class.
+        on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        namespace: Of all nodes; HyQ has to stay without.
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run
             has the ROS domain.
         ParameterError: `layout` is unknown or `folder` holds a bag.
     """
+    return run_robots({namespace: experiment}, folder, layout, clock, speed, nodes, on_progress)
+
+
+def run_robots(
+    robots: Mapping[str, AnyExperiment],
+    folder: Path,
+    layout: str = "composed",
+    clock: str = "lockstep",
+    speed: float = 0.0,
+    nodes: str | None = None,
+    on_progress: Callable[[Progress], Any] = lambda progress: None,
+    helpers: Sequence[Helper] = (),
+    **tick: Any,
+) -> Outcome:
+    """Run several robots side by side, each in a namespace, into one bag.
+
+    Args:
+        robots: Experiment by namespace.
+        folder: As in `run`; so are the arguments up to `on_progress`.
+        layout: As in `run`.
+        clock: As in `run`.
+        speed: As in `run`.
+        nodes: As in `run`.
+        on_progress: As in `run`.
+        helpers: Further nodes, each in a process of its own, without a namespace.
+        tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
+
+    Raises:
+        GraphError: As `run`.
+        ParameterError: As `run`.
+    """
     if layout not in LAYOUTS:
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
     if any(Path(folder).glob("*.mcap")):
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
-    with _domain_lock():
+    with _domain_lock(robots):
         folder = Path(folder).resolve()
         folder.mkdir(parents=True, exist_ok=True)
-        specs = node_set.load(nodes)
-        tick = {"clock": clock, "speed": float(speed), "duration": duration_of(experiment)}
-        _write_files(folder, specs, experiment, tick, layout)
-        processes = _start(folder, specs, layout)
-        return _Watch(processes, folder, duration_of(experiment), on_progress).run()
+        tick = {"clock": clock, "speed": float(speed), **tick}
+        plan = _Plan(robots, folder, layout, tick, nodes, helpers)
+        plan.write()
+        duration = max(map(duration_of, robots.values()))
+        return Watch(plan.start(), folder, duration, on_progress, list(robots)).run()
 
 
-def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
+def default_folder(experiment: AnyExperiment, root: Path = Path("bags")) -> Path:
     """New bag folder named after the experiment and the time."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     return root / f"{experiment.name}_{stamp}"
 
 
-def duration_of(experiment: Experiment) -> float:
+def duration_of(experiment: AnyExperiment) -> float:
     """Simulated time of a run [s]."""
     return experiment.ticks / experiment.control_rate
 
 
-def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
+def describe(experiment: AnyExperiment, **more: Any) -> dict[str, str]:
     """What a bag says of its run: experiment, seed, versions."""
     versions = {}
     for name in VERSIONS:
@@ -125,181 +146,121 @@ def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
     return {key: str(value) for key, value in values.items()}
 
 
-def _write_files(
-    folder: Path, specs: list, experiment: Experiment, tick: dict[str, Any], layout: str
-) -> None:
-    resolved = folder / "experiment.yaml"
-    resolved.write_text(yaml.safe_dump(to_dict(experiment), sort_keys=False))
-    weights = folder / "weights.npz"
-    custom = describe(experiment, layout=layout, clock=tick["clock"])
-    recorder = {
-        "bag": str(folder),
-        "custom_data": json.dumps(custom),
-        "reliable": tick["clock"] != "lockstep",
-        "attach": [str(resolved), str(folder / "params.yaml"), str(weights)],
-    }
-    run = {"recorded": True, "recorder": recorder, "weights": str(weights)}
-    content = node_set.parameter_file(specs, experiment, tick, run)
-    (folder / "params.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-
-
-def _start(folder: Path, specs: list, layout: str) -> list[Process]:
-    ros = ["--ros-args", "--params-file", str(folder / "params.yaml")]
-    groups = {"nodes": [s.cls for s in specs]} if layout == "composed" else {
-        s.name: [s.cls] for s in specs
-    }  # fmt: skip
-    groups["recorder"] = ["loco_bringup.recorder:RecorderNode"]
-    logs = folder / "logs"
-    return [
-        Process(name, ["-m", "loco_bringup.composed", *classes, *ros], logs / f"{name}.log")
-        for name, classes in groups.items()
-    ]
-
-
-class _Watch:
-    """Listens to events and diagnostics until the run is over, then stops it."""
+class _Plan:
+    """Files and processes of a run."""
 
     def __init__(
-        self, processes: list[Process], folder: Path, duration: float, on_progress: Callable
+        self,
+        robots: Mapping[str, AnyExperiment],
+        folder: Path,
+        layout: str,
+        tick: dict[str, Any],
+        nodes: str | None,
+        helpers: Sequence[Helper],
     ):
-        self._processes = processes
-        self._on_progress = on_progress
-        self._progress = Progress(duration=duration)
-        self.outcome = Outcome(folder)
-        self._waiting: dict[str, str] = {}
-        self._started = self._finished = False
-        self._error: str | None = None
-        self._final_tick, self._recorder_tick, self._final_time = -1, -1, 0.0
-        self._moved = time.monotonic()
+        self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
+        self._sets = {space: nodes or e.node_set for space, e in robots.items()}
+        self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
+        self._helpers = helpers
 
-    def run(self) -> Outcome:
-        """Watch to the end. Every way out stops all processes first."""
-        try:
-            with _Listener(self._on_event, self._on_diagnostics, self._on_recorder) as listener:
-                while not self._done():
-                    listener.spin()
-                    self._check()
-                    self._on_progress(self._progress)
-        except KeyboardInterrupt:
-            self.outcome.interrupted = True
-            self.outcome.text = "interrupted"
-        finally:
-            self.outcome.exit_codes = stop_all(self._processes)
-        return self.outcome
+    def _path(self, stem: str, space: str, suffix: str) -> Path:
+        return self._folder / f"{stem}{'_' if space else ''}{space.replace('/', '_')}{suffix}"
 
-    def _done(self) -> bool:
-        heard = self._progress.sim_time >= self._final_time - 1e-9  # the last diagnostics
-        return self._finished and heard and self._recorder_tick >= self._final_tick
+    def write(self) -> None:
+        """Resolved experiments and ROS parameters."""
+        recorder = self._recorder()
+        for space, experiment in self._robots.items():
+            text = yaml.safe_dump(to_dict(experiment), sort_keys=False)
+            self._path("experiment", space, ".yaml").write_text(text)
+            weights = self._path("weights", space, ".npz")
+            run = {"recorded": True, "recorder": None if space else recorder}
+            run["weights"] = str(weights)
+            tick = {**self._tick, "duration": duration_of(experiment)}
+            content = node_set.parameter_file(self._specs[space], experiment, tick, run)
+            self._write_yaml(self._path("params", space, ".yaml"), content)
+        if "" not in self._robots:
+            content = node_set.recorder_parameters(recorder)
+            self._write_yaml(self._folder / "params.yaml", content)
+        for helper in self._helpers:
+            content = {f"/**/{helper.name}": {"ros__parameters": helper.parameters}}
+            self._write_yaml(self._path("params", helper.name, ".yaml"), content)
 
-    def _check(self) -> None:
-        if self._error:
-            raise GraphError(self._error)
-        for process in self._processes:
-            if process.code is not None:
-                raise GraphError(
-                    f"{process.name} died with exit code {process.code}; last lines of "
-                    f"{process.log}:\n{process.tail()}"
-                )
-        idle = time.monotonic() - self._moved
-        if not self._started and idle > START_TIMEOUT:
-            waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
-            raise GraphError(f"not ready after {START_TIMEOUT:.0f} s; {waits or 'no node spoke'}")
-        if self._started and idle > STALL_TIMEOUT:
-            raise GraphError(
-                f"nothing moved for {STALL_TIMEOUT:.0f} s at {self._progress.sim_time:.3f} s; "
-                f"last tick {self._final_tick if self._finished else 'not reached'}, "
-                f"recorder at tick {self._recorder_tick}"
-            )
+    @staticmethod
+    def _write_yaml(path: Path, content: dict[str, Any]) -> None:
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
 
-    def _on_event(self, event: Any) -> None:
-        self._moved = time.monotonic()
-        if event.kind == "started":
-            self._started = True
-        elif event.kind == "phase":
-            self._progress.phase = event.text
-        elif event.kind == "fall":
-            self.outcome.fallen = True
-        elif event.kind == "error":
-            self._error = f"{event.node}: {event.text}"
-        elif event.kind == "finished":
-            self._finished = True
-            self._final_tick = event.tick
-            self._final_time = event.stamp.sec + event.stamp.nanosec / 1e9
-            self.outcome.text = event.text
-
-    def _on_diagnostics(self, array: Any) -> None:
-        for status in array.status:
-            values = {v.key: v.value for v in status.values}
-            for key in ("waiting for", "waiting for nodes"):
-                if values.get(key):
-                    self._waiting[status.name] = values[key]
-            if status.name == "robot_sim" and "sim_time" in values:
-                t = float(values["sim_time"])
-                if t > self._progress.sim_time:
-                    self._moved = time.monotonic()
-                self._progress.sim_time = t
-                self._progress.real_time_factor = float(values["real_time_factor"])
-                self.outcome.real_time_factor = self._progress.real_time_factor
-
-    def _on_recorder(self, status: Any) -> None:
-        self._recorder_tick = status.tick
-        self.outcome.dropped = status.dropped
-
-
-class _Listener:
-    """The supervisor's own node: events, diagnostics and recorder status."""
-
-    def __init__(self, on_event: Callable, on_diagnostics: Callable, on_recorder: Callable):
-        self._callbacks = {
-            "events": on_event,
-            "/diagnostics": on_diagnostics,
-            "recorder_status": on_recorder,
+    def _recorder(self) -> dict[str, Any]:
+        """Parameters of the recorder."""
+        first = next(iter(self._robots.values()))
+        custom = describe(first, layout=self._layout, clock=self._tick["clock"])
+        if list(self._robots) != [""]:
+            names = {space: e.name for space, e in self._robots.items()}
+            custom["namespaces"] = json.dumps(names)
+        files = [self._path(s, space, x) for space in self._robots for s, x in _ATTACHED]
+        if "" not in self._robots:
+            files.append(self._folder / "params.yaml")
+        tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
+        tables |= {"": h.table for h in self._helpers if h.table and "" not in tables}
+        return {
+            "bag": str(self._folder),
+            "custom_data": json.dumps(custom),
+            "reliable": self._tick["clock"] != "lockstep",
+            "attach": [str(path) for path in files],
+            "control_rate": first.control_rate,
+            "namespaces": list(tables),
+            "tables": list(tables.values()),
         }
 
-    def __enter__(self) -> _Listener:
-        import rclpy
-        import rclpy.task
-        from rclpy.experimental import EventsExecutor
-        from rclpy.signals import SignalHandlerOptions
+    def start(self) -> list[Process]:
+        """Start every node, the recorder last."""
+        started = []
+        for space, specs in self._specs.items():
+            groups = {"nodes": [s.cls for s in specs]} if self._layout == "composed" else {
+                s.name: [s.cls] for s in specs
+            }  # fmt: skip
+            for name, classes in groups.items():
+                started.append(self._process(name, classes, space, space))
+        for helper in self._helpers:
+            started.append(self._process(helper.name, [helper.cls], "", helper.name))
+        return [*started, self._process("recorder", ["loco_bringup.recorder:RecorderNode"], "", "")]
 
-        from loco_control.ros.topics import topic
-
-        # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("supervisor", context=self._context)
-        for name, callback in self._callbacks.items():
-            row = topic(name)
-            self._node.create_subscription(row.type, row.name, callback, row.qos.reader(100))
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._never = rclpy.task.Future()
-        return self
-
-    def spin(self) -> None:
-        """Handle what arrives within a tenth of a second."""
-        self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
-
-    def __exit__(self, *_: object) -> None:
-        self._node.destroy_node()
-        self._context.try_shutdown()
+    def _process(self, name: str, classes: list[str], space: str, params: str) -> Process:
+        """A process of nodes in a namespace, with a parameter file."""
+        ros = ["--ros-args", "--params-file", str(self._path("params", params, ".yaml"))]
+        ros += ["-r", f"__ns:=/{space}"] if space else []
+        name = f"{space}/{name}" if space else name
+        log = self._folder / "logs" / f"{name.replace('/', '_')}.log"
+        return Process(name, ["-m", "loco_bringup.composed", *classes, *ros], log)
 
 
 class _domain_lock:  # noqa: N801 (a context manager, used like a function)
-    """One run per ROS domain on this machine; a killed run frees it by itself."""
+    """One run per ROS domain and namespace on this machine; a killed run frees it by itself."""
+
+    def __init__(self, namespaces: Iterable[str] = ("",)):
+        self._namespaces = sorted(namespaces)
 
     def __enter__(self) -> None:
+        with contextlib.ExitStack() as stack:
+            for namespace in self._namespaces:
+                stack.enter_context(self._locked(namespace))
+            self._stack = stack.pop_all()
+
+    @staticmethod
+    def _locked(namespace: str) -> Any:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        path = Path(tempfile.gettempdir()) / f"loco-domain-{domain}-{os.getuid()}.lock"
-        self._file = open(path, "a+")  # noqa: SIM115 (the lock lives as long as the file)
+        name = "-".join(filter(None, [domain, namespace.replace("/", "-")]))
+        path = Path(tempfile.gettempdir()) / f"loco-domain-{name}-{os.getuid()}.lock"
+        file = open(path, "a+")  # noqa: SIM115 (the lock lives as long as the file)
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            self._file.close()
+            file.close()
+            where = f" in namespace {namespace}" if namespace else ""
             raise GraphError(
-                f"another loco run uses ROS domain {domain}; wait for it, or set ROS_DOMAIN_ID "
-                "to another number in 0 … 101"
+                f"another loco run uses ROS domain {domain}{where}; wait for it, or set "
+                "ROS_DOMAIN_ID to another number in 0 … 101"
             ) from None
+        return file
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        self._stack.close()

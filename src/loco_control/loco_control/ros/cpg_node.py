@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `target_generator` of joint robots: joint_states in, joint_target out."""
+
+from __future__ import annotations
+
+import sys
+
+from loco_control.names import LEGS, joint_name
+from loco_control.oscillators import Cpg, CpgParams
+
+from .joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from .joint_topics import JOINT_TOPICS
+from .node import LocoNode, run_nodes
+from .parameters import declare
+
+
+class JointNode(LocoNode):
+    """Controller of a joint robot: knows the names of the joints, steps by equal stamps.
+
+    Attributes:
+        joints: All joints, in array order.
+        driven: Those that have drives.
+    """
+
+    table = JOINT_TOPICS
+
+    def __init__(self, name: str):
+        super().__init__(name)
+        self.rate = self.declare_parameter("control_rate", 100.0).value
+        tigrillo = [joint_name(leg, kind) for leg in LEGS for kind in ("hfe", "kfe")]
+        self.joints = tuple(self.declare_parameter("joints", tigrillo).value)
+        self.driven = tuple(self.declare_parameter("driven", tigrillo[::2]).value)
+
+    def time(self, time_ns: int) -> tuple[int, float]:
+        """Tick and simulated time [s] of a stamp [ns], exact as in the plant."""
+        tick = tick_of(time_ns, self.rate)
+        return tick, tick * (1.0 / self.rate)
+
+
+class CpgNode(JointNode):
+    """Oscillators of the driven joints."""
+
+    def __init__(self) -> None:
+        super().__init__("target_generator")
+        self.cpg = Cpg(declare(self, CpgParams(), "target."), len(self.driven), 1.0 / self.rate)
+        self._publish = self.raw_output("joint_target")
+        self._pack = JointCodec(self.driven, "joint_target", ("position", "velocity")).pack
+        self.join_by({"joint_states": JointCodec(self.joints)}, self._step, stamp_ns)
+        self.announce_ready()
+
+    def _step(self, state: Joints) -> None:
+        _, t = self.time(state.time)
+        self._publish(self._pack(t, *self.cpg.step(t)))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_control cpg``."""
+    sys.exit(run_nodes([CpgNode], args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every plant node does: it owns the tick.
+
+It stands where a hardware driver would: it publishes the state of tick k, waits
+for the commands of tick k, steps one control period and publishes the state of
+tick k+1.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from loco_control.params import Params, parameter
+from loco_control.ros.node import LocoNode
+from loco_control.ros.parameters import declare
+from loco_control.types import MotionCommand, RobotState, TrunkTorque
+from loco_msgs.msg import Event, RecorderStatus
+from loco_sim.simulation import Simulation
+
+CLOCKS = ("lockstep", "asap", "realtime")
+
+
+@dataclass(frozen=True)
+class TickParams(Params):
+    """How ticks follow each other."""
+
+    clock: str = parameter(
+        "lockstep",
+        "lockstep waits for every command and for the recorder, asap for the "
+        "commands alone, realtime for the wall clock",
+        choices=CLOCKS,
+    )
+    speed: float = parameter(
+        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0
+    )
+    duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
+    stop_on_fall: bool = parameter(True, "end the run when the robot falls")
+    # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
+    # all nodes in one process is 10 messages and 4.3 KiB.
+    flow_window: int = parameter(
+        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50
+    )
+    command_timeout: float = parameter(
+        0.1, "realtime: damp the joints when no command came for this long", "s", 0.004, 10.0
+    )
+
+
+class PlantNode(LocoNode):
+    """Base of plant nodes; they make `sim`, publish states and receive commands.
+
+    Attributes:
+        controllers: Nodes that must be ready before the first tick, this one included.
+        sim: The plant.
+        state: What it measured last.
+        started: The first tick is out.
+    """
+
+    controllers: ClassVar[tuple[str, ...]] = ()
+    sim: Simulation
+    state: RobotState
+
+    def __init__(self, rate: float) -> None:
+        super().__init__("robot_sim")
+        self.rate = self.declare_parameter("control_rate", rate).value
+        self.tick = declare(self, TickParams())
+
+    def _connect(self) -> None:
+        """Listen to events and recorder; to be called when all outputs are made."""
+        self._last = round(self.tick.duration * self.rate) if self.tick.duration else None
+        self._waiting_for = set(self.controllers) | ({"recorder"} if self.recorded else set())
+        self._recorder_tick = -1
+        self._held: RobotState | None = None
+        self.started = self._finished = False
+        self.input("events", self._on_event)
+        self.input("recorder_status", self._on_recorder)
+
+    def send(self, state: RobotState) -> None:
+        """Publish the state of a tick and what goes with it."""
+        raise NotImplementedError
+
+    def advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> RobotState:
+        """One control period of the plant."""
+        return self.sim.step(command, trunk)
+
+    @property
+    def stale(self) -> int:
+        """Commands that came too late to be used."""
+        raise NotImplementedError
+
+    # ---- start
+
+    def _on_event(self, event: Event) -> None:
+        if event.kind != "ready" or not self._waiting_for:
+            return
+        self._waiting_for.discard(event.node)
+        if not self._waiting_for:
+            self._start()
+
+    def _start(self) -> None:
+        self.state, self.started = self.sim.reset(), True
+        self._began = self._paced_at = time.perf_counter()
+        self.event("started", f"clock {self.tick.clock}", 0, 0.0)
+        self._late = self._late_in_a_row = 0
+        self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None
+        if self.tick.clock == "realtime":
+            self.create_timer(1.0 / self.rate, self._on_deadline)
+        self._publish(self.state)
+
+    # ---- one tick
+
+    def _on_commands(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
+        if self.tick.clock == "realtime":
+            self._commands = (command, trunk)
+        elif not self._finished and command.tick == self.state.tick:
+            self._advance(command, trunk)
+
+    def _on_deadline(self) -> None:
+        """Realtime: step up to now, with the newest commands there are.
+
+        Timers skip the periods that they miss, so the time since the start counts.
+        """
+        due = int((time.perf_counter() - self._began) * self.rate)
+        while self.state.tick < due and not self._finished:
+            self._step_on_time()
+
+    def _step_on_time(self) -> None:
+        fresh = self._commands is not None and self._commands[0].tick == self.state.tick
+        self._late += not fresh
+        self._late_in_a_row = 0 if fresh else self._late_in_a_row + 1
+        silent = self._late_in_a_row / self.rate > self.tick.command_timeout
+        self._advance(*(self._damping() if silent or self._commands is None else self._commands))
+
+    def _damping(self) -> tuple[MotionCommand, TrunkTorque]:
+        """Safe state: hold the measured position with no velocity wanted."""
+        s = self.state
+        zero = s.q * 0.0
+        return (
+            MotionCommand(s.tick, s.t, s.q, zero),
+            TrunkTorque(s.tick, s.t, zero, zero[:6], s.contact),
+        )
+
+    def _advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
+        self.state = self.advance(command, trunk)
+        if self._over():
+            return
+        lagging = self.state.tick - self._recorder_tick > self.tick.flow_window
+        if self.recorded and lagging and self.tick.clock == "lockstep":
+            self._held = self.state  # published when the recorder has caught up
+            return
+        self._publish(self.state)
+
+    def _over(self) -> bool:
+        """Whether the run ends here; the last state is not published, as nobody answers it."""
+        s, fallen = self.state, self.sim.fallen
+        if fallen and self.tick.stop_on_fall:
+            self.event("fall", fallen, s.tick, s.t)
+            self._finish(f"fell at {s.t:.2f} s: {fallen}")
+        elif self._last is not None and s.tick >= self._last:
+            self._finish(self.ending())
+        return self._finished
+
+    def ending(self) -> str:
+        """What a run that came to its end says of itself."""
+        return f"{self.state.t:.1f} s simulated"
+
+    def _on_recorder(self, status: RecorderStatus) -> None:
+        self._recorder_tick = status.tick
+        if self._held is not None and self._held.tick - status.tick <= self.tick.flow_window:
+            state, self._held = self._held, None
+            self._publish(state)
+
+    def _publish(self, state: RobotState) -> None:
+        self._pace()
+        self.send(state)
+
+    def _pace(self) -> None:
+        if self.tick.clock != "lockstep" or not self.tick.speed:
+            return
+        self._paced_at += 1.0 / (self.rate * self.tick.speed)
+        time.sleep(max(0.0, self._paced_at - time.perf_counter()))
+
+    def _finish(self, text: str) -> None:
+        self._finished = True
+        self.publish_diagnostics()
+        self.event("finished", text, self.state.tick - 1, self.state.t)
+
+    # ---- reports
+
+    def diagnose(self) -> dict[str, Any]:
+        """Simulated time, real-time factor, late ticks and rejected commands."""
+        if self._waiting_for:
+            return {"waiting for nodes": ", ".join(sorted(self._waiting_for))}
+        wall = time.perf_counter() - self._began
+        return {
+            "tick": self.state.tick,
+            "sim_time": self.state.t,
+            "real_time_factor": self.state.t / wall if wall > 0 else 0.0,
+            "late_ticks": self._late,
+            "stale_commands": self.stale,
+            "rejected_commands": self.sim.rejected,
+        }
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        self.sim.close()
