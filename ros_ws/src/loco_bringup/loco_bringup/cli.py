@@ -92,7 +92,8 @@ def _add_run(commands) -> None:
     p.add_argument("--seed", type=int, help="seed, instead of the experiment's")
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
-    p.add_argument("--nodes", default="hyq", help="node set, name or YAML path")
+    p.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
+    p.add_argument("--namespace", default="", help="namespace of all nodes (joint robots)")
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     p.add_argument("--report", action="store_true", help="write the report when it is done")
     d = _command(commands, "demo", demo, "run hyq_trot_reflex, replay its bag, write its report")
@@ -122,9 +123,31 @@ def _add_studies(commands) -> None:
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--out", type=Path, help="results folder (default results/NAME)")
     p.add_argument("--seeds", type=int, help="only the first N seeds")
+    _add_calibrate(commands)
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
     p.add_argument("what", help="rls, graph or messages")
     p.add_argument("--json", type=Path, help="write the rows to this file too")
+
+
+def _add_calibrate(commands) -> None:
+    p = _command(
+        commands, "calibrate", calibrate,
+        "fit a robot's body to a recorded bag (thesis chapter 5, resumable)",
+        "The bag holds joint_states and joint_command of a robot whose driven joints were\n"
+        "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page.",
+    )  # fmt: skip
+    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
+    p.add_argument("--parameters", default="seven", help="seven (eq. 5.1) or ten (author's code)")
+    p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
+    p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
+    p.add_argument("--seed", type=int, default=0, help="seed of the first search")
+    p.add_argument("--generations", type=int, help="most generations of a search")
+    p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
+                   help="recordings that are compared but not fitted")  # fmt: skip
+    p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help="address of a dask cluster instead")
 
 
 def _add_rest(commands) -> None:
@@ -156,7 +179,9 @@ def run(a: argparse.Namespace) -> int:
     else:
         outcome = show_run(
             experiment,
-            lambda tell: runner.run(experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell),
+            lambda tell: runner.run(
+                experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace
+            ),
         )
     if a.report and not outcome.interrupted:
         from .report import write_report
@@ -227,6 +252,13 @@ def study(a: argparse.Namespace) -> int:
     from .console import show_study
 
     return show_study(a.study, a.out, a.workers, a.seeds)
+
+
+def calibrate(a: argparse.Namespace) -> int:
+    """`loco calibrate`."""
+    from .console_calibrate import show_calibration
+
+    return show_calibration(a)
 
 
 def bench(a: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ class Generation:
     sigma: float  # step size, share of the bounds
     values: dict[str, float]  # best so far, in the units of the parameters
     failed: int = 0  # models of the generation that could not be built or diverged
+    eta: float = 0.0  # wall time until the limit [s]; nan while unknown
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Fit:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return asdict(self) | {"ratio": self.ratio, "plateau": self.plateau}
+        rows = [{k: v for k, v in asdict(g).items() if k != "eta"} for g in self.history]
+        return asdict(self) | {"ratio": self.ratio, "plateau": self.plateau, "history": rows}
 
 
 def plateau(best: list[float], share: float = 0.95) -> int:

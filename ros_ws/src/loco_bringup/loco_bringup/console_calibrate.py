@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco calibrate` at the terminal: live progress and summary."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+from rich.table import Table
+
+from loco_control.params import from_dict
+from loco_learning.calibration import tables
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.calibration.progress import Generation
+from loco_learning.calibration.results import Result
+
+from . import calibrate as runner
+from .console import bar, console
+
+
+def options(a: argparse.Namespace) -> CalibrationParams:
+    """Settings that the options say.
+
+    Raises:
+        LocoError: A value out of range, or a name that is not known.
+    """
+    given = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
+    if a.generations is not None:
+        given["generations"] = a.generations
+    return from_dict(CalibrationParams, given, "calibrate")
+
+
+def show_calibration(a: argparse.Namespace) -> int:
+    """Calibrate as the options say, with live progress; returns the exit code."""
+    job = runner.prepare(
+        a.bag, a.robot, options(a), a.validate, a.seeds, a.out, a.workers, a.scheduler
+    )
+    most = job.options.generations
+    with bar("{task.completed}/{task.total} gen", "{task.fields[state]}") as progress:
+        tasks, began = {}, {}
+
+        def tell(seed: int, g: Generation) -> None:
+            if seed not in tasks:
+                tasks[seed] = progress.add_task(f"seed {seed}", total=most, state="")
+                began[seed] = (time.perf_counter(), g.evaluations)
+            start, first = began[seed]
+            spent = time.perf_counter() - start
+            rate = (g.evaluations - first) / spent if spent > 0.0 else math.nan
+            progress.update(tasks[seed], completed=g.index, state=_state(g, rate))
+
+        result = runner.calibrate(job, tell)
+    show(result, job.folder)
+    return 0
+
+
+def _state(g: Generation, rate: float) -> str:
+    return f"best {g.best:.4g}  step {g.sigma:.3f}  {rate:.1f}/s"
+
+
+def show(result: Result, folder: Path) -> None:
+    """Print the tables of a result and where it lies."""
+    if result.surrogate:
+        console.print("SURROGATE: the recordings come from a simulated robot, not from a machine")
+    for head, rows in (
+        tables.body_table(result), tables.recording_table(result), tables.seed_table(result)
+    ):  # fmt: skip
+        table = Table(box=None)
+        for i, title in enumerate(head):
+            table.add_column(title, justify="left" if i == 0 else "right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+        console.print()
+    console.print(f"  {result.seconds / 60.0:.1f} min with {result.workers} workers")
+    console.print(f"  page: {folder / 'calibration.html'}")

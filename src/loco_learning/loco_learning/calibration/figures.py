@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a calibration: convergence (figure 5.2b), average periods (figure 5.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .mawe import UNITS
+from .parameters import parameter_set
+from .results import Comparison, Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Colours as in figure 5.4, in shades that colour-blind readers tell apart.
+ROBOT = {"color": "#0072b2", "lw": 2.6, "solid_capstyle": "butt"}
+DEFAULT = {"color": "#2a9d6f", "lw": 1.2, "ls": (0, (5, 2))}
+CALIBRATED = {"color": "#d55e00", "lw": 1.4}
+LINES = {"robot": ROBOT, "default": DEFAULT, "calibrated": CALIBRATED}
+WIDTH = 7.4  # [in]
+
+FIGURES: dict[str, Callable[[Result], Figure]] = {}
+
+
+def figure(function: Callable[[Result], Figure]) -> Callable[[Result], Figure]:
+    """Register a figure under the name of its function."""
+    FIGURES[function.__name__] = function
+    return function
+
+
+def _canvas(rows: int, columns: int, height: float, **more: object) -> tuple[Figure, np.ndarray]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(WIDTH, height), layout="constrained", dpi=120)
+    FigureCanvasAgg(made)
+    axes = made.subplots(rows, columns, squeeze=False, **more)
+    for ax in axes.flat:
+        ax.spines[["top", "right"]].set_visible(False)
+    return made, axes
+
+
+@figure
+def convergence(result: Result) -> Figure:
+    """Smallest error so far over the generations, one line per seed, as figure 5.2b."""
+    made, ((ax,),) = _canvas(1, 1, 3.0)
+    for fit in result.fits:
+        count = [0, *(g.index for g in fit.history)]
+        best = np.minimum.accumulate([fit.before, *(g.best for g in fit.history)])
+        ax.step(count, best, where="post", lw=1.1, label=f"seed {fit.seed}")
+        at = fit.plateau
+        ax.plot(count[at], best[at], "o", ms=4, color=ax.lines[-1].get_color())
+    before = result.fits[0].before
+    ax.axhline(before, color=DEFAULT["color"], lw=0.9, ls=DEFAULT["ls"])
+    ax.annotate("default body", (1.0, before), (0, 3), xycoords=("axes fraction", "data"),
+                textcoords="offset points", ha="right", color=DEFAULT["color"])  # fmt: skip
+    ax.set(xlabel="generation", ylabel=f"windowed error ({result.loss}) [{UNITS[result.loss]}]")
+    ax.set_ylim(0.0, 1.12 * before)
+    made.legend(loc="outside upper left", ncols=len(result.fits) + 1,
+                title="dots: 95 % of the way down")  # fmt: skip
+    return made
+
+
+@figure
+def periods(result: Result) -> Figure:
+    """Average period of every passive joint for every recording, as figure 5.4."""
+    rows, joints = result.comparisons, result.joints
+    made, axes = _canvas(len(rows), len(joints), 0.6 + 1.75 * len(rows), sharey="row", sharex="row")
+    for line, row in zip(axes, rows, strict=True):
+        for j, (ax, joint) in enumerate(zip(line, joints, strict=True)):
+            _draw(ax, row, j)
+            if row is rows[0]:
+                ax.set_title(joint.removesuffix("_joint").replace("_", " "))
+        line[0].set_ylabel(f"{_short(row.name)}\nknee angle [deg]")
+        for ax in line:
+            ax.set_xlabel("time in the period [s]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    what = "surrogate robot" if result.surrogate else "robot"
+    labels = [what if text == "robot" else f"{text} model" for text in labels]
+    made.legend(handles, labels, loc="outside upper left", ncols=3)
+    return made
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("surrogate_").replace("_", " ")
+
+
+def _draw(ax, row: Comparison, j: int) -> None:
+    count = len(row.curves["robot"])
+    t = np.arange(count) / count * row.period
+    for name, look in LINES.items():
+        mean = np.degrees(row.curves[name][:, j])
+        spread = np.degrees(row.curves[f"{name}_spread"][:, j])
+        ax.fill_between(t, mean - spread, mean + spread, color=look["color"], alpha=0.18, lw=0)
+        ax.plot(t, mean, label=name, **look)
+
+
+@figure
+def bodies(result: Result) -> Figure:
+    """Where between their bounds the parameters of each seed lie."""
+    chosen = parameter_set(result.options["parameters"])
+    made, ((ax,),) = _canvas(1, 1, 0.9 + 0.28 * len(chosen.parameters))
+    at = np.arange(len(chosen.parameters))[::-1]
+    ax.hlines(at, 0.0, 1.0, color="0.85", lw=3)
+    for fit in result.fits:
+        ax.plot(chosen.to_unit(fit.values), at, "o", ms=5, alpha=0.6, color=CALIBRATED["color"],
+                label="calibrated, each seed" if fit is result.fits[0] else None)  # fmt: skip
+    ax.plot(chosen.to_unit(chosen.default), at, "|", ms=13, mew=2, color=DEFAULT["color"],
+            label="default")  # fmt: skip
+    known = [(p.to_unit(p.thesis), y) for p, y in zip(chosen.parameters, at, strict=True)
+             if p.thesis is not None]  # fmt: skip
+    ax.plot(*zip(*known, strict=True), "x", ms=7, color="#222222", label="thesis, Table 5.1")
+    ax.set_yticks(at, [p.text for p in chosen.parameters])
+    ax.set_xticks([0.0, 1.0], ["lower bound", "upper bound"])
+    made.legend(loc="outside upper left", ncols=3)
+    return made

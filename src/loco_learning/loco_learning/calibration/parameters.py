@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration may change in a body: thesis eq. (5.1), and the author's own list.
+
+A parameter knows its unit, bounds, value before calibration and the places in
+``robot.yaml`` that it is written to. Friction and contact depth span decades and are
+searched on a logarithmic scale.
+
+``seven`` is eq. (5.1): stiffness, contact depth and friction, front and hind, and the
+mass distribution at a fixed total. ``ten`` is the list in the author's code: both
+masses on their own, and the smallest knee angle (his compression tolerance).
+
+Bounds are those of the author's code, with three exceptions that are marked below: the
+optimum that the thesis prints lies outside them (hind friction 8.2e-4 with a lower
+bound of 1e-3; front mass 0.674 kg with an upper bound of 0.5 kg), so the published run
+used others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError
+
+FRONT, HIND = "[lr]f", "[lr]h"  # patterns of leg names
+MASSES = ("masses.front_body", "masses.hind_body")  # each with the legs that hang on it
+TOTAL = 0.95  # mass of the robot [kg], thesis section 4.2
+
+
+@dataclass(frozen=True)
+class BodyParameter:
+    """One number of the body.
+
+    Attributes:
+        name: Of the parameter, in files and tables.
+        unit: Its unit.
+        low: Smallest value searched.
+        high: Largest value searched.
+        default: Value before calibration, thesis Table 5.1, column "No Optim".
+        thesis: Value after calibration on the author's robot, Table 5.1, column "Optim".
+        target: Dotted name in ``robot.yaml``, patterns allowed; none for `mass_share`, of
+            which `ParameterSet.overrides` makes two masses.
+        text: Meaning, for tables.
+        log: Searched on a logarithmic scale.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    default: float
+    thesis: float | None
+    target: str
+    text: str
+    log: bool = False
+
+    def to_unit(self, value: float) -> float:
+        """Position of a value between the bounds, 0 to 1."""
+        low, high, value = (self._scale(v) for v in (self.low, self.high, value))
+        return (value - low) / (high - low)
+
+    def from_unit(self, x: float) -> float:
+        """Value at a position between the bounds."""
+        low, high = self._scale(self.low), self._scale(self.high)
+        value = low + min(max(x, 0.0), 1.0) * (high - low)
+        return min(max(math.exp(value) if self.log else value, self.low), self.high)
+
+    def _scale(self, value: float) -> float:
+        return math.log(value) if self.log else value
+
+
+def _pair(quantity: str, text: str, key: str, front: tuple, hind: tuple, **same) -> tuple:
+    """The same parameter for the front and the hind legs; (default, thesis) of each."""
+    return tuple(
+        BodyParameter(
+            f"{quantity}_{end}", default=values[0], thesis=values[1],
+            target=key.format(leg=leg), text=f"{place} {text}", **same,
+        )
+        for end, place, leg, values in (
+            ("front", "front", FRONT, front), ("hind", "hind", HIND, hind)
+        )
+    )  # fmt: skip
+
+
+_STIFFNESS = _pair(
+    "stiffness", "knee spring stiffness", "springs.{leg}_kfe_joint.stiffness",
+    (181.6, 181.4691), (181.6, 440.629), unit="N/m", low=50.0, high=1000.0,
+)  # fmt: skip
+_DEPTH = _pair(
+    "depth", "contact depth under the standing load", "contacts.{leg}_foot.depth",
+    (5e-4, 3.8e-3), (5e-4, 7.8e-3), unit="m", low=1e-4, high=1e-2, log=True,
+)  # fmt: skip
+# Lower bound 1e-3 in the author's code, above the optimum that the thesis prints.
+_FRICTION = _pair(
+    "friction", "feet friction coefficient", "contacts.{leg}_foot.friction",
+    (0.1, 0.283), (0.1, 8.19e-4), unit="-", low=1e-4, high=50.0, log=True,
+)  # fmt: skip
+# Bounds 0.1 to 0.5 kg in the author's code, where they are of the trunk's boxes alone.
+_MASS = tuple(
+    BodyParameter(f"mass_{end}", "kg", 0.2, 0.75, *values, target, f"{end} mass, legs included")
+    for end, target, values in zip(
+        ("front", "hind"), MASSES, ((0.712, 0.674), (0.238, 0.276)), strict=True
+    )
+)
+_STOP = _pair(
+    "stop", "smallest knee angle", "springs.{leg}_kfe_joint.stop",
+    (0.92, None), (0.9015, None), unit="rad", low=0.7, high=1.2,
+)  # fmt: skip
+_SHARE = BodyParameter(
+    "mass_share", "-", 0.5, 0.79, 0.712 / TOTAL, 0.674 / TOTAL, "", "share of the mass in front"
+)
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Parameters that are calibrated together."""
+
+    name: str
+    text: str
+    parameters: tuple[BodyParameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names in the order of every vector, (d,)."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def default(self) -> dict[str, float]:
+        """Values before calibration."""
+        return {p.name: p.default for p in self.parameters}
+
+    def to_unit(self, values: Mapping[str, float]) -> np.ndarray:
+        """Vector in the unit cube, (d,), for the optimiser."""
+        return np.array([p.to_unit(values[p.name]) for p in self.parameters])
+
+    def from_unit(self, x: np.ndarray) -> dict[str, float]:
+        """Values by name from a vector in the unit cube, (d,)."""
+        return {p.name: p.from_unit(float(v)) for p, v in zip(self.parameters, x, strict=True)}
+
+    def overrides(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of ``robot.yaml`` by dotted name that make this body."""
+        made = {p.target: float(values[p.name]) for p in self.parameters if p.target}
+        if "mass_share" in values:
+            share = float(values["mass_share"])
+            made |= {MASSES[0]: share * TOTAL, MASSES[1]: (1.0 - share) * TOTAL}
+        return made
+
+
+SETS = {
+    s.name: s
+    for s in (
+        ParameterSet("seven", "thesis eq. (5.1)", (*_STIFFNESS, *_DEPTH, *_FRICTION, _SHARE)),
+        ParameterSet(
+            "ten", "the author's code", (*_MASS, *_FRICTION, *_DEPTH, *_STIFFNESS, *_STOP)
+        ),
+    )
+}
+
+
+def parameter_set(name: str) -> ParameterSet:
+    """Parameter set by its name.
+
+    Raises:
+        NameUnknownError: No such set.
+    """
+    if name not in SETS:
+        raise NameUnknownError("parameter set", name, SETS)
+    return SETS[name]

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from loco_control.params import Params, parameter
+
+from .mawe import LOSSES, WINDOW
+from .parameters import SETS
+
+
+@dataclass(frozen=True)
+class CalibrationParams(Params):
+    """What is fitted, to what, and how long the search goes on."""
+
+    parameters: str = parameter("seven", "set of parameters", choices=tuple(SETS))
+    loss: str = parameter("thesis", "variant of the windowed error", choices=tuple(LOSSES))
+    window: float = parameter(WINDOW, "largest shift of robot against model", "s", 0.0, 10.0)
+    skip: float = parameter(10.0, "start of a recording that is not used", "s", 0.0, 1e4)
+    settle: int = parameter(1, "periods simulated before the model is compared", "-", 0, 100)
+    periods: int = parameter(1, "periods of the model that are averaged", "-", 1, 1000)
+    population: int = parameter(10, "models per generation", "-", 2, 1000)
+    generations: int = parameter(60, "most generations", "-", 1, 100_000)
+    evaluations: int = parameter(0, "most rollouts, 0: no limit", "-", 0, 10_000_000)
+    sigma: float = parameter(0.3, "first step size, as a share of the bounds", "-", 1e-6, 10.0)
+    patience: int = parameter(25, "stop after so many generations without gain", "-", 1, 100_000)
+    gain: float = parameter(0.005, "what counts as gain, share of the error", "-", 0.0, 1.0)
+    seed: int = parameter(0, "of the search and of the sensor noise", "-", 0, 2**31 - 1)
