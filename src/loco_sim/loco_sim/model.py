@@ -50,12 +50,15 @@ class Model:
         """The effects, new ones."""
         return effects.from_list(self.effects)
 
-    def save(self, path: str | Path) -> None:
-        """Write a ``model.yaml``, whole or not at all."""
-        path = Path(path)
+    def dumps(self) -> str:
+        """Text of a ``model.yaml``, for `loads`."""
         values = {"format": FORMAT, "robot": self.robot}
         values |= {"overrides": dict(self.overrides), "effects": list(self.effects)}
-        text = "# SPDX-License-Identifier: Apache-2.0\n" + yaml.safe_dump(values, sort_keys=False)
+        return "# SPDX-License-Identifier: Apache-2.0\n" + yaml.safe_dump(values, sort_keys=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``model.yaml``, whole or not at all."""
+        path, text = Path(path), self.dumps()
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
@@ -79,10 +82,24 @@ def load(path: str | Path) -> Model:
     """
     path = Path(path)
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError:
         raise MissingFileError(f"there is no model at {path}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ParameterError(f"{path} is not YAML: {error}") from None
+    return loads(text, path)
+
+
+def loads(text: str, path: str | Path = "model.yaml") -> Model:
+    """Check the text of a ``model.yaml``; `path` is where it lies, for names and messages.
+
+    Raises:
+        LocoError: As `load`.
+    """
+    path = Path(path)
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
         raise ParameterError(f"{path} is not YAML: {error}") from None
     if not isinstance(values, dict) or "robot" not in values:
         raise ParameterError(f"{path} must be a mapping with 'format' and 'robot'")
