@@ -96,6 +96,54 @@ class Description:
         joints = self._root.findall("joint")
         return {j.get("name", ""): j.get("type") for j in joints if j.get("type") in moving}
 
+    def child(self, joint: str) -> str:
+        """Name of the link that a joint moves."""
+        return self._find("joint", joint).find("child").get("link", "")
+
+    def axis(self, joint: str) -> np.ndarray:
+        """Axis of a joint in the frame of the link that it moves, (3,)."""
+        found = self._find("joint", joint).find("axis")
+        return np.array(
+            [float(v) for v in (found.get("xyz") if found is not None else "1 0 0").split()]
+        )
+
+    def split_root(self, x: float, axis: str) -> str:
+        """Cut the root link in two with a hinge; what hangs behind the cut goes with the rear.
+
+        Each half has half the mass and inertia about the same centre, so with a locked
+        hinge the robot is as it was.
+
+        Args:
+            x: Where, in the frame of the root link [m].
+            axis: Of the hinge: x, y or z.
+
+        Returns:
+            Name of the rear link.
+        """
+        root = self.root_link()
+        rear = f"{root}_rear"
+        weight, tensor, origin = self._inertial(root)
+        weight.set("value", repr(0.5 * float(weight.get("value", 0.0))))
+        for key in TENSOR:
+            tensor.set(key, repr(0.5 * float(tensor.get(key, 0.0))))
+        link = ET.SubElement(self._root, "link", name=rear)
+        inertial = ET.SubElement(link, "inertial")
+        inertial.extend([_moved(origin, -x), ET.Element("mass", weight.attrib)])
+        ET.SubElement(inertial, "inertia", tensor.attrib)
+        for joint in self._root.findall("joint"):
+            place = joint.find("origin")
+            at = 0.0 if place is None else float(place.get("xyz", "0 0 0").split()[0])
+            if joint.find("parent").get("link") == root and at < x:
+                joint.find("parent").set("link", rear)
+                joint.remove(place)
+                joint.append(_moved(place, -x))
+        hinge = ET.SubElement(self._root, "joint", name=f"{rear}_joint", type="continuous")
+        ET.SubElement(hinge, "parent", link=root)
+        ET.SubElement(hinge, "child", link=rear)
+        ET.SubElement(hinge, "origin", xyz=f"{x!r} 0 0")
+        ET.SubElement(hinge, "axis", xyz=" ".join("1" if a == axis else "0" for a in "xyz"))
+        return rear
+
     def mass(self) -> float:
         """Mass of all links [kg]."""
         return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
@@ -213,6 +261,12 @@ class Description:
             if element.get("name") == name:
                 return element
         raise NameUnknownError(tag, name, [e.get("name", "") for e in self._root.findall(tag)])
+
+
+def _moved(origin: ET.Element, x: float) -> ET.Element:
+    """An origin moved along x [m]."""
+    at = [float(v) for v in origin.get("xyz", "0 0 0").split()]
+    return ET.Element("origin", {**origin.attrib, "xyz": f"{at[0] + x!r} {at[1]!r} {at[2]!r}"})
 
 
 def _turned(origin: ET.Element) -> bool:

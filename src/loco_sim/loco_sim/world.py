@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .description import Description
-from .geometry import multiply, rotate, rotation_matrix
+from .geometry import multiply, rotate, rotate_back, rotation_matrix
 from .params import SimParams
 from .robot import Robot, joint_index
 
@@ -174,9 +174,9 @@ class World:
         self._foot_slot = {self._links[foot]: 3 * k for k, foot in enumerate(self.robot.feet)}
         pybullet.setJointMotorControlArray(
             body,
-            self._joints,
+            self._moving,
             pybullet.VELOCITY_CONTROL,
-            forces=[0.0] * len(self._joints),
+            forces=[0.0] * len(self._moving),
             physicsClientId=c,
         )
         inertial = pybullet.getDynamicsInfo(body, -1, physicsClientId=c)
@@ -257,6 +257,27 @@ class World:
             physicsClientId=self._client,
         )
 
+    def set_friction(self, link: str, friction: float) -> None:
+        """Change the friction of a link from now on."""
+        pybullet.changeDynamics(
+            self._body, self._links[link], lateralFriction=friction, physicsClientId=self._client
+        )
+
+    def bend(self, link: str, stiffness: float, damping: float) -> None:
+        """Spring and damper for the next step in a joint that is not the robot's own.
+
+        Args:
+            link: The link that the joint moves.
+            stiffness: Of the joint [N·m/rad].
+            damping: Of the joint [N·m·s/rad].
+        """
+        body, joint, c = self._body, self._links[link], self._client
+        angle, rate = pybullet.getJointState(body, joint, c)[:2]
+        tau = -stiffness * angle - damping * rate
+        pybullet.setJointMotorControl2(
+            body, joint, pybullet.TORQUE_CONTROL, force=tau, physicsClientId=c
+        )
+
     def joint_states(self) -> tuple[tuple[float, float, tuple, float], ...]:
         """Per joint: position [rad], velocity [rad/s], and two things of no use here."""
         return pybullet.getJointStates(self._body, self._joints, self._client)
@@ -326,6 +347,30 @@ class World:
             orientation = multiply(turn, (-x, -y, -z, w))
             position = np.subtract(com, rotate(rotation_matrix(orientation), local))
         return np.add(position, rotate(rotation_matrix(orientation), offset))
+
+    def energy(self) -> tuple[float, float]:
+        """Potential energy in gravity (0 at the world's origin) and kinetic energy [J]."""
+        c, body = self._client, self._body
+        potential = kinetic = 0.0
+        for link in self._links.values():
+            mass, _, moments = pybullet.getDynamicsInfo(body, link, physicsClientId=c)[:3]
+            if link < 0:
+                at, turn = pybullet.getBasePositionAndOrientation(body, c)
+                velocity, spin = pybullet.getBaseVelocity(body, c)
+            else:
+                state = pybullet.getLinkState(
+                    body,
+                    link,
+                    computeLinkVelocity=1,
+                    computeForwardKinematics=1,
+                    physicsClientId=c,
+                )
+                at, turn, velocity, spin = state[0], state[1], state[6], state[7]
+            own = rotate_back(rotation_matrix(turn), spin)  # along the principal axes
+            potential -= mass * float(np.dot(self.gravity, at))
+            kinetic += 0.5 * mass * float(np.dot(velocity, velocity))
+            kinetic += 0.5 * float(np.dot(moments, np.square(own)))
+        return potential, kinetic
 
     def joint_inertia(self, q: Sequence[float]) -> np.ndarray:
         """Inertia that the joints feel [kg·m²], (n, n), base free to move unless fixed.

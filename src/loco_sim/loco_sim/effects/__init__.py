@@ -1,7 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Registry of named effects; importing this package registers all of them."""
 
-from . import delay, faults, noise, payload, push  # noqa: F401  (registers)
-from .base import EFFECTS, Effect, from_list, make, names, to_list
+from . import (  # noqa: F401  (registers)
+    actuator,
+    body,
+    compliance,
+    contact,
+    delay,
+    faults,
+    friction,
+    noise,
+    push,
+    sensor,
+)
+from .base import EFFECTS, Effect, applicable, from_list, make, names, to_list
+from .identity import Identity, LookAlike, Prior
 
-__all__ = ["EFFECTS", "Effect", "from_list", "make", "names", "to_list"]
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "Identity",
+    "LookAlike",
+    "Prior",
+    "applicable",
+    "from_list",
+    "make",
+    "names",
+    "to_list",
+]

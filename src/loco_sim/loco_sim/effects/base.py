@@ -2,16 +2,17 @@
 """Named physical effects: what one is, the registry, and how experiments list them.
 
 An effect is a dataclass of parameters, each with unit and range, whose defaults
-switch it off, and a few hooks. To add one: derive from `Effect` with a name,
-declare the parameters, override the hooks it needs, import its module in
-``effects/__init__.py``. The tests over the registry then cover it.
+switch it off, an `Identity`, and a few hooks. To add one: derive from `Effect` with a
+name, declare the parameters, say what is known about it, override the hooks it needs,
+import its module in ``effects/__init__.py``. The tests over the registry then cover it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,7 +22,11 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 from loco_control.types import RobotState
 
+from ..description import Description
+from .identity import Identity
+
 if TYPE_CHECKING:
+    from ..robot import Robot
     from ..world import World
 
 EFFECTS: dict[str, type[Effect]] = {}
@@ -37,17 +42,22 @@ class Effect:
     """
 
     name: ClassVar[str] = ""
+    identity: ClassVar[Identity | None] = None
+    needs: ClassVar[tuple[str, ...]] = ()  # keys of `NEEDS`: what a robot must have
+    lasting: ClassVar[bool] = False  # there from start to end: it is built into the world
 
     start: float = parameter(0.0, "the effect begins", "s", low=0.0)
     stop: float = parameter(math.inf, "the effect ends", "s", low=0.0)
 
-    def __init_subclass__(cls, name: str, **kwargs: Any) -> None:
-        """Enter the class in the registry.
+    def __init_subclass__(cls, name: str = "", **kwargs: Any) -> None:
+        """Enter the class in the registry; one without a name is a base of others.
 
         Raises:
             ParameterError: The name is taken.
         """
         super().__init_subclass__(**kwargs)
+        if not name:
+            return
         if name in EFFECTS:
             raise ParameterError(f"there is an effect named {name!r} already")
         cls.name = name
@@ -59,21 +69,65 @@ class Effect:
             raise ParameterError(
                 f"effect {self.name}: stop ({self.stop:g} s) is before start ({self.start:g} s)"
             )
+        if self.lasting and (self.start > 0.0 or self.stop != math.inf):
+            raise ParameterError(
+                f"effect {self.name} is there from start to end: start {self.start:g} s and "
+                f"stop {self.stop:g} s are not possible, only 0 and .inf"
+            )
+
+    @classmethod
+    def lacks(cls, robot: Robot) -> str:
+        """What a robot does not have that the effect needs; empty when it fits."""
+        missing = [text for text, has in map(NEEDS.__getitem__, cls.needs) if not has(robot)]
+        return " and ".join(missing)
+
+    @classmethod
+    def applies(cls, robot: Robot) -> bool:
+        """Whether the effect makes sense on a robot."""
+        return not cls.lacks(robot)
+
+    def require(self, robot: Robot) -> None:
+        """Refuse a robot on which the effect makes no sense.
+
+        Raises:
+            ParameterError: What it lacks.
+        """
+        if missing := self.lacks(robot):
+            raise ParameterError(
+                f"effect {self.name} does not apply to robot {robot.name!r}: it has no {missing}"
+            )
+
+    @classmethod
+    def fuse(cls, hook: str) -> Callable[..., Any] | None:
+        """What makes one function of a hook of neighbours: see `windows`."""
+        return None
+
+    def absent(self) -> bool:
+        """Whether its parameters switch the effect off."""
+        strengths = self.identity.strengths if self.identity else ()
+        return bool(strengths) and not any(np.any(getattr(self, name)) for name in strengths)
+
+    def energy(self, q: np.ndarray) -> float:
+        """Energy now stored in the effect itself, e.g. in a spring [J].
+
+        Args:
+            q: Joint positions [rad], (n,).
+        """
+        return 0.0
 
     def configure(self, world: World) -> None:
-        """Change the world before it is built: `world.description`, `world.friction`,
-        `world.contact`, `world.gravity`.
+        """Change the world before it is built.
 
-        Called at every reset, first, whatever `start` says. `world.dt` is the
-        physics step, `world.robot` the robot; `world.joint_index` finds joints.
+        That is `world.description`, `world.friction`, `world.contact` and
+        `world.gravity`; `world.joint_index` finds joints, `world.dt` is the physics
+        step, `world.robot` the robot. Called at every reset, first, whatever `start`
+        says.
         """
 
     def reset(self, rng: np.random.Generator) -> None:
         """Forget everything; `rng` is this effect's own random stream from now on."""
 
-    def on_command(
-        self, q: np.ndarray, dq: np.ndarray, t: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Motion command as the drives get it.
 
         Called before every physics step. Between two commands the same arrays come
@@ -140,6 +194,11 @@ def names() -> list[str]:
     return sorted(EFFECTS)
 
 
+def applicable(robot: Robot) -> list[str]:
+    """Names of the effects that make sense on a robot."""
+    return [name for name in names() if EFFECTS[name].applies(robot)]
+
+
 def make(name: str, **params: Any) -> Effect:
     """Effect by name.
 
@@ -194,13 +253,49 @@ def overrides(effect: Effect, hook: str) -> bool:
 def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, float, Any]]:
     """First physics step, the one after the last, and function of each effect with a hook.
 
+    Neighbours of one kind (the same `fuse`) become one function, which does what they
+    would do one after the other and minds their windows: a call costs more than a law.
+    Effects that their parameters switch off are left out.
+
     Args:
         effects: In the order in which they act.
         hook: Name of a method of `Effect`.
         dt: Physics step [s].
     """
-    return [
-        (round(e.start / dt), round(e.stop / dt) if e.stop < math.inf else e.stop, getattr(e, hook))
-        for e in effects
-        if overrides(e, hook)
-    ]
+    made, acting = [], [e for e in effects if overrides(e, hook) and not e.absent()]
+    for fuse, neighbours in itertools.groupby(acting, lambda e: e.fuse(hook)):
+        group = list(neighbours)
+        each = [(*span(e, dt), getattr(e, hook)) for e in group]
+        if fuse is None or len(group) == 1:
+            made += each
+        else:
+            first, last, _ = zip(*each, strict=True)
+            made.append((min(first), max(last), fuse(group, hook, dt)))
+    return made
+
+
+def span(effect: Effect, dt: float) -> tuple[int, float]:
+    """First physics step of an effect and the one after its last."""
+    stop = round(effect.stop / dt) if effect.stop < math.inf else effect.stop
+    return round(effect.start / dt), stop
+
+
+def turning(robot: Robot) -> np.ndarray:
+    """Indices of the joints that turn and do not slide, (k,)."""
+    kinds = Description(robot.urdf).joint_types()
+    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+
+
+# What effects may need: its name in a message, and the question to a robot.
+NEEDS: dict[str, tuple[str, Callable[[Robot], bool]]] = {
+    "base": ("base that moves", lambda robot: not robot.fixed_base),
+    "feet": ("feet", lambda robot: len(robot.feet) > 0),
+    "drive": ("joint with a drive", lambda robot: len(robot.driven) > 0),
+    "effort": (
+        "torque limit of a driven joint",
+        lambda r: bool(np.isfinite(r.effort[r.driven]).any()),
+    ),
+    "legs": ("legs", lambda robot: len(robot.feet) > 1),
+    "turning": ("joint that turns", lambda robot: len(turning(robot)) > 0),
+    "springs": ("springs in its robot.yaml", lambda robot: bool(getattr(robot, "springs", None))),
+}

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,10 @@ import numpy as np
 
 from loco_control.params import parameter
 
+from . import chain
 from .base import Effect
+from .chain import TorqueEffect
+from .identity import Identity, LookAlike, Prior
 
 
 def delayed(pending: deque, value: Any, steps: int) -> Any:
@@ -36,6 +40,23 @@ class CommandDelay(Effect, name="command_delay"):
 
     delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)
 
+    identity = Identity(
+        site="actuator",
+        equation="q_d(t) <- q_d(t - delay)",
+        priors={"delay": Prior(0.002, 0.02, 0.2)},
+        source="thesis section 5.3.2.2 (about 100 ms on Tigrillo) and chapter 8",
+        look_alikes=(
+            LookAlike("actuation_delay", "push the robot by hand: a late torque takes damping "
+                      "away, a late command does not"),
+            LookAlike("sensor_latency", "an outside sensor of the same motion"),
+            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
+            LookAlike("command_dropout", "a slow ramp: lost commands make steps"),
+        ),
+        touches=("command",),
+        passive=False,
+        smooth=False,
+    )  # fmt: skip
+
     def configure(self, world: Any) -> None:
         self._steps = round(self.delay / world.dt)
 
@@ -47,7 +68,7 @@ class CommandDelay(Effect, name="command_delay"):
 
 
 @dataclass
-class ActuationDelay(Effect, name="actuation_delay"):
+class ActuationDelay(TorqueEffect, name="actuation_delay"):
     """Joint torques act late, by a whole number of physics steps.
 
     When it begins, the torque of that moment is held until the late ones arrive.
@@ -55,11 +76,22 @@ class ActuationDelay(Effect, name="actuation_delay"):
     """
 
     delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)
+    law, among = chain.DELAY, "driven"
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self._pending: deque = deque()
+    identity = Identity(
+        site="actuator",
+        equation="tau(t) <- tau(t - delay)",
+        priors={"delay": Prior(0.001, 0.005, 0.05)},
+        source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",
+        look_alikes=(
+            LookAlike("command_delay", "push the robot by hand: a late command keeps damping"),
+            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
+            LookAlike("backlash", "a bias torque that never reverses: play is gone"),
+        ),
+        touches=("torque",),
+        passive=False,
+        smooth=False,
+    )
 
-    def on_torque(
-        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
-    ) -> np.ndarray:
-        return delayed(self._pending, tau, round(self.delay / dt))
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (round(self.delay / world.dt),)

@@ -3,29 +3,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import parameter
-from loco_control.types import RobotState
 
 from .base import Effect
+from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
+from .readings import Layout, Measuring
 
 if TYPE_CHECKING:
     from ..world import World
 
-CHANNELS = ("q", "dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration")
-
 
 @dataclass
-class SensorStuck(Effect, name="sensor_stuck"):
+class SensorStuck(Measuring, Effect, name="sensor_stuck"):
     """A sensor repeats what it said when the fault began."""
 
-    channel: str = parameter("none", "which sensor", choices=("none", *CHANNELS))
+    channel: str = parameter("none", "which sensor", choices=("none", *SENSOR_SIGNALS))
     index: int = parameter(-1, "which joint, foot or axis; -1 is all", low=-1)
+
+    identity = Identity(
+        site="sensor",
+        equation="y(t) <- y(start)",
+        priors={},
+        source="Isermann 2006, Fault-diagnosis systems, Springer",
+        look_alikes=(
+            LookAlike("end_stop", "push the joint on: at a stop the torque rises"),
+            LookAlike("sensor_latency", "wait: late values come"),
+        ),
+        touches=SENSOR_SIGNALS,
+        passive=True,
+        smooth=False,
+    )
+
+    def absent(self) -> bool:
+        return self.channel == "none"
 
     def configure(self, world: World) -> None:
         sizes = {"grf": len(world.robot.feet), "orientation": 4}
@@ -40,13 +56,15 @@ class SensorStuck(Effect, name="sensor_stuck"):
     def reset(self, rng: np.random.Generator) -> None:
         self._held: np.ndarray | None = None
 
-    def on_measurement(self, state: RobotState) -> RobotState:
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         if self.channel == "none":
-            return state
-        value = getattr(state, self.channel)
+            return
+        value = values[at[self.channel]]
+        if self.channel == "grf":
+            value = value.reshape(-1, 3)
         if self._held is None:
-            self._held = value
-        return replace(state, **{self.channel: stuck(value, self._held, self.index)})
+            self._held = value.copy()
+        value[:] = stuck(value, self._held, self.index)
 
 
 def stuck(value: np.ndarray, held: np.ndarray, index: int) -> np.ndarray:
@@ -63,6 +81,21 @@ class CommandDropout(Effect, name="command_dropout"):
     """Motion commands get lost; the drives keep the last one that arrived."""
 
     probability: float = parameter(0.0, "that a command is lost", low=0.0, high=1.0)
+
+    identity = Identity(
+        site="outside",
+        equation="q_d(k) <- q_d(k - 1) with this probability",
+        priors={"probability": Prior(0.01, 0.05, 0.5)},
+        source="Hespanha, Naghshtabrizi, Xu 2007, A survey of recent results in networked control "
+        "systems, Proc. IEEE 95(1)",
+        look_alikes=(
+            LookAlike("command_delay", "a slow ramp: lost commands make steps, late ones do not"),
+            LookAlike("quantisation", "hold still at many angles: steps of the sensor stand"),
+        ),
+        touches=("command",),
+        passive=False,
+        smooth=False,
+    )
 
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from loco_control.params import parameter
-from loco_control.types import RobotState
 
 from ..geometry import multiply
 from .base import Effect
+from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
+from .readings import Layout, Measuring
 
 
-def turned(orientation: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
     """Orientation after a small turn about the base axes.
 
     Args:
@@ -26,39 +28,64 @@ def turned(orientation: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 @dataclass
-class SensorNoise(Effect, name="sensor_noise"):
+class SensorNoise(Measuring, Effect, name="sensor_noise"):
     """White Gaussian noise on each channel, drawn once per control period.
 
     Every channel is drawn whether it is used or not, so switching one on does not
     change the noise of another.
     """
 
-    q: float = parameter(0.0, "joint position, standard deviation", "rad", low=0.0)
-    dq: float = parameter(0.0, "joint velocity, standard deviation", "rad/s", low=0.0)
-    tau: float = parameter(0.0, "joint torque, standard deviation", "N·m", low=0.0)
-    grf: float = parameter(0.0, "ground reaction force, standard deviation", "N", low=0.0)
-    orientation: float = parameter(0.0, "IMU orientation, std. deviation per axis", "rad", low=0.0)
-    gyro: float = parameter(0.0, "IMU angular velocity, standard deviation", "rad/s", low=0.0)
-    accelerometer: float = parameter(0.0, "IMU specific force, standard deviation", "m/s²", low=0.0)
+    q: float = parameter(0.0, "joint position, standard deviation", "rad", 0.0, 1.0)
+    dq: float = parameter(0.0, "joint velocity, standard deviation", "rad/s", 0.0, 100.0)
+    tau: float = parameter(0.0, "joint torque, standard deviation", "N·m", 0.0, 200.0)
+    grf: float = parameter(0.0, "ground reaction force, standard deviation", "N", 0.0, 1000.0)
+    orientation: float = parameter(0.0, "IMU orientation, std. deviation per axis", "rad", 0.0, 1.0)
+    gyro: float = parameter(0.0, "IMU angular velocity, standard deviation", "rad/s", 0.0, 10.0)
+    accelerometer: float = parameter(
+        0.0, "IMU specific force, standard deviation", "m/s²", 0.0, 100.0
+    )
+
+    identity = Identity(
+        site="sensor",
+        equation="y <- y + std w, w white and normal; orientation <- orientation R(std w)",
+        priors={
+            "q": Prior(1e-4, 1e-3, 0.02),
+            "dq": Prior(1e-3, 0.02, 0.5),
+            "tau": Prior(1e-3, 0.05, 2.0),
+            "grf": Prior(0.01, 1.0, 20.0),
+            "orientation": Prior(1e-4, 3e-3, 0.03),
+            "gyro": Prior(1e-3, 0.01, 0.1),
+            "accelerometer": Prior(0.01, 0.1, 1.0),
+        },
+        strengths=("q", "dq", "tau", "grf", "orientation", "gyro", "accelerometer"),
+        source="Woodman 2007, An introduction to inertial navigation, UCAM-CL-TR-696",
+        look_alikes=(
+            LookAlike("quantisation", "hold still: steps stand, noise goes on"),
+            LookAlike("push", "two sensors of one motion: a push is in both"),
+        ),
+        touches=SENSOR_SIGNALS,
+        passive=True,
+        smooth=True,
+    )
 
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng
+        self._std: np.ndarray | None = None
 
-    def on_measurement(self, state: RobotState) -> RobotState:
-        def drawn(like: np.ndarray, std: float) -> np.ndarray:
-            return std * self._rng.standard_normal(like.shape)
-
-        q, dq, tau = drawn(state.q, self.q), drawn(state.dq, self.dq), drawn(state.tau, self.tau)
-        grf, angle = drawn(state.grf, self.grf), drawn(state.angular_velocity, self.orientation)
-        gyro = drawn(state.angular_velocity, self.gyro)
-        force = drawn(state.linear_acceleration, self.accelerometer)
-        return replace(
-            state,
-            q=state.q + q,
-            dq=state.dq + dq,
-            tau=state.tau + tau,
-            grf=state.grf + grf,
-            orientation=turned(state.orientation, angle) if self.orientation else state.orientation,
-            angular_velocity=state.angular_velocity + gyro,
-            linear_acceleration=state.linear_acceleration + force,
-        )
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        if self._std is None:
+            stds = self.q, self.dq, self.tau, self.grf, 0.0, self.gyro, self.accelerometer
+            self._std = np.concatenate(
+                [
+                    np.full(at[name].stop - at[name].start, std)
+                    for name, std in zip(SENSOR_SIGNALS, stds, strict=True)
+                ]
+            )
+        # Drawn in this order for ever: one more channel would change every run.
+        turn = at["orientation"]
+        drawn = self._rng.standard_normal(at.size - 1)
+        values[: turn.start] += self._std[: turn.start] * drawn[: turn.start]
+        if self.orientation:
+            angle = self.orientation * drawn[turn.start : turn.start + 3]
+            values[turn] = turned(values[turn].tolist(), angle)
+        values[turn.stop :] += self._std[turn.stop :] * drawn[turn.start + 3 :]

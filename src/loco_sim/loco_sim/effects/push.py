@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces from outside on the trunk."""
+"""Forces from outside."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from loco_control.params import parameter
 
 from .base import Effect
+from .body import carrier
+from .identity import Identity, LookAlike, Prior
 
 if TYPE_CHECKING:
     from ..world import World
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Push(Effect, name="push"):
-    """A constant force, plus one that jumps at random, on a point of the base.
+    """A constant force, plus one that jumps at random, on a point of a link.
 
     The random force is uniform in +-`random` on each axis and is drawn anew after a
     uniform time between `shortest` and `longest`.
@@ -26,11 +28,36 @@ class Push(Effect, name="push"):
     a new draw every 25 to 250 control periods replaces the one before.
     """
 
-    force: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "force, world frame", "N")
-    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, base frame", "m")
-    random: float = parameter(0.0, "amplitude of the random force on each axis", "N", low=0.0)
+    force: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "force, world frame", "N", -1e4, 1e4
+    )
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    random: float = parameter(0.0, "amplitude of the random force on each axis", "N", 0.0, 1e4)
     shortest: float = parameter(0.1, "shortest time between two draws", "s", low=0.0)
     longest: float = parameter(1.0, "longest time between two draws", "s", low=0.0)
+    link: str = parameter("", "link that is pushed; empty is the base (last link if fixed)")
+
+    _link = None  # the base
+
+    identity = Identity(
+        site="outside",
+        equation="F = force + u(t), |u_i| <= random, on point of link, from start to stop",
+        priors={"force": Prior(-50.0, 0.0, 50.0), "random": Prior(0.5, 10.0, 100.0)},
+        strengths=("force", "random"),
+        source="thesis section 7.4; random force of the author's simulation (hyq_ml)",
+        look_alikes=(
+            LookAlike("cable_force", "walk to another place: a cable pulls by place"),
+            LookAlike("slope", "let the robot hop: a slope pulls every link"),
+            LookAlike("slip", "the robot in the air: a push is still there"),
+        ),
+        touches=("force",),
+        passive=False,
+        smooth=True,
+    )
+
+    def configure(self, world: World) -> None:
+        root = not self.link and not world.robot.fixed_base
+        self._link = None if root else carrier(world, self.link)
 
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -42,4 +69,4 @@ class Push(Effect, name="push"):
             self._now = self.force + self._rng.uniform(-self.random, self.random, 3)
             self._next = t + self._rng.uniform(*sorted((self.shortest, self.longest)))
         if self._now.any():
-            world.push(self._now.tolist(), point=self.point)
+            world.push(self._now.tolist(), link=self._link, point=self.point)

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects in the joints, many in one call.
+
+An effect in the joints names a compiled law (`laws`), the joints, and the constants of
+each. A `Chain` runs a list of them in their order, each in its window of time, with one
+call of a kernel: for a dozen joints a call from Python costs ten times what a law does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import parameter
+
+from . import laws
+from .base import Effect, span, turning
+
+if TYPE_CHECKING:
+    from ..world import World
+
+# Numbers of the laws in `torques`; a law of friction has none.
+GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
+SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
+CONSTANTS, MEMORY = 9, 4  # per row
+NEVER = np.iinfo(np.int64).max
+
+
+@njit(cache=True)
+def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
+    """Run laws of the torque one after the other, in place.
+
+    Args:
+        step: Physics step.
+        dt: Its length [s].
+        plan: Law, first row, row after the last, first step, step after the last, (m, 5).
+        joint: Joint of each row, (r,).
+        const: Constants of each row, (r, CONSTANTS).
+        memory: Memory of each row, (r, MEMORY).
+        line: Delay lines of all rows.
+        tau: Torques [N·m], (n,).
+        q: Joint positions [rad], (n,).
+        dq: Joint velocities [rad/s], (n,).
+    """
+    for k in range(plan.shape[0]):
+        law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
+        if step < plan[k, 3] or step >= plan[k, 4]:
+            continue
+        if law == GAIN:
+            laws.gain(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == DELAY:
+            laws.delay(a, b, joint, const, memory, line, tau)
+        elif law == LAG:
+            laws.lag(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == LIMIT:
+            laws.limit(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SPEED_LINE:
+            laws.speed_line(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SAG:
+            laws.sag(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == BACKLASH:
+            laws.backlash(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SERIES:
+            laws.series(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SPRING:
+            laws.spring(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SATURATION:
+            laws.saturation(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == RESCALED:
+            laws.rescaled(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SHIFTED:
+            laws.shifted(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == END_STOP:
+            laws.end_stop(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == HYSTERESIS:
+            laws.hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == MAXWELL:
+            laws.maxwell(a, b, joint, const, memory, tau, q, dq, dt)
+
+
+@njit(cache=True)
+def budgets(step, plan, joint, const, budget, tau, dq):
+    """Add up laws of friction, in place; arguments as of `torques`."""
+    for k in range(plan.shape[0]):
+        if plan[k, 3] <= step < plan[k, 4]:
+            laws.friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)
+
+
+class Chain:
+    """Laws of several effects, in their order, as one function."""
+
+    def __init__(self, effects: Sequence[JointEffect], dt: float):
+        """Lay out rows for the effects, all configured, and give them their memory.
+
+        Args:
+            effects: In the order in which they act.
+            dt: Physics step [s].
+        """
+        rows = np.cumsum([0, *(len(e.joints) for e in effects)])
+        windows = [(first, min(last, NEVER)) for first, last in (span(e, dt) for e in effects)]
+        self._plan = np.array(
+            [
+                (e.law, a, b, *window)
+                for e, a, b, window in zip(effects, rows[:-1], rows[1:], windows, strict=True)
+            ],
+            dtype=np.int64,
+        )
+        self._joint = np.concatenate([e.joints for e in effects])
+        self._const = np.concatenate([e.rows for e in effects])
+        self._memory = np.zeros((rows[-1], MEMORY))
+        for effect, a, b in zip(effects, rows[:-1], rows[1:], strict=True):
+            effect.memory = self._memory[a:b]
+        self._line = np.zeros(self._lay_lines())
+
+    def _lay_lines(self) -> int:
+        """Place for the delay line of each row that delays; the length of all."""
+        length = 0
+        for law, first, last, *_ in self._plan:
+            for row in self._const[first:last] if law == DELAY else ():
+                row[1] = length
+                length += int(row[0])
+        return length
+
+    def torque(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """Hook `on_torque` of all effects."""
+        out = tau.copy()
+        plan, joint, const, memory = self._plan, self._joint, self._const, self._memory
+        torques(round(t / dt), dt, plan, joint, const, memory, self._line, out, q, dq)
+        return out
+
+    def brake(
+        self,
+        budget: np.ndarray,
+        tau: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        t: float,
+    ) -> np.ndarray:
+        """Hook `on_brake` of all effects."""
+        out = budget.copy()
+        budgets(round(t / dt), self._plan, self._joint, self._const, out, tau, dq)
+        return out
+
+
+def fused(effects: list[JointEffect], hook: str, dt: float) -> Any:
+    """One function for a hook of several effects."""
+    chain = Chain(effects, dt)
+    return chain.torque if hook == "on_torque" else chain.brake
+
+
+@dataclass
+class JointEffect(Effect):
+    """An effect in the joints: a law, the joints it acts on, the constants of each."""
+
+    joint: str = parameter("", "joints, by name or pattern; empty is all that it applies to")
+
+    law = 0  # number of the law
+    among: ClassVar[str] = "all"  # joints it applies to: all, driven, limited, sprung
+
+    @classmethod
+    def fuse(cls, hook: str) -> Any:
+        return fused if hook in ("on_torque", "on_brake") else super().fuse(hook)
+
+    def constants(self, world: World, joints: np.ndarray) -> Sequence[Any]:
+        """Constants of the law, each one number or one per joint.
+
+        Args:
+            world: As in `configure`.
+            joints: Indices of the joints, (k,).
+        """
+        raise NotImplementedError
+
+    def configure(self, world: World) -> None:
+        self.require(world.robot)
+        self.joints, self._dt = self._chosen(world), world.dt
+        self.rows = np.zeros((len(self.joints), CONSTANTS))
+        for column, value in enumerate(self.constants(world, self.joints)):
+            self.rows[:, column] = value
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._alone = Chain([self], self._dt)
+
+    def _chosen(self, world: World) -> np.ndarray:
+        fitting = eligible(world.robot, self.among)
+        if not self.joint:
+            return fitting
+        named = world.joint_index(self.joint)
+        if strange := sorted(set(named) - set(fitting)):
+            names = ", ".join(world.robot.joints[j] for j in strange)
+            raise ParameterError(
+                f"effect {self.name} does not apply to {names}: {AMONG[self.among]}"
+            )
+        return named
+
+
+AMONG = {
+    "all": "it applies to every joint",
+    "driven": "it applies to joints with a drive",
+    "limited": "it applies to joints with a drive and a torque limit",
+    "turning": "it applies to joints that turn",
+    "sprung": "it applies to joints with a spring in robot.yaml",
+}
+
+
+def eligible(robot: Any, among: str) -> np.ndarray:
+    """Indices of the joints of a kind in `AMONG`, (k,)."""
+    if among == "all":
+        return np.arange(len(robot.joints))
+    if among == "turning":
+        return turning(robot)
+    if among == "sprung":
+        return np.flatnonzero([joint in robot.springs for joint in robot.joints])
+    driven = np.asarray(robot.driven, dtype=np.int64)
+    return driven if among == "driven" else driven[np.isfinite(robot.effort[driven])]
+
+
+@dataclass
+class TorqueEffect(JointEffect):
+    """An effect that changes joint torques."""
+
+    def on_torque(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.torque(tau, q, dq, dt, t)
+
+
+@dataclass
+class BrakeEffect(JointEffect):
+    """An effect that adds to the stopping torque of joints: friction.
+
+    The constants of its law are dry torque, extra torque at rest, one over the velocity
+    at which that is gone, viscous damping, and share of the torque.
+    """
+
+    def on_brake(
+        self,
+        budget: np.ndarray,
+        tau: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        t: float,
+    ) -> np.ndarray:
+        return self._alone.brake(budget, tau, q, dq, dt, t)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known about an effect before any data: where it sits, how large it tends to be.
+
+One `Identity` per effect, beside its class, in plain numbers and texts: gap finding
+reads priors, bounds and look-alikes from here, and the page about effects is printed
+from it. Unit and bounds of a parameter are in its field (`loco_control.params.parameter`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+SITES = ("actuator", "compliance", "body", "contact", "sensor", "outside")
+
+# Where an effect enters the plant: "command" is what the drives get, "torque" and "brake"
+# are the joints', "force" acts from outside, "model" is mass, contact or gravity. All of
+# these change the motion. The others are what the sensors say, fields of `RobotState`.
+PLANT_SIGNALS = ("command", "torque", "brake", "force", "model")
+SENSOR_SIGNALS = (
+    *("q", "dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration"),
+)
+
+
+class Prior(NamedTuple):
+    """How large a parameter tends to be on real robots, if the effect is there at all.
+
+    `low` and `high` hold nine of ten robots, `typical` is the middle. A prior with
+    `low` > 0 is log-normal, one that reaches to both sides of zero is normal.
+    """
+
+    low: float
+    typical: float
+    high: float
+
+
+class LookAlike(NamedTuple):
+    """An effect that explains the same data, and the experiment that tells them apart."""
+
+    name: str
+    experiment: str
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What is known about an effect.
+
+    Attributes:
+        site: Where it sits, one of `SITES`.
+        equation: Its law in one line, symbols as the parameters are named.
+        priors: Prior of every parameter that data may tell.
+        source: Where the law comes from.
+        look_alikes: Effects that may be mistaken for it.
+        touches: Signals where it enters, of `PLANT_SIGNALS` and `SENSOR_SIGNALS`.
+        passive: It can never add energy to a robot that is not driven.
+        smooth: The motion depends on its parameters without kinks and jumps, so that
+            gradients may be used.
+        strengths: Parameters that are all zero when the effect is absent; by default the
+            first of `priors`.
+    """
+
+    site: str
+    equation: str
+    priors: Mapping[str, Prior]
+    source: str
+    look_alikes: tuple[LookAlike, ...]
+    touches: tuple[str, ...]
+    passive: bool
+    smooth: bool
+    strengths: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.strengths:
+            object.__setattr__(self, "strengths", tuple(self.priors)[:1])

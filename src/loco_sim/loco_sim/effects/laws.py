@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the effects in the joints, compiled: each changes torques or budgets in place.
+
+A law runs over rows ``first`` to ``last``; row r belongs to joint ``joint[r]`` and has its
+constants in ``const[r]`` and what it remembers in ``memory[r]``, zeros after a reset. What
+the constants are stands in the effect that owns the law. Torques [N·m], angles [rad], time
+[s]; on a joint that slides forces [N] and lengths [m].
+"""
+
+from __future__ import annotations
+
+from math import exp
+
+from numba import njit
+
+from ..spring import spring_torque
+
+SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
+
+
+@njit(cache=True)
+def gain(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law tau <- (1 + error) tau; const: error."""
+    for r in range(first, last):
+        tau[joint[r]] *= 1.0 + const[r, 0]
+
+
+@njit(cache=True)
+def delay(first, last, joint, const, memory, line, tau):
+    """tau(t) <- tau(t - delay); const: steps, where its delay line begins.
+
+    The first value is held until the late ones arrive. memory: steps so far, place in line.
+    """
+    for r in range(first, last):
+        steps, base = int(const[r, 0]), int(const[r, 1])
+        if steps == 0:
+            continue
+        if memory[r, 0] == 0.0:
+            line[base : base + steps] = tau[joint[r]]
+            memory[r, 0] = 1.0
+        place = int(memory[r, 1])
+        late = line[base + place]
+        line[base + place] = tau[joint[r]]
+        tau[joint[r]] = late
+        memory[r, 1] = place + 1 if place + 1 < steps else 0
+
+
+@njit(cache=True)
+def lag(first, last, joint, const, memory, tau, q, dq, dt):
+    """T dy/dt = tau - y, tau <- y; const: exp(-dt / T). memory: begun, y."""
+    for r in range(first, last):
+        j = joint[r]
+        if memory[r, 0] == 0.0:
+            memory[r, 0], memory[r, 1] = 1.0, tau[j]
+        memory[r, 1] = tau[j] + const[r, 0] * (memory[r, 1] - tau[j])
+        tau[j] = memory[r, 1]
+
+
+@njit(cache=True)
+def limit(first, last, joint, const, memory, tau, q, dq, dt):
+    """|tau| <= limit; const: limit."""
+    for r in range(first, last):
+        j = joint[r]
+        tau[j] = min(max(tau[j], -const[r, 0]), const[r, 0])
+
+
+@njit(cache=True)
+def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
+    """|tau| <= stall (1 - slope |dq|) when the torque drives; const: stall, slope."""
+    for r in range(first, last):
+        j = joint[r]
+        if tau[j] * dq[j] > 0.0:
+            most = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(dq[j]))
+            tau[j] = min(max(tau[j], -most), most)
+
+
+@njit(cache=True)
+def sag(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law tau <- tau (1 - sag mean |tau| / stall); const: stall, sag."""
+    load = 0.0
+    for r in range(first, last):
+        load += abs(tau[joint[r]]) / const[r, 0]
+    load /= max(1, last - first)
+    for r in range(first, last):
+        tau[joint[r]] *= max(0.0, 1.0 - const[r, 1] * load)
+
+
+@njit(cache=True)
+def backlash(first, last, joint, const, memory, tau, q, dq, dt):
+    """Torque passes only while the motor leans on a flank of the play.
+
+    const: half the play, rotor inertia. memory: begun, motor minus joint, motor speed.
+    """
+    for r in range(first, last):
+        j, half, want = joint[r], const[r, 0], tau[joint[r]]
+        if memory[r, 0] == 0.0:
+            memory[r, 0], memory[r, 2] = 1.0, dq[j]
+            memory[r, 1] = half if want > 0.0 else (-half if want < 0.0 else 0.0)
+        gap, speed = memory[r, 1], memory[r, 2]
+        if (gap >= half and want > 0.0) or (gap <= -half and want < 0.0):
+            memory[r, 2] = dq[j]
+            continue
+        tau[j] = 0.0
+        speed += want / const[r, 1] * dt
+        gap += (speed - dq[j]) * dt
+        if abs(gap) >= half:
+            gap, speed = (half if gap > 0.0 else -half), dq[j]
+        memory[r, 1], memory[r, 2] = gap, speed
+
+
+@njit(cache=True)
+def series(first, last, joint, const, memory, tau, q, dq, dt):
+    """A spring between motor and joint; the motor's own equation is solved implicitly.
+
+    J w' = tau - (theta - q) / c - d (w - dq), tau <- (theta - q) / c + d (w - dq).
+    const: c, J, d. memory: begun, theta, theta - q, w - dq.
+    """
+    for r in range(first, last):
+        j, c, inertia, d = joint[r], const[r, 0], const[r, 1], const[r, 2]
+        if memory[r, 0] == 0.0:
+            memory[r, 0], memory[r, 1], memory[r, 2] = 1.0, q[j] + c * tau[j], c * tau[j]
+        speed = memory[r, 3] + dq[j]
+        pull = tau[j] - (memory[r, 1] - q[j]) / c + d * dq[j]
+        speed = (speed + dt / inertia * pull) / (1.0 + dt / inertia * (d + dt / c))
+        memory[r, 1] += speed * dt
+        memory[r, 2], memory[r, 3] = memory[r, 1] - q[j], speed - dq[j]
+        tau[j] = memory[r, 2] / c + d * memory[r, 3]
+
+
+@njit(cache=True)
+def spring(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law tau <- tau - k x - k3 x^3, x = q - rest; const: rest, k, k3."""
+    for r in range(first, last):
+        x = q[joint[r]] - const[r, 0]
+        tau[joint[r]] -= (const[r, 1] + const[r, 2] * x * x) * x
+
+
+@njit(cache=True)
+def saturation(first, last, joint, const, memory, tau, q, dq, dt):
+    """Of a spring's torque beyond `level` only a share counts; const: level, share, spring."""
+    for r in range(first, last):
+        j, level = joint[r], const[r, 0]
+        had = spring_torque(q[j], 0.0, const[r, SPRING_AT:])
+        over = abs(had) - level
+        if over > 0.0:
+            lost = (1.0 - const[r, 1]) * over
+            tau[j] -= lost if had > 0.0 else -lost
+
+
+@njit(cache=True)
+def rescaled(first, last, joint, const, memory, tau, q, dq, dt):
+    """A spring's torque s becomes (1 + error) s; const: error, -, spring."""
+    for r in range(first, last):
+        j = joint[r]
+        tau[j] += const[r, 0] * spring_torque(q[j], 0.0, const[r, SPRING_AT:])
+
+
+@njit(cache=True)
+def shifted(first, last, joint, const, memory, tau, q, dq, dt):
+    """A spring's torque s(q) becomes s(q - offset); const: offset, -, spring."""
+    for r in range(first, last):
+        j = joint[r]
+        row = const[r, SPRING_AT:]
+        tau[j] += spring_torque(q[j] - const[r, 0], 0.0, row) - spring_torque(q[j], 0.0, row)
+
+
+@njit(cache=True)
+def end_stop(first, last, joint, const, memory, tau, q, dq, dt):
+    """A spring and damper that only push, beyond an angle; const: angle, side, k, d."""
+    for r in range(first, last):
+        j, side = joint[r], const[r, 1]
+        depth = side * (q[j] - const[r, 0])
+        if depth > 0.0:
+            push = const[r, 2] * depth + const[r, 3] * side * dq[j]
+            tau[j] -= side * max(0.0, push)
+
+
+@njit(cache=True)
+def hysteresis(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law stroke dz/dt = dq - |dq| z, tau <- tau - T z; const: T, stroke. memory: z."""
+    for r in range(first, last):
+        j = joint[r]
+        side = 1.0 if dq[j] > 0.0 else -1.0
+        fade = exp(-abs(dq[j]) * dt / const[r, 1])
+        memory[r, 0] = side + (memory[r, 0] - side) * fade
+        tau[j] -= const[r, 0] * memory[r, 0]
+
+
+@njit(cache=True)
+def maxwell(first, last, joint, const, memory, tau, q, dq, dt):
+    """dz/dt = dq - z / T, tau <- tau - k z; const: k, exp(-dt / T), T. memory: z."""
+    for r in range(first, last):
+        j, keep = joint[r], const[r, 1]
+        memory[r, 0] = keep * memory[r, 0] + (1.0 - keep) * const[r, 2] * dq[j]
+        tau[j] -= const[r, 0] * memory[r, 0]
+
+
+@njit(cache=True)
+def friction(first, last, joint, const, budget, tau, dq):
+    """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
+
+    const: dry, extra, 1 / v, viscous, share.
+    """
+    for r in range(first, last):
+        j = joint[r]
+        slow = dq[j] * const[r, 2]
+        more = const[r, 0] + const[r, 3] * abs(dq[j]) + const[r, 4] * abs(tau[j])
+        if const[r, 1] != 0.0:
+            more += const[r, 1] * exp(-slow * slow)
+        budget[j] += more

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects on what the sensors say, many in one go.
+
+A `RobotState` is unpacked into one vector, each effect changes it in place, and a new
+state is made of it: that costs less than what most effects do to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from loco_control.types import RobotState
+
+from .base import span
+from .identity import SENSOR_SIGNALS
+
+
+class Layout:
+    """Where each signal is in the vector of a robot with n joints and m feet.
+
+    Attributes:
+        size: Length of the vector.
+        n: Joints.
+    """
+
+    def __init__(self, n: int, m: int):
+        self.n, self.size, self._at = n, 0, {}
+        for name, width in zip(SENSOR_SIGNALS, (n, n, n, 3 * m, 4, 3, 3), strict=True):
+            self._at[name] = slice(self.size, self.size + width)
+            self.size += width
+
+    def __getitem__(self, name: str) -> slice:
+        return self._at[name]
+
+    def pack(self, state: RobotState) -> np.ndarray:
+        """Fresh vector of all signals, (size,)."""
+        q, grf, gyro = state.q, state.grf.reshape(-1), state.angular_velocity
+        rest = state.orientation, gyro, state.linear_acceleration
+        return np.concatenate((q, state.dq, state.tau, grf, *rest))
+
+    def unpack(self, values: np.ndarray, state: RobotState) -> RobotState:
+        """The state with the signals of a vector."""
+        n, imu = self.n, self.size - 10
+        return RobotState(
+            tick=state.tick,
+            t=state.t,
+            q=values[:n],
+            dq=values[n : 2 * n],
+            tau=values[2 * n : 3 * n],
+            grf=values[3 * n : imu].reshape(-1, 3),
+            orientation=values[imu : imu + 4],
+            angular_velocity=values[imu + 4 : imu + 7],
+            linear_acceleration=values[imu + 7 :],
+            contact=state.contact,
+        )
+
+
+class Readings:
+    """Hook `on_measurement` of several effects, in their order."""
+
+    def __init__(self, effects: Sequence[Any], hook: str = "on_measurement", dt: float = 0.0):
+        """Effects with a method `measure`; without `dt` their windows do not count.
+
+        Args:
+            effects: In the order in which they act.
+            hook: Of no use, there is one.
+            dt: Physics step [s].
+        """
+        self._dt = dt
+        self._all = [(*(span(e, dt) if dt else (0, np.inf)), e.measure) for e in effects]
+        self._at: Layout | None = None
+
+    def __call__(self, state: RobotState) -> RobotState:
+        if self._at is None:
+            self._at = Layout(len(state.q), len(state.grf))
+        values = self._at.pack(state)
+        step = round(state.t / self._dt) if self._dt else 0
+        for first, last, measure in self._all:
+            if first <= step < last:
+                measure(values, self._at, state.t)
+        return self._at.unpack(values, state)
+
+
+class Measuring:
+    """Part of an effect that changes what the sensors say."""
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        """Change what the sensors say, in place.
+
+        Args:
+            values: All signals, (at.size,).
+            at: Where each of them is.
+            t: Time [s].
+        """
+        raise NotImplementedError
+
+    def on_measurement(self, state: RobotState) -> RobotState:
+        return Readings([self])(state)
+
+    @classmethod
+    def fuse(cls, hook: str) -> Callable[..., Any] | None:
+        return Readings if hook == "on_measurement" else super().fuse(hook)

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors that say something else than what is: in proportion, bent, rounded, late, tilted."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from ..geometry import multiply, rotation_matrix
+from .base import Effect
+from .compliance import rest
+from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
+from .readings import Layout, Measuring
+
+_INERTIAL = (
+    "Woodman 2007, An introduction to inertial navigation, University of Cambridge, UCAM-CL-TR-696"
+)
+Vector = tuple[float, float, float]
+
+
+@dataclass
+class JointSensor(Measuring, Effect):
+    """An effect on sensors of which some are in joints."""
+
+    joint: str = parameter("", "joints, by name or pattern; empty is all")
+
+    def configure(self, world: Any) -> None:
+        self._joints = world.joint_index(self.joint or "*")
+        self._rest = rest(world.robot, self._joints)
+
+
+@dataclass
+class SensorBias(JointSensor, name="sensor_bias"):
+    """Sensors are off by a constant; the drives do not see it (see `joint_offset`)."""
+
+    q: float = parameter(0.0, "joint position", "rad", low=-3.2, high=3.2)
+    tau: float = parameter(0.0, "joint torque", "N·m", low=-200.0, high=200.0)
+    gyro: Vector = parameter((0.0, 0.0, 0.0), "IMU angular velocity", "rad/s", -10.0, 10.0)
+    accelerometer: Vector = parameter((0.0, 0.0, 0.0), "IMU specific force", "m/s²", -50.0, 50.0)
+
+    identity = Identity(
+        site="sensor",
+        equation="y <- y + bias",
+        priors={
+            "q": Prior(-0.05, 0.0, 0.05),
+            "tau": Prior(-0.5, 0.0, 0.5),
+            "gyro": Prior(-0.02, 0.0, 0.02),
+            "accelerometer": Prior(-0.3, 0.0, 0.3),
+        },
+        strengths=("q", "tau", "gyro", "accelerometer"),
+        source=_INERTIAL,
+        look_alikes=(
+            LookAlike("joint_offset", "hold still: with an offset sensor and command agree"),
+            LookAlike("rest_angle_error", "joint against its stop: a spring leaves the stop alone"),
+            LookAlike("imu_tilt", "turn the robot on its side: a tilt turns with it"),
+        ),
+        touches=("q", "tau", "angular_velocity", "linear_acceleration"),
+        passive=True,
+        smooth=True,
+    )
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        if self.q:
+            values[at["q"]][self._joints] += self.q
+        if self.tau:
+            values[at["tau"]][self._joints] += self.tau
+        values[at["angular_velocity"]] += self.gyro
+        values[at["linear_acceleration"]] += self.accelerometer
+
+
+@dataclass
+class SensorGain(JointSensor, name="sensor_gain"):
+    """Sensors are off in proportion; positions about the joint's rest, with their velocity."""
+
+    q: float = parameter(0.0, "joint position and velocity", "-", low=-0.9, high=2.0)
+    tau: float = parameter(0.0, "joint torque", "-", low=-0.9, high=2.0)
+    grf: float = parameter(0.0, "ground reaction force", "-", low=-0.9, high=2.0)
+    gyro: float = parameter(0.0, "IMU angular velocity", "-", low=-0.9, high=2.0)
+    accelerometer: float = parameter(0.0, "IMU specific force", "-", low=-0.9, high=2.0)
+
+    identity = Identity(
+        site="sensor",
+        equation="y <- y + error y; q <- q + error (q - q_rest)",
+        priors={
+            "q": Prior(-0.1, 0.0, 0.1),
+            "tau": Prior(-0.3, 0.0, 0.3),
+            "grf": Prior(-0.2, 0.0, 0.2),
+            "gyro": Prior(-0.03, 0.0, 0.03),
+            "accelerometer": Prior(-0.03, 0.0, 0.03),
+        },
+        strengths=("q", "tau", "grf", "gyro", "accelerometer"),
+        source=_INERTIAL,
+        look_alikes=(
+            LookAlike("stiffness_error", "joint to known angles by hand: the spring is off duty"),
+            LookAlike("torque_constant_error", "motion: a torque sensor moves nothing"),
+            LookAlike("sensor_nonlinearity", "small and large angles: a gain is the same"),
+        ),
+        touches=("q", "dq", "tau", "grf", "angular_velocity", "linear_acceleration"),
+        passive=True,
+        smooth=True,
+    )
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        if self.q:
+            q, dq = values[at["q"]], values[at["dq"]]
+            q[self._joints] += self.q * (q[self._joints] - self._rest)
+            dq[self._joints] *= 1.0 + self.q
+        if self.tau:
+            values[at["tau"]][self._joints] *= 1.0 + self.tau
+        values[at["grf"]] *= 1.0 + self.grf
+        values[at["angular_velocity"]] *= 1.0 + self.gyro
+        values[at["linear_acceleration"]] *= 1.0 + self.accelerometer
+
+
+@dataclass
+class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
+    """A joint sensor's curve is bent, as that of a Hall sensor whose table is off.
+
+    The velocity is that of the bent position.
+    """
+
+    quadratic: float = parameter(0.0, "bend about the joint's rest", "1/rad", -5.0, 5.0)
+    cubic: float = parameter(0.0, "bend about the joint's rest", "1/rad²", -10.0, 10.0)
+
+    identity = Identity(
+        site="sensor",
+        equation="q <- q + quadratic x^2 + cubic x^3, x = q - q_rest",
+        priors={"quadratic": Prior(-0.5, 0.0, 0.5), "cubic": Prior(-1.0, 0.0, 1.0)},
+        strengths=("quadratic", "cubic"),
+        source="thesis section 4.2: Hall sensors in the knees, 0.01 to 1 degree per count",
+        look_alikes=(
+            LookAlike("cubic_stiffness", "hang known weights: the torque tells the spring"),
+            LookAlike("spring_saturation", "joint to known angles by hand"),
+            LookAlike("sensor_gain", "small and large angles: a gain is the same"),
+        ),
+        touches=("q", "dq"),
+        passive=True,
+        smooth=True,
+    )
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        q, dq = values[at["q"]], values[at["dq"]]
+        x = q[self._joints] - self._rest
+        dq[self._joints] *= 1.0 + (2.0 * self.quadratic + 3.0 * self.cubic * x) * x
+        q[self._joints] += (self.quadratic + self.cubic * x) * x * x
+
+
+@dataclass
+class Quantisation(JointSensor, name="quantisation"):
+    """A joint sensor knows only multiples of a step."""
+
+    step: float = parameter(0.0, "step of the position", "rad", low=0.0, high=1.0)
+
+    identity = Identity(
+        site="sensor",
+        equation="q <- step round(q / step)",
+        priors={"step": Prior(2e-4, 3e-3, 0.02)},
+        source="Widrow, Kollar 2008, Quantization noise, Cambridge University Press",
+        look_alikes=(
+            LookAlike("sensor_noise", "hold still: noise goes on, steps stand"),
+            LookAlike("stribeck_friction", "turn slowly by hand: the joint itself does not stick"),
+        ),
+        touches=("q",),
+        passive=True,
+        smooth=False,
+    )
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        q = values[at["q"]]
+        if self.step:
+            q[self._joints] = self.step * np.round(q[self._joints] / self.step)
+
+
+@dataclass
+class SensorLatency(Measuring, Effect, name="sensor_latency"):
+    """All sensors say what was true a while ago, between two samples by interpolation.
+
+    When it begins, the values of that moment are held until the late ones arrive. Which
+    feet are in contact stays that of now.
+    """
+
+    delay: float = parameter(0.0, "delay, need not be whole samples", "s", low=0.0, high=1.0)
+
+    identity = Identity(
+        site="sensor",
+        equation="y(t) <- y(t - delay)",
+        priors={"delay": Prior(0.002, 0.01, 0.1)},
+        source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",
+        look_alikes=(
+            LookAlike("command_delay", "push the robot by hand: only a sensor is late then; two "
+                      "sensors of one motion, an outside one in time"),
+            LookAlike("actuation_delay", "as for a command delay"),
+            LookAlike("sensor_stuck", "wait: late values come"),
+        ),
+        touches=SENSOR_SIGNALS,
+        passive=True,
+        smooth=True,
+    )  # fmt: skip
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._past: deque = deque()
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        past, wanted = self._past, t - self.delay
+        past.append((t, values.copy()))
+        while len(past) > 1 and past[1][0] <= wanted + 1e-9:
+            past.popleft()
+        began, old = past[0]
+        if wanted <= began or len(past) == 1:
+            values[:] = old
+            return
+        ended, new = past[1]
+        share = (wanted - began) / (ended - began)
+        values[:] = old + share * (new - old) if share > 1e-6 else old
+        turn = values[at["orientation"]]
+        turn /= np.sqrt(turn @ turn)
+
+
+@dataclass
+class ImuTilt(Measuring, Effect, name="imu_tilt"):
+    """The IMU is mounted with a turn: roll, then pitch, then yaw about fixed axes of the base."""
+
+    roll: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
+    pitch: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
+    yaw: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
+
+    identity = Identity(
+        site="sensor",
+        equation="orientation <- orientation R; gyro, force <- R' gyro, R' force",
+        priors={name: Prior(-0.05, 0.0, 0.05) for name in ("roll", "pitch", "yaw")},
+        strengths=("roll", "pitch", "yaw"),
+        source=_INERTIAL,
+        look_alikes=(
+            LookAlike("slope", "turn the robot around: a slope does not turn with it"),
+            LookAlike("com_offset", "feet forces: a tilted IMU does not move them"),
+            LookAlike("sensor_bias", "turn the robot on its side: a bias stays"),
+        ),
+        touches=("orientation", "angular_velocity", "linear_acceleration"),
+        passive=True,
+        smooth=True,
+    )
+
+    def reset(self, rng: np.random.Generator) -> None:
+        turn = (0.0, 0.0, 0.0, 1.0)
+        for axis, angle in enumerate((self.roll, self.pitch, self.yaw)):
+            about = [0.0, 0.0, 0.0, cos(0.5 * angle)]
+            about[axis] = sin(0.5 * angle)
+            turn = multiply(about, turn)
+        self._turn = turn
+        self._back = np.array(rotation_matrix(turn)).reshape(3, 3).T
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        values[at["orientation"]] = multiply(values[at["orientation"]].tolist(), self._turn)
+        for name in ("angular_velocity", "linear_acceleration"):
+            values[at[name]] = self._back @ values[at[name]]
