@@ -16,6 +16,7 @@ from loco_control.oscillators import Cpg, CpgParams
 from loco_control.params import Params, from_dict, parameter, to_dict
 from loco_sim import effects as sim_effects
 from loco_sim import model as models
+from loco_sim import robot as robots
 from loco_sim.params import SimParams
 from loco_sim.robot import Robot
 
@@ -75,7 +76,9 @@ class JointExperiment(Params):
 
     def _merged_model(self) -> models.Model:
         """The model that `robot` names, with overrides and effects of the experiment on top."""
-        base = models.load_any(self.robot)
+        # A plain name is not looked into here: `plant` reads the robot, once.
+        plain = self.robot in robots.names()
+        base = models.Model(self.robot) if plain else models.load_any(self.robot)
         return models.Model(
             base.robot,
             {**flat(base.overrides), **flat(self.overrides or {})},

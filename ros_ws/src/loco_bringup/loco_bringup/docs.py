@@ -42,28 +42,34 @@ def pages() -> dict[str, str]:
 
 
 def _topics() -> str:
-    from loco_control.ros.topics import TOPICS
+    from loco_control.ros.joint_topics import TABLES
+    from loco_control.ros.topics import WRITER_DEPTH
 
-    rows = [
-        (
-            f"`{t.name}`",
-            f"`{t.type.__module__.split('.')[0]}/{t.type.__name__}`",
-            ("reliable" if t.qos.reliable else "best effort")
-            + (", transient local" if t.qos.latched else "")
-            + f", depth {t.qos.depth}",
-            f"{t.rate:g} Hz" if t.rate else "on event",
-            t.writer,
-            ", ".join(t.readers) or "tools",
-            t.doc,
-        )
-        for t in TOPICS.values()
-    ]
     head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "what it says")
+    parts = [
+        f"## Graph `{name}`\n\n{_table(head, map(_topic_row, rows.values()))}"
+        for name, rows in TABLES.items()
+    ]
     return _page(
         "Topics",
         "Names are relative unless they start with `/`. Depth is the reader's; writers keep "
-        "1000 messages for the recorder. Rates are per simulated second.",
-        _table(head, rows),
+        f"{WRITER_DEPTH} messages for the recorder. Rates are per simulated second; those of the "
+        "graph `joint` are of a robot at 100 ticks per second.",
+        *parts,
+    )
+
+
+def _topic_row(t: Any) -> tuple[str, ...]:
+    return (
+        f"`{t.name}`",
+        f"`{t.type.__module__.split('.')[0]}/{t.type.__name__}`",
+        ("reliable" if t.qos.reliable else "best effort")
+        + (", transient local" if t.qos.latched else "")
+        + f", depth {t.qos.depth}",
+        f"{t.rate:g} Hz" if t.rate else "on event",
+        t.writer,
+        ", ".join(t.readers) or "tools",
+        t.doc,
     )
 
 
@@ -96,12 +102,15 @@ def _split_unit(comment: str) -> tuple[str, str]:
 
 def _parameters() -> str:
     from loco_learning.experiment import Experiment
+    from loco_learning.joint_experiment import JointExperiment
 
+    head = ("key", "default", "unit", "range", "meaning")
     return _page(
         "Parameters",
         "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
         "declare the same names as ROS parameters.",
-        _table(("key", "default", "unit", "range", "meaning"), _rows(Experiment(), "")),
+        f"## HyQ\n\n{_table(head, _rows(Experiment(), ''))}",
+        "## Joint robots (`kind: joint`)\n\n" + _table(head, _rows(JointExperiment(), "")),
     )
 
 
@@ -122,7 +131,8 @@ def _effects() -> str:
 
 def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
     for f in dataclasses.fields(params):
-        value = getattr(params, f.name)
+        plain = f.default is not dataclasses.MISSING and not prefix
+        value = f.default if plain else getattr(params, f.name)  # objects may settle defaults
         if isinstance(value, Params):
             yield from _rows(value, f"{prefix}{f.name}.")
         elif not f.name.startswith("_"):

@@ -61,13 +61,14 @@ def _effects() -> tuple[str, tuple, list]:
 
 
 def _topics() -> tuple[str, tuple, list]:
-    from loco_control.ros.topics import TOPICS
+    from loco_control.ros.joint_topics import TABLES
 
     rows = [
-        (t.name, t.type.__name__, f"{t.rate:g} Hz" if t.rate else "event", t.writer, t.doc)
-        for t in TOPICS.values()
+        (t.name, graph, t.type.__name__, f"{t.rate:g} Hz" if t.rate else "event", t.writer, t.doc)
+        for graph, table in TABLES.items()
+        for t in table.values()
     ]
-    return "Topics", ("name", "type", "rate", "writer", "what it says"), rows
+    return "Topics", ("name", "graph", "type", "rate", "writer", "what it says"), rows
 
 
 def _bags() -> tuple[str, tuple, list]:
