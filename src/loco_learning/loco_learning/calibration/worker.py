@@ -89,8 +89,14 @@ class Worker:
             target=_work, args=(theirs, make, recording, robot, options), daemon=True
         )
         self._process.start()
+        self._pid = int(self._process.pid or 0)
         theirs.close()
         self._ended = False
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._pid
 
     def news(self) -> list[News]:
         """What has happened since the last call, oldest first; `Done` or `Failed` is the last."""
