@@ -8,6 +8,7 @@ differences of position readings, as the robot's computer would form them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import floor
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,11 @@ class SensorParams(Params):
 
 
 class Sensors:
-    """Readings of a robot's sensors, deterministic per seed."""
+    """Readings of a robot's sensors, deterministic per seed.
+
+    Attributes:
+        adc: Last counts of each Hall sensor, in the order of the joints.
+    """
 
     def __init__(
         self, params: SensorParams, hall: dict[str, HallSensor], joints: tuple[str, ...], dt: float
@@ -87,7 +92,7 @@ class Sensors:
         self._params, self._hall = params, [(i, hall[j]) for i, j in enumerate(joints) if j in hall]
         step = params.encoder.resolution
         with_encoder = [j not in hall and step > 0.0 for j in joints]
-        self._encoder, self._step = np.flatnonzero(with_encoder), step
+        self._encoder, self._step = np.flatnonzero(with_encoder).tolist(), step
         self._every = max(1, round(1.0 / (params.rate * dt))) if params.rate > 0.0 else 1
         self._period = self._every * dt
 
@@ -95,7 +100,7 @@ class Sensors:
         """Start the noise anew; the next reading is the first."""
         self._rng = np.random.default_rng([seed, 0, *b"sensors"])
         self._last: RobotState | None = None
-        self.adc = np.zeros(len(self._hall), dtype=int)
+        self.adc = [0] * len(self._hall)
 
     def measure(self, truth: RobotState) -> RobotState:
         """What the sensors say instead of the truth."""
@@ -109,25 +114,29 @@ class Sensors:
                 grf=truth.grf,
                 contact=truth.contact,
             )
-        q = self._positions(truth.q)
-        imu, rng = self._params.imu, self._rng
-        self._last = replace(
-            truth,
+        noise = self._rng.standard_normal(6 + len(self._hall))
+        q = np.array(self._positions(truth.q.tolist(), noise[6:].tolist()))
+        imu = self._params.imu
+        self._last = RobotState(
+            tick=truth.tick,
+            t=truth.t,
             q=q,
             dq=np.zeros(len(q)) if last is None else (q - last.q) / self._period,
-            angular_velocity=truth.angular_velocity + imu.gyro_noise * rng.standard_normal(3),
-            linear_acceleration=truth.linear_acceleration
-            + imu.acceleration_noise * rng.standard_normal(3),
+            tau=truth.tau,
+            grf=truth.grf,
+            orientation=truth.orientation,
+            angular_velocity=truth.angular_velocity + imu.gyro_noise * noise[:3],
+            linear_acceleration=truth.linear_acceleration + imu.acceleration_noise * noise[3:6],
+            contact=truth.contact,
         )
         return self._last
 
-    def _positions(self, truth: np.ndarray) -> np.ndarray:
-        q = truth.copy()
-        step, there = self._step, self._encoder
-        if len(there):
-            q[there] = step * np.floor(q[there] / step + 0.5)
-        noise = self._params.hall.noise * self._rng.standard_normal(len(self._hall))
+    def _positions(self, q: list[float], noise: list[float]) -> list[float]:
+        """Readings of the joints in place of the truth [rad or m], (n,)."""
+        step, spread = self._step, self._params.hall.noise
+        for i in self._encoder:
+            q[i] = step * floor(q[i] / step + 0.5)
         for k, (i, sensor) in enumerate(self._hall):
-            self.adc[k] = sensor.counts(truth[i], noise[k])
-            q[i] = sensor.angle(self.adc[k])
+            counts = self.adc[k] = sensor.counts(q[i], spread * noise[k])
+            q[i] = sensor.angle(counts)
         return q

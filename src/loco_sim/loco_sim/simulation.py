@@ -230,7 +230,7 @@ class Simulation:
             for start, stop, brake in self._on_brake:
                 if start <= step < stop:
                     budget = brake(budget, now, q, dq, dt, t)
-            self._world.brake(budget.tolist())
+            self._world.brake(budget, dq)
         return now.tolist()
 
     def _sense(self, tau: list[float], grf: list[float], before: tuple) -> RobotState:
@@ -267,9 +267,22 @@ class Simulation:
         """What only the simulator knows, at the current tick."""
         return ground_truth(self._tick, self._tick * self.dt, self._base)
 
+    def potential_energy(self) -> float:
+        """Energy in gravity (0 at the world's origin), springs and gears [J].
+
+        What bent contacts hold is not in it.
+        """
+        springs = self._drive.energy(self.true_q)[0] if self.robot.equipped else 0.0
+        return self._world.energy()[0] + springs
+
+    def kinetic_energy(self) -> float:
+        """Energy of links and rotors in motion [J]."""
+        rotors = self._drive.energy(self.true_q)[1] if self.robot.equipped else 0.0
+        return self._world.energy()[1] + rotors
+
     def adc(self) -> np.ndarray:
         """Last counts of the Hall sensors, (k,), in the order of the joints that have one."""
-        return self._sensors.adc.copy() if self._sensors else np.zeros(0, dtype=int)
+        return np.array(self._sensors.adc if self._sensors else [], dtype=int)
 
     def close(self) -> None:
         """Free the physics engine; calling again does nothing."""

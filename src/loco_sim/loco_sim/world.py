@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import braking
 from .description import Description
 from .geometry import multiply, rotate, rotate_back, rotation_matrix
 from .params import SimParams
@@ -123,7 +124,10 @@ class World:
         self.contact, self.gravity = {}, (0.0, 0.0, -self.params.gravity)
         self.friction.update(self.robot.friction)
         self.contact.update(self.robot.contact)
-        self._braked = False
+        self._slow: np.ndarray | None = None  # no joint has been braked yet
+        self._drag: list[float] | None = None
+        self._still = [0.0] * len(self.robot.joints)
+        self._motor = self._still
         for function in configure:
             function(self)
         self._load(0.0 if height is None else height)
@@ -222,6 +226,8 @@ class World:
 
     def step(self, tau: Sequence[float]) -> None:
         """Apply joint torques [N·m], (n,), and advance one physics step."""
+        if self._drag:
+            tau = [a + b for a, b in zip(tau, self._drag, strict=True)]
         pybullet.setJointMotorControlArray(
             self._body,
             self._joints,
@@ -231,31 +237,39 @@ class World:
         )
         pybullet.stepSimulation(self._client)
 
-    def brake(self, budget: Sequence[float]) -> None:
+    def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
         """Let each joint be stopped by up to this torque from now on.
 
         The engine solves it with the contacts: a constraint of zero velocity whose
-        torque is at most the budget. It acts beside the torque given to `step`.
+        torque is at most the budget. A joint that is too fast to be stopped in one step
+        gets all of it as a torque, which is the same (`braking`). It acts beside the
+        torque given to `step`.
 
         Args:
             budget: Largest stopping torque [N·m], (n,), >= 0.
+            dq: Joint velocities [rad/s], (n,).
         """
-        if any(budget):
-            if not self._braked:  # else iterations end early and held joints creep
-                pybullet.setPhysicsEngineParameter(
-                    solverResidualThreshold=1e-10, physicsClientId=self._client
-                )
-            self._braked = True
-        elif not self._braked:
-            return
-        pybullet.setJointMotorControlArray(
-            self._body,
-            self._joints,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocities=[0.0] * len(self._joints),
-            forces=budget,
-            physicsClientId=self._client,
-        )
+        if self._slow is None:
+            if not budget.any():
+                return
+            inertia = self.joint_inertia([state[0] for state in self.joint_states()])
+            self._slow = braking.stopped_per_torque(inertia, self.dt)
+            # Else iterations end early and held joints creep.
+            pybullet.setPhysicsEngineParameter(
+                solverResidualThreshold=1e-10, physicsClientId=self._client
+            )
+        motor, drag = braking.split(budget, dq, self._slow)
+        self._drag, motor = drag.tolist(), motor.tolist()
+        if motor != self._motor:
+            self._motor = motor
+            pybullet.setJointMotorControlArray(
+                self._body,
+                self._joints,
+                pybullet.VELOCITY_CONTROL,
+                targetVelocities=self._still,
+                forces=motor,
+                physicsClientId=self._client,
+            )
 
     def set_friction(self, link: str, friction: float) -> None:
         """Change the friction of a link from now on."""
