@@ -1,84 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each controller node alone, over real DDS: a test publishes ticks and reads the answers."""
 
-import time
-
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import TwistStamped
-from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, String
 
 from loco_control.gait import GaitParams, TargetGenerator
 from loco_control.ros.convert import Converter
-from loco_control.ros.node import LocoNode
 from loco_control.ros.stance_node import StanceControllerNode
 from loco_control.ros.target_node import TargetGeneratorNode
-from loco_control.ros.topics import topic
 from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
 from loco_learning.ros.reflex_node import ReflexNetworkNode
 
 pytestmark = pytest.mark.ros
-
-
-class Bench:
-    """A node under test and a node that plays the rest of the graph."""
-
-    def __init__(self, make):
-        rclpy.init(args=[])
-        self.executor = EventsExecutor()
-        self.node: LocoNode = make()
-        self.tester = rclpy.create_node("tester")
-        self.executor.add_node(self.node)
-        self.executor.add_node(self.tester)
-        self._publishers, self._received, self._subscriptions = {}, {}, []
-
-    def publisher(self, name):
-        row = topic(name)
-        publisher = self.tester.create_publisher(row.type, row.name, row.qos.writer())
-        self.wait(lambda: publisher.get_subscription_count() > 0)
-        return publisher
-
-    def listen(self, name, cls):
-        row, got = topic(name), []
-        converter = Converter(cls)
-        subscription = self.tester.create_subscription(
-            row.type,
-            row.name,
-            lambda data: got.append(converter.unpack(converter.codec.decode(data))),
-            row.qos.reader(100),
-            raw=True,
-        )
-        self._subscriptions.append(subscription)
-        self.wait(lambda: subscription.get_publisher_count() > 0)
-        return got
-
-    def wait(self, condition, timeout=20.0):
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, "timed out"
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def close(self):
-        self.node.close()
-        self.node.destroy_node()
-        self.tester.destroy_node()
-        rclpy.try_shutdown()
-
-
-@pytest.fixture
-def bench():
-    made = []
-
-    def make(cls):
-        made.append(Bench(cls))
-        return made[-1]
-
-    yield make
-    for b in made:
-        b.close()
 
 
 def standing(tick):
