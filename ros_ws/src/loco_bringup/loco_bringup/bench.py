@@ -148,6 +148,13 @@ def bench_messages() -> Rows:
     return rows
 
 
+def bench_msd() -> Rows:
+    """Networks alone and in populations: ours, textbook NumPy and the arithmetic's limit."""
+    from .bench_msd import bench_msd as run
+
+    return run()
+
+
 def _best_of(ways: dict[str, Callable[[], Any]], repeats: int = 20, calls: int = 500) -> dict:
     """Fastest time of each way [µs], measured in turns."""
     best = dict.fromkeys(ways, float("inf"))
@@ -164,4 +171,5 @@ BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", bench_rls),
     "graph": ("Lockstep with recorder, network and RLS", bench_graph),
     "messages": ("One message [µs]", bench_messages),
+    "msd": ("One step of one mass-spring-damper network", bench_msd),
 }

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -51,6 +52,7 @@ class MsdSimulation:
             and all arrays get an axis of networks in front.
         noise: What disturbs it.
         seed: Of the noise; for a population one per network, or one to count up from.
+        threads: How many share a population.
 
     Raises:
         ParameterError: Shapes do not fit, a value is out of range, or the step is too large.
@@ -63,8 +65,9 @@ class MsdSimulation:
         drive: Drive | None = None,
         noise: NoiseParams | None = None,
         seed: int | np.ndarray = 0,
+        threads: int = 1,
     ):
-        self.network, self.params = network, params or MsdParams()
+        self.network, self.params, self.threads = network, params or MsdParams(), threads
         self.noise = noise or NoiseParams()
         zero = np.zeros(network.count)
         drive = drive or Drive(zero, zero, 0.0)
@@ -190,13 +193,20 @@ class MsdSimulation:
     def _advance(self, steps: int, every: int, seen: np.ndarray) -> None:
         if self._stale and not self._choices[kernel.GIVEN]:
             self._catch_up()
-        at = (0, len(self._state)) if self._lead else ()
-        function = kernel.advance_blocks if self._lead else kernel.advance
-        function(
-            *at, self.tick, steps, every, self._layout.near, self._layout.far, self._shape,
+        rest = (
+            self.tick, steps, every, self._layout.near, self._layout.far, self._shape,
             self._masses, self._scales, self._choices, self._state, self._links, self._network,
             self._words, self._jolts, self._running, self._push, seen,
         )  # fmt: skip
+        if not self._lead:
+            kernel.advance(*rest)
+        elif self.threads < 2:
+            kernel.advance_blocks(0, len(self._state), *rest)
+        else:
+            bounds = np.linspace(0, len(self._state), self.threads + 1).astype(int)
+            with ThreadPoolExecutor(self.threads) as pool:
+                parts = zip(bounds[:-1], bounds[1:], strict=True)
+                list(pool.map(lambda part: kernel.advance_blocks(*part, *rest), parts))
         self.tick += steps
 
     def _catch_up(self) -> None:

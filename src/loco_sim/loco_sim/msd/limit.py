@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast the arithmetic of a step could be: its operations, nothing else, on full lanes.
+
+Measured with operations that do not wait for each other and never touch memory. What a real
+step has on top are loads, stores and waiting.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import cache
+
+import numpy as np
+
+from .integrator import outer
+from .lanes import WIDTH, fma, get, inverse_length, put
+
+# Operations of `integrator` in two dimensions with dampers along the links; each addition,
+# product or fused pair counts as one. Those of `inverse_length` are in its own time.
+PER_LINK = 30  # 4 differences, 4 of square and closing, 6 drive, 10 force, 6 sums
+PER_NODE = 2 * 11 + 2  # each axis: 5 drift, 2 ground, 1 drag, 3 kick; and the height
+
+
+@outer
+def _products(turns, values):
+    """Eight chains of fused multiply-adds, 8 per turn."""
+    a, b, c, d = get(values, 0), get(values, 1), get(values, 2), get(values, 3)
+    e, f, g, h = get(values, 4), get(values, 5), get(values, 6), get(values, 7)
+    by, plus = get(values, 8), get(values, 9)
+    for _ in range(turns):
+        a, b, c, d = fma(a, by, plus), fma(b, by, plus), fma(c, by, plus), fma(d, by, plus)
+        e, f, g, h = fma(e, by, plus), fma(f, by, plus), fma(g, by, plus), fma(h, by, plus)
+    put(values, 0, a + b + c + d + e + f + g + h)
+
+
+@outer
+def _roots(turns, values):
+    """Eight chains of inverse lengths, 8 per turn."""
+    a, b, c, d = get(values, 0), get(values, 1), get(values, 2), get(values, 3)
+    e, f, g, h = get(values, 4), get(values, 5), get(values, 6), get(values, 7)
+    for _ in range(turns):
+        a, b, c, d = inverse_length(a), inverse_length(b), inverse_length(c), inverse_length(d)
+        e, f, g, h = inverse_length(e), inverse_length(f), inverse_length(g), inverse_length(h)
+    put(values, 0, a + b + c + d + e + f + g + h)
+
+
+@cache
+def operation_times() -> tuple[float, float]:
+    """Seconds per fused multiply-add and per inverse length, of one number in full lanes."""
+    values = np.full((10, WIDTH), 0.5)
+    best = [np.inf, np.inf]
+    for _ in range(12):
+        for k, kernel in enumerate((_products, _roots)):
+            kernel(1, values)
+            values[:] = 0.5
+            began = time.thread_time()
+            kernel(40_000, values)
+            took = time.thread_time() - began
+            best[k] = min(best[k], took / (40_000 * 8 * WIDTH))
+    return best[0], best[1]
+
+
+def seconds_per_step(nodes: int, links: int) -> float:
+    """Time of the operations of one step of one network [s], on one core."""
+    product, root = operation_times()
+    return (links * PER_LINK + nodes * PER_NODE) * product + links * root
