@@ -109,6 +109,11 @@ def _add_reading(commands) -> None:
     p.add_argument("bag", type=Path, help="bag folder or .mcap file")
     p.add_argument("--out", type=Path, help="HTML file (default report.html in the bag folder)")
     p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
+    p = _command(commands, "extract", extract, "copy some topics of a bag into a smaller bag")
+    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p.add_argument("out", type=Path, help="new bag folder")
+    p.add_argument("--topics", nargs="+", required=True, metavar="TOPIC[:N]",
+                   help="names; with N each N-th message")  # fmt: skip
     p = _command(commands, "replay", replay, "publish a bag's topics again")
     p.add_argument("bag", type=Path, help="bag folder or .mcap file")
     p.add_argument("--speed", type=float, default=1.0, help="x real time, 0 as fast as possible")
@@ -124,9 +129,39 @@ def _add_studies(commands) -> None:
     p.add_argument("--out", type=Path, help="results folder (default results/NAME)")
     p.add_argument("--seeds", type=int, help="only the first N seeds")
     _add_calibrate(commands)
+    _add_optimise(commands)
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
-    p.add_argument("what", help="rls, graph or messages")
+    p.add_argument("what", help="rls, graph, messages, msd or population")
     p.add_argument("--json", type=Path, help="write the rows to this file too")
+
+
+def _add_optimise(commands) -> None:
+    p = _command(
+        commands, "optimise", optimise, "search a gait by CMA-ES over rollouts (resumable)",
+        "The oscillators' amplitudes, duty factors, offsets and phase for the highest forward\n"
+        "speed over a rollout; a fall is worse than standing. Stop it and start it again with\n"
+        "the same arguments: it goes on to the same end.",
+    )  # fmt: skip
+    p.add_argument("gait", help="tigrillo_bound or tigrillo_walk")
+    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
+    p.add_argument("--seeds", type=int, default=1, help="searches, each from its own seed")
+    p.add_argument("--seed", type=int, default=0, help="first seed")
+    p.add_argument("--evaluations", type=int, default=600, help="rollouts per seed (default 600)")
+    p.add_argument("--population", type=int, default=10, help="rollouts per generation")
+    p.add_argument("--sigma", type=float, default=0.2, help="first step size, share of the ranges")
+    p.add_argument("--plateau", type=int, default=0,
+                   help="stop after so many generations without improvement")  # fmt: skip
+    p.add_argument("--duration", type=float, default=15.0, help="of a rollout [s]")
+    p.add_argument("--frequency", type=float, default=1.0, help="strides per second [Hz]")
+    p.add_argument("--randomise", type=float, default=0.0, metavar="SHARE",
+                   help="spread of stiffness, friction and masses, e.g. 0.1")  # fmt: skip
+    p.add_argument("--samples", type=int, default=1, help="bodies per evaluation")
+    p.add_argument("--from", dest="start", type=Path, metavar="GAIT.yaml",
+                   help="start from the parameters of a gait")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help="dask scheduler to use instead, tcp://HOST:PORT")
+    p.add_argument("--out", type=Path, help="folder (default results/GAIT)")
+    p.add_argument("--gif", action="store_true", help="draw the best gait, too")
 
 
 def _add_calibrate(commands) -> None:
@@ -240,6 +275,14 @@ def report(a: argparse.Namespace) -> int:
     return 0
 
 
+def extract(a: argparse.Namespace) -> int:
+    """`loco extract`."""
+    from .bag_copy import extract as copy
+
+    sys.stdout.write(f"{copy(a.bag, a.out, a.topics)}\n")
+    return 0
+
+
 def replay(a: argparse.Namespace) -> int:
     """`loco replay`."""
     from .replayer import replay_bag
@@ -259,6 +302,13 @@ def calibrate(a: argparse.Namespace) -> int:
     from .console_calibrate import show_calibration
 
     return show_calibration(a)
+
+
+def optimise(a: argparse.Namespace) -> int:
+    """`loco optimise`."""
+    from .optimise import from_arguments
+
+    return from_arguments(a)
 
 
 def bench(a: argparse.Namespace) -> int:
