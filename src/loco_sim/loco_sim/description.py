@@ -182,8 +182,7 @@ class Description:
             ParameterError: The link has no inertia, or turned axes for it.
         """
         weight, tensor, origin = self._inertial(link)
-        ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
-        inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        inertia = self.inertia_of(link)
         com = np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
         total, com, inertia = add_point_mass(
             float(weight.get("value")), com, inertia, mass, np.asarray(position, dtype=float)
@@ -211,13 +210,34 @@ class Description:
     def add_inertia(self, link: str, diagonal: tuple[float, float, float]) -> None:
         """Add moments of inertia [kg·m²] about the axes of a link, e.g. of a rotor.
 
+        The engine drops a tensor that no body can have, one whose largest moment exceeds
+        the sum of the others; then the others are raised until it does not.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia, or turned axes for it.
+        """
+        if not any(diagonal):
+            return
+        moments, axes = np.linalg.eigh(self.inertia_of(link) + np.diag(diagonal))
+        excess = moments[2] - moments[0] - moments[1]
+        if excess > 0.0:
+            moments[:2] += 0.5 * excess + 1e-9 * moments[2]
+        inertia = axes @ np.diag(moments) @ axes.T
+        _, tensor, _ = self._inertial(link)
+        for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
+            tensor.set(key, repr(float(value)))
+
+    def inertia_of(self, link: str) -> np.ndarray:
+        """Inertia of a link about its centre of mass [kg·m²], (3, 3).
+
         Raises:
             NameUnknownError: There is no such link.
             ParameterError: The link has no inertia, or turned axes for it.
         """
         _, tensor, _ = self._inertial(link)
-        for key, extra in zip(("ixx", "iyy", "izz"), diagonal, strict=True):
-            tensor.set(key, repr(float(tensor.get(key, 0.0)) + float(extra)))
+        ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
+        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
 
     def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
         """Move the centre of mass of a link [m]; the inertia about it stays.
