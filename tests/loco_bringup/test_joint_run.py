@@ -71,6 +71,7 @@ def test_robots_side_by_side_do_not_hear_each_other(bags):
         assert kinds.count("started") == kinds.count("finished") == 1
     assert "/clock" not in bag.topics or bag.topics["/clock"].count == 0
     assert set(bag.attachments()) >= {"experiment_measured.yaml", "experiment_model.yaml"}
+    assert "experiment.yaml" in Bag(bags["namespace"].folder).attachments()
 
 
 @pytest.mark.parametrize("name", ["composed", "processes", "namespace", "pair"])

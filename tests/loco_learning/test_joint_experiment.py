@@ -6,8 +6,10 @@ import pickle
 import pytest
 
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.oscillators import CpgParams
 from loco_control.params import to_dict
 from loco_learning.experiment import Experiment, from_values, load, names, override
+from loco_learning.gait_file import Gait
 from loco_learning.joint_experiment import JointExperiment, flat
 from loco_sim.model import Model
 
@@ -68,6 +70,18 @@ def test_a_model_dissolves_into_robot_overrides_and_effects(tmp_path):
     assert experiment.overrides["masses.front_body"] == 0.6  # the experiment's wins
     assert [effect["delay"] for effect in experiment.effects] == [0.02, 0.01]
     assert override(experiment, {"seed": 3}).effects == experiment.effects  # not twice
+
+
+def test_a_gait_can_be_the_target(tmp_path):
+    found = CpgParams(amplitude=(0.1, 0.2, 0.3, 0.4), phase=(0.0, 0.5, 0.5, 0.0))
+    path = str(tmp_path / "gait.yaml")
+    Gait("mine", "tigrillo", found, {}, 0.1, 1.5, 15.0, 0, 1).save(path)
+    assert load("tigrillo_hold", {"target": path}).target == found
+    changed = load("tigrillo_walk", {"target": {"gait": path}, "target.amplitude": [0.25]})
+    phase = (0.0, 0.5, 0.5, 0.0)
+    assert changed.target == found.replace(amplitude=(0.25,), phase=phase)
+    with pytest.raises(MissingFileError, match="nowhere"):
+        load("tigrillo_hold", {"target": "nowhere.yaml"})
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .joint_experiment import JointExperiment
 
 ROBOTS = ("hyq",)
-KINDS = ("gait", "joint")  # of experiments: this class, and `joint_experiment`
+KINDS = ("hyq", "joint")  # of experiments: this class, and `joint_experiment`
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def load(
 def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | JointExperiment:
     """Experiment from nested plain values (what `to_dict` makes)."""
     values = dict(values)
-    kind = values.pop("kind", "gait")
+    kind = values.pop("kind", "hyq")
     if kind == "joint":
         from . import joint_experiment
 

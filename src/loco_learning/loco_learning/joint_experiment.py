@@ -115,8 +115,21 @@ class JointExperiment(Params):
 
 
 def from_values(values: Mapping[str, Any], where: str = "") -> JointExperiment:
-    """Experiment from nested plain values (what `to_dict` makes)."""
-    return from_dict(JointExperiment, dict(values), where)
+    """Experiment from nested plain values (what `to_dict` makes).
+
+    `target` may be the name or path of a gait, or have one as its key ``gait`` beside
+    values that differ from it.
+    """
+    values = dict(values)
+    target = values.get("target")
+    if isinstance(target, str):
+        target = {"gait": target}
+    if isinstance(target, Mapping) and "gait" in target:
+        from .gait_file import load  # reads experiments itself
+
+        changes = {key: value for key, value in target.items() if key != "gait"}
+        values["target"] = {**to_dict(load(str(target["gait"])).target), **changes}
+    return from_dict(JointExperiment, values, where)
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

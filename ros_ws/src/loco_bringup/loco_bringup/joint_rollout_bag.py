@@ -73,4 +73,6 @@ def ending(log: JointLog) -> str:
     from loco_sim.ros.joint_sim_node import ending as words
 
     length = len(log) * log.dt
-    return f"fell at {length:.2f} s: {log.fall}" if log.fall else words(length, log.distance)
+    if log.fall:
+        return f"fell at {length:.2f} s: {log.fall}"
+    return words(length, None if log.experiment.plant.fixed_base else log.distance)

@@ -163,22 +163,26 @@ class _Plan:
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
         self._helpers = helpers
 
-    def _path(self, stem: str, space: str, suffix: str) -> Path:
-        return self._folder / f"{stem}{'_' if space else ''}{space.replace('/', '_')}{suffix}"
+        # Files of the only robot are named as if it had no namespace.
+        self._tags = {s: s.replace("/", "_") if len(robots) > 1 else "" for s in robots}
+
+    def _path(self, stem: str, tag: str, suffix: str) -> Path:
+        return self._folder / f"{stem}{'_' if tag else ''}{tag}{suffix}"
 
     def write(self) -> None:
         """Resolved experiments and ROS parameters."""
         recorder = self._recorder()
         for space, experiment in self._robots.items():
             text = yaml.safe_dump(to_dict(experiment), sort_keys=False)
-            self._path("experiment", space, ".yaml").write_text(text)
-            weights = self._path("weights", space, ".npz")
-            run = {"recorded": True, "recorder": None if space else recorder}
+            tag = self._tags[space]
+            self._path("experiment", tag, ".yaml").write_text(text)
+            weights = self._path("weights", tag, ".npz")
+            run = {"recorded": True, "recorder": None if tag else recorder}
             run["weights"] = str(weights)
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
-            self._write_yaml(self._path("params", space, ".yaml"), content)
-        if "" not in self._robots:
+            self._write_yaml(self._path("params", tag, ".yaml"), content)
+        if "" not in self._tags.values():
             content = node_set.recorder_parameters(recorder)
             self._write_yaml(self._folder / "params.yaml", content)
         for helper in self._helpers:
@@ -196,8 +200,8 @@ class _Plan:
         if list(self._robots) != [""]:
             names = {space: e.name for space, e in self._robots.items()}
             custom["namespaces"] = json.dumps(names)
-        files = [self._path(s, space, x) for space in self._robots for s, x in _ATTACHED]
-        if "" not in self._robots:
+        files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]
+        if "" not in self._tags.values():
             files.append(self._folder / "params.yaml")
         tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
         tables |= {"": h.table for h in self._helpers if h.table and "" not in tables}
@@ -219,7 +223,7 @@ class _Plan:
                 s.name: [s.cls] for s in specs
             }  # fmt: skip
             for name, classes in groups.items():
-                started.append(self._process(name, classes, space, space))
+                started.append(self._process(name, classes, space, self._tags[space]))
         for helper in self._helpers:
             started.append(self._process(helper.name, [helper.cls], "", helper.name))
         return [*started, self._process("recorder", ["loco_bringup.recorder:RecorderNode"], "", "")]

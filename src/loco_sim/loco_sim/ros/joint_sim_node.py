@@ -156,7 +156,8 @@ class JointSimNode(PlantNode):
 
     def ending(self) -> str:
         """What a run that came to its end says of itself."""
-        return ending(self.state.t, self._travelled + self._x)
+        fixed = self.sim.robot.fixed_base
+        return ending(self.state.t, None if fixed else self._travelled + self._x)
 
 
 def model_of(text: str) -> models.Model:
@@ -182,8 +183,10 @@ def _words(model: models.Model) -> str:
     return ", ".join([model.robot, *changes, *effects])
 
 
-def ending(t: float, distance: float) -> str:
-    """Words for a run of t [s] over a distance [m] that came to its end."""
+def ending(t: float, distance: float | None) -> str:
+    """Words for a run of t [s] over a distance [m], None for a bench, that came to its end."""
+    if distance is None:
+        return f"{t:.1f} s simulated"
     return f"{t:.1f} s simulated, {distance:.2f} m forward, no fall"
 
 
