@@ -142,6 +142,37 @@ def test_a_robot_yaml_with_an_unknown_joint_is_refused(tmp_path):
         robot.load(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"standing": ["up"]}, "standing must be a list of numbers"),
+        ({"standing": 3}, "standing must be a list of numbers"),
+        ({"standing": [1.0, 2.0]}, "standing must have 1 values"),
+        ({"height": "high"}, "height must be a number"),
+        ({"joints": "spring"}, "joints must be a list"),
+        ({"joints": ["spring", "spring"]}, "without repeats"),
+        ({"springs": ["spring"]}, "springs must be a mapping"),
+        ({"springs": {"spring": 3}}, "springs.spring must be a mapping"),
+        ({"sensors": {"hall": 3}}, "sensors.hall must be a mapping"),
+        ({"masses": {"mass": "heavy"}}, "masses.mass must be a number"),
+        ({"spring": {}}, "did you mean 'springs'"),
+    ],
+)
+def test_a_robot_yaml_with_a_wrong_value_is_refused(tmp_path, changes, message):
+    folder = robot.ASSETS / "spring_mass"
+    (tmp_path / "spring_mass.urdf").write_text((folder / "spring_mass.urdf").read_text())
+    values = yaml.safe_load((folder / "robot.yaml").read_text()) | changes
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(LocoError, match=message):
+        robot.load(tmp_path)
+
+
+def test_a_folder_of_the_same_name_does_not_hide_a_robot(tmp_path, monkeypatch):
+    (tmp_path / "pendulum").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert robot.load("pendulum").joints == ("pivot",)
+
+
 def test_a_robot_without_drives_needs_gains():
     with pytest.raises(ParameterError, match="lists no drives"):
         Simulation(robot="hyq")

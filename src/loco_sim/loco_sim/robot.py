@@ -148,9 +148,7 @@ def _fit(
     folder: Path, description: Description, joints: tuple, feet: tuple, values: dict[str, Any]
 ) -> dict[str, Any]:
     """Fields of a `Robot` that follow from an expanded ``robot.yaml``; edits the URDF."""
-    standing = np.asarray(values.get("standing") or np.zeros(len(joints)), dtype=float)
-    if standing.shape != (len(joints),):
-        raise ParameterError(f"standing must have {len(joints)} values, got {standing.size}")
+    standing = _standing(values.get("standing"), len(joints))
     drives = equipment.drives(values["drives"])
     springs = equipment.parts(values["springs"], SpringParams, "springs")
     contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
@@ -163,8 +161,10 @@ def _fit(
     share = description.mass() / max(1, len(feet))
     equipped = bool(drives or springs)
     height, rate = values.get("height"), values.get("control_rate", 250.0)
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0.0 < rate <= 1e5:
+    if not _is_number(rate) or not 0.0 < rate <= 1e5:
         raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    if height is not None and not _is_number(height):
+        raise ParameterError(f"height must be a number [m], got {height!r}")
     return {
         "urdf": description.text() if edited else (folder / str(values["urdf"])).read_text(),
         "standing": standing,
@@ -185,6 +185,21 @@ def _fit(
     }
 
 
+def _standing(values: Any, count: int) -> np.ndarray:
+    if values is None or values == []:
+        return np.zeros(count)
+    if not isinstance(values, list) or not all(map(_is_number, values)):
+        raise ParameterError(f"standing must be a list of numbers, got {values!r}")
+    if len(values) != count:
+        raise ParameterError(f"standing must have {count} values, got {len(values)}")
+    return np.array(values, dtype=float)
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and math.isfinite(value)
+
+
 def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
     """Indices of the joints that a name or fnmatch pattern names.
 
@@ -199,7 +214,7 @@ def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
 
 def _path(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
-    if path.parent == Path(".") and not path.suffix and not path.exists():
+    if path.parent == Path(".") and not path.suffix and not (path / "robot.yaml").is_file():
         if str(name_or_path) not in names():
             raise NameUnknownError("robot", str(name_or_path), names())
         path = ASSETS / path
@@ -218,6 +233,10 @@ def _read(path: Path) -> dict[str, Any]:
     known = ("urdf", "joints", "feet", "standing", *equipment.SCALARS, *sections)
     if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
         raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
+    for key in ("joints", "feet"):
+        listed = values.get(key) or []
+        if not isinstance(listed, list) or len(set(map(str, listed))) != len(listed):
+            raise ParameterError(f"{path}: {key} must be a list without repeats, got {listed!r}")
     for key in values:
         if key not in known:
             raise NameUnknownError(f"key in {path}", key, known)
