@@ -39,10 +39,10 @@ def read_log(bag: Bag) -> Log:
     experiment = from_values(yaml.safe_load(bag.attachment("experiment.yaml")))
     return Log(
         **parts,
-        truth=_truth(read.get(_TRUTH), parts["state"].t),
+        truth=truth_at(read.get(_TRUTH), parts["state"].t),
         experiment=experiment,
         seed=experiment.seed,
-        fall=_fall(bag),
+        fall=fall_of(bag),
     )
 
 
@@ -74,7 +74,7 @@ def seconds(records: np.ndarray, path: str) -> np.ndarray:
     return (whole + records[path + ".nanosec"]) / 1e9
 
 
-def _truth(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
+def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
     """Ground truth at the times of the states; NaN where the bag has none."""
     n = len(t)
     truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
@@ -94,7 +94,8 @@ def _truth(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
     return truth
 
 
-def _fall(bag: Bag) -> str:
+def fall_of(bag: Bag, topic: str = "events") -> str:
+    """Why the robot of a bag fell; empty if it did not. Robots in namespaces have each a topic."""
     if not any(name.rsplit("/", 1)[-1] == "events" for name in bag.topics):
         return bag.metadata.get("fall", "")
-    return next((e.text for e in bag.messages("events") if e.kind == "fall"), "")
+    return next((e.text for e in bag.messages(topic) if e.kind == "fall"), "")

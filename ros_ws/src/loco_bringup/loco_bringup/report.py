@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -20,6 +21,7 @@ import yaml
 from loco_control.exceptions import BagError, LocoError, MissingFileError
 from loco_control.params import to_dict
 from loco_learning import metrics
+from loco_learning.joint_log import JointLog
 from loco_learning.log import Log
 
 from . import report_figures as figures
@@ -27,6 +29,7 @@ from . import report_motion as motion  # its figures enter the same chapters
 from . import report_tables as tables
 from .bag import Bag
 from .bag_log import read_log
+from .joint_bag_log import is_joint, read_joint_log
 from .readout_check import ReadoutCheck, check_log, weights_of
 from .report_style import style, svg
 
@@ -54,15 +57,24 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
     out = bag.folder / "report.html" if out is None else Path(out)
     if out.is_dir():
         out = out / "report.html"
-    log = read_log(bag)
+    make = _page_of(bag)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with style():
-            text = page(bag, log, out.parent / GIF if gif else None)
+            text = make(out.parent / GIF if gif else None)
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise MissingFileError(f"cannot write the report to {out}: {error.strerror}") from None
     return out
+
+
+def _page_of(bag: Bag) -> Callable[[Path | None], str]:
+    """Function that makes the page which suits what ran, given where the animation goes."""
+    if is_joint(bag):
+        from .joint_report import page as joint_page
+
+        return partial(joint_page, bag, read_joint_log(bag))
+    return partial(page, bag, read_log(bag))
 
 
 def page(bag: Bag, log: Log, gif: Path | None) -> str:
@@ -75,7 +87,7 @@ def page(bag: Bag, log: Log, gif: Path | None) -> str:
             for c in figures.CHAPTERS
         ),
         part("Who drives hips and knees", lambda: driver(check)),
-        part("Metrics", lambda: _METRICS + tables.metric_table(log, values), long=True),
+        part("Metrics", lambda: METRICS_TEXT + tables.metric_table(log, values), long=True),
         part("Effects", lambda: tables.effect_table(log)),
         part("Configuration", lambda: configuration(log), long=True),
         part("Messages", lambda: tables.message_table(bag)),
@@ -154,7 +166,7 @@ def animation(log: Log, path: Path | None) -> str:
         robot=log.experiment.robot,
     )
     text = f"The robot at the end of the run, {log.t[0]:.2f} s to {log.t[-1]:.2f} s, in real time."
-    return f'{_image(data, "gif", text, "movie")}<p class="soft">{text}</p>'
+    return f'{image(data, "gif", text, "movie")}<p class="soft">{text}</p>'
 
 
 def driver(check: ReadoutCheck | LocoError) -> str:
@@ -166,7 +178,7 @@ def driver(check: ReadoutCheck | LocoError) -> str:
     return text + picture(svg(figures.readout(check)), "Readout check", _CHECK)
 
 
-def configuration(log: Log) -> str:
+def configuration(log: Log | JointLog) -> str:
     """The experiment as YAML, folded."""
     text = yaml.safe_dump(to_dict(log.experiment), sort_keys=False, allow_unicode=True)
     return f"<details><summary>Experiment, all values</summary><pre>{escape(text)}</pre></details>"
@@ -174,11 +186,12 @@ def configuration(log: Log) -> str:
 
 def picture(data: bytes, title: str, text: str) -> str:
     """A figure with its caption."""
-    image = _image(data, "svg+xml", title)
-    return f'<p class="soft">{escape(text)}</p><div class="wide">{image}</div>'
+    shown = image(data, "svg+xml", title)
+    return f'<p class="soft">{escape(text)}</p><div class="wide">{shown}</div>'
 
 
-def _image(data: bytes, kind: str, text: str, style: str = "") -> str:
+def image(data: bytes, kind: str, text: str, style: str = "") -> str:
+    """A picture inside the page."""
     look = f' class="{style}"' if style else ""
     encoded = base64.b64encode(data).decode()
     return f'<img{look} alt="{escape(text)}" src="data:image/{kind};base64,{encoded}">'
@@ -188,7 +201,7 @@ _CHECK = (
     "The network of the bag is run again over the recorded forces, without any target. Dots that "
     "lie on the command line, and a distance of 0, mean that nothing but the readout made it."
 )
-_METRICS = (
+METRICS_TEXT = (
     '<p class="soft">Over all ticks of each phase. “Equation” is that of the thesis, section 3.6; '
     "“ours” has none. A dash: does not apply, or the phase is too short.</p>"
 )

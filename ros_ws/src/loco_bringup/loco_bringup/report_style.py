@@ -96,17 +96,26 @@ def phases(log: Log) -> list[tuple[str, float, float]]:
 
 def shade(axes: np.ndarray, log: Log) -> None:
     """Tint the phases behind time axes and name them above the first."""
-    spans = phases(log)
-    whole = spans[-1][2] - spans[0][1]
+    shade_spans(axes, [(TINTS[name], phase_name(log, name), a, b) for name, a, b in phases(log)])
+
+
+def shade_spans(axes: np.ndarray, spans: list[tuple[str, str, float, float]]) -> None:
+    """Tint spans behind time axes, name them above the first, and let the axes end with them.
+
+    Args:
+        axes: Of one column.
+        spans: Colour, name, start and end [s], in order.
+    """
+    whole = spans[-1][3] - spans[0][2]
     for each in axes.flat:
-        each.set_xlim(spans[0][1], spans[-1][2])
-        for name, start, stop in spans:
-            each.axvspan(start, stop, color=TINTS[name], linewidth=0, zorder=-10)
+        each.set_xlim(spans[0][2], spans[-1][3])
+        for color, _, start, stop in spans:
+            each.axvspan(start, stop, color=color, linewidth=0, zorder=-10)
     top = axes.flat[0]
-    for name, start, stop in spans:
+    for _, name, start, stop in spans:
         if stop - start > 0.06 * whole:
             top.annotate(
-                phase_name(log, name),
+                name,
                 ((start + stop) / 2, 1.0), (0, 2), xycoords=("data", "axes fraction"),
                 textcoords="offset points", ha="center", va="bottom", fontsize=8, color="#555555",
             )  # fmt: skip

@@ -11,8 +11,10 @@ from html import escape
 
 from loco_control.exceptions import BagError, LocoError
 from loco_learning import metrics
+from loco_learning.joint_log import JointLog
 from loco_learning.log import Log
-from loco_learning.trial import judge
+from loco_learning.params import CriterionParams
+from loco_learning.trial import Verdict, judge
 from loco_sim import effects as sim_effects
 
 from .bag import Bag
@@ -51,7 +53,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numeric: Sequence[
     )
 
 
-def ending(log: Log) -> tuple[bool, str]:
+def ending(log: Log | JointLog) -> tuple[bool, str]:
     """Whether the robot kept going to the end, and how the run ended."""
     end = f"{len(log) * log.dt:.1f}"
     if log.fall:
@@ -70,7 +72,7 @@ def cards(log: Log, values: dict[str, dict[str, float]]) -> str:
     shown = [(metrics.METRICS[n], row[n]) for n in HEADLINES if math.isfinite(row[n])]
     boxes = "".join(
         f"<div><dt>{escape(label(metric.name))}</dt>"
-        f"<dd>{number(value)} <small>{_unit(metric.unit)}</small></dd></div>"
+        f"<dd>{number(value)} <small>{unit(metric.unit)}</small></dd></div>"
         for metric, value in shown
     )
     note = f'<p class="soft">These numbers are of the phase “{phase_name(log, phase)}”.</p>'
@@ -85,36 +87,51 @@ def label(name: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def _unit(unit: str) -> str:
-    return "" if unit == "-" else escape(unit)
+def unit(name: str) -> str:
+    """A unit as HTML; nothing where there is none."""
+    return "" if name == "-" else escape(name)
 
 
 def facts(bag: Bag, log: Log, check: ReadoutCheck | LocoError) -> str:
     """What the run was: phases, seed, clock, versions, drops, verdict."""
-    meta = bag.metadata
     spans = (f"{phase_name(log, n)} {a:g}–{round(b, 3):g} s" for n, a, b in phases(log))
+    versions = run_facts(bag, log.seed, log.experiment.robot)
+    last = versions.pop("Versions")
+    rows = {
+        "Phases": " · ".join(spans),
+        **versions,
+        "Failure criterion": verdict_text(judge(log), log.experiment.criterion),
+        "Readout check": str(check) if isinstance(check, LocoError) else check.summary(),
+        "Versions": last,
+    }
+    return fact_table(rows)
+
+
+def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
+    """What any bag of a run says of it: seed, robot, clock, drops, versions."""
+    meta = bag.metadata
     versions = json.loads(meta.get("versions", "{}"))
     dropped = "not counted: no recorder"
     if "received" in meta:
         dropped = f"{meta['dropped']} of {meta['received']}"
-    rows = {
-        "Phases": " · ".join(spans),
-        "Seed": str(log.seed),
-        "Robot": log.experiment.robot,
+    return {
+        "Seed": str(seed),
+        "Robot": robot,
         "Ran as": f"{meta.get('layout', 'unknown')}, clock {meta.get('clock', 'unknown')}",
         "Recorded": meta.get("recorded_at", "unknown"),
         "Messages dropped": dropped,
-        "Failure criterion": verdict(log),
-        "Readout check": str(check) if isinstance(check, LocoError) else check.summary(),
         "Versions": " · ".join(f"{k} {v}" for k, v in versions.items()) or "unknown",
     }
+
+
+def fact_table(rows: dict[str, str]) -> str:
+    """Table of texts by name."""
     body = "".join(f"<tr><th>{k}</th><td>{escape(v)}</td></tr>" for k, v in rows.items())
     return f'<table class="facts">{body}</table>'
 
 
-def verdict(log: Log) -> str:
-    """Which parts of the experiment's failure criterion were met."""
-    found, bounds = judge(log), log.experiment.criterion
+def verdict_text(found: Verdict, bounds: CriterionParams) -> str:
+    """Which parts of a failure criterion were met."""
     text = f"failed: {', '.join(found.failed)}" if found.failed else "no failure"
     if math.isnan(found.nrmse):
         return f"{text} (the prediction never drove for two strides)"
@@ -128,7 +145,22 @@ def verdict(log: Log) -> str:
 def metric_table(log: Log, values: dict[str, dict[str, float]]) -> str:
     """Every metric of each phase, with unit, equation and meaning."""
     names = [name for name in values if name != "stand"] or list(values)
-    head = ["Metric", *(phase_name(log, name) for name in names), "Unit", "Equation"]
+    return metric_rows(metrics.METRICS, values, {name: phase_name(log, name) for name in names})
+
+
+def metric_rows(
+    registry: dict[str, metrics.Metric],
+    values: dict[str, dict[str, float]],
+    names: dict[str, str],
+) -> str:
+    """Table of metrics.
+
+    Args:
+        registry: Which.
+        values: By phase and metric.
+        names: What the phases are called, those to show.
+    """
+    head = ["Metric", *names.values(), "Unit", "Equation"]
     rows = [
         [
             f"{escape(label(m.name))}<small>{escape(' '.join(m.doc.split()))}</small>",
@@ -136,12 +168,12 @@ def metric_table(log: Log, values: dict[str, dict[str, float]]) -> str:
             escape(m.unit),
             escape(m.equation),
         ]
-        for m in metrics.METRICS.values()
+        for m in registry.values()
     ]
     return table(head, rows, numeric=range(1, 1 + len(names)))
 
 
-def effect_table(log: Log) -> str:
+def effect_table(log: Log | JointLog) -> str:
     """Effects of the plant with the parameters that differ from their defaults.
 
     Raises:
@@ -155,7 +187,7 @@ def effect_table(log: Log) -> str:
         fields = {f.name: f for f in dataclasses.fields(effect)}
         given = [name for name in fields if getattr(effect, name) != fields[name].default]
         texts = [
-            f"{name} = {getattr(effect, name)} {_unit(fields[name].metadata.get('unit', '-'))}"
+            f"{name} = {getattr(effect, name)} {unit(fields[name].metadata.get('unit', '-'))}"
             for name in given
             if name not in ("start", "stop")
         ]
