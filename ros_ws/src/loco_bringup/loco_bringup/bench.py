@@ -167,9 +167,27 @@ def _best_of(ways: dict[str, Callable[[], Any]], repeats: int = 20, calls: int =
     return best
 
 
+def bench_population() -> Rows:
+    """Population engine: a plain loop, the engine alone, two workers."""
+    from loco_learning.population_bench import bench_population as run
+
+    return [
+        {
+            "evaluation": r.problem,
+            "plain loop 1/s": r.loop,
+            "engine 1/s": r.here,
+            "2 workers 1/s": r.two,
+            "overhead ms": r.overhead,
+            "efficiency %": 100.0 * r.efficiency,
+        }
+        for r in run()
+    ]
+
+
 BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", bench_rls),
     "graph": ("Lockstep with recorder, network and RLS", bench_graph),
     "messages": ("One message [µs]", bench_messages),
     "msd": ("One step of one mass-spring-damper network", bench_msd),
+    "population": ("Evaluations per second, 7 parameters", bench_population),
 }
