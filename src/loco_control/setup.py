@@ -18,6 +18,7 @@ setup(
         "console_scripts": [
             "target_generator = loco_control.ros.target_node:main",
             "stance_controller = loco_control.ros.stance_node:main",
+            "cpg = loco_control.ros.cpg_node:main",
         ]
     },
     zip_safe=False,

@@ -17,6 +17,7 @@ setup(
     entry_points={
         "console_scripts": [
             "reflex_network = loco_learning.ros.reflex_node:main",
+            "joint_reflex = loco_learning.ros.joint_reflex_node:main",
         ]
     },
     zip_safe=False,

@@ -17,6 +17,7 @@ setup(
     entry_points={
         "console_scripts": [
             "robot_sim = loco_sim.ros.sim_node:main",
+            "joint_sim = loco_sim.ros.joint_sim_node:main",
         ]
     },
     zip_safe=False,

@@ -2,12 +2,15 @@
 """Node sets, and the ROS parameters an experiment becomes."""
 
 import ast
+import json
 
 import pytest
 
 from loco_bringup import node_set
 from loco_bringup.docs import root
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.names import LEGS
+from loco_control.ros.joint_topics import JOINT_NODES, TABLES
 from loco_control.ros.topics import NODES
 from loco_learning.experiment import load
 
@@ -18,8 +21,10 @@ def content(experiment):
     return node_set.parameter_file(node_set.load("hyq"), experiment, tick, run)
 
 
-def test_the_set_holds_the_nodes_of_the_topic_table():
-    assert {spec.name for spec in node_set.load("hyq")} == set(NODES)
+@pytest.mark.parametrize(("name", "nodes"), [("hyq", NODES), ("joint", JOINT_NODES)])
+def test_the_set_holds_the_nodes_of_the_topic_table(name, nodes):
+    assert {spec.name for spec in node_set.load(name)} == set(nodes)
+    assert {row.writer for row in TABLES[node_set.table_of(name)].values()} >= set(nodes)
 
 
 def test_every_experiment_value_reaches_a_node():
@@ -30,6 +35,31 @@ def test_every_experiment_value_reaches_a_node():
     assert at["reflex_network"]["learner"]["memory"] == 33
     assert at["stance_controller"]["trunk"]["mass"] == 70.0
     assert at["robot_sim"]["seed"] == at["reflex_network"]["seed"] == 9
+
+
+def test_every_value_of_a_joint_experiment_reaches_a_node():
+    overrides = {
+        "target.frequency": 1.25,
+        "learner.memory": 33,
+        "overrides": {"masses.front_body": 0.7},
+        "sim.friction": 0.3,
+        "effects": [{"name": "command_delay", "delay": 0.02}],
+        "seed": 9,
+    }
+    experiment = load("tigrillo_walk", overrides)
+    run = {"recorded": True, "recorder": None, "weights": "w.npz"}
+    made = node_set.parameter_file(node_set.load("joint"), experiment, {"clock": "asap"}, run)
+    at = {name.split("/")[-1]: node["ros__parameters"] for name, node in made.items()}
+    assert "recorder" not in at
+    plant = at["robot_sim"]
+    assert json.loads(plant["overrides"]) == {"masses.front_body": 0.7}
+    assert json.loads(plant["sim"]) == {"friction": 0.3}
+    assert json.loads(plant["effects"])[0]["delay"] == 0.02
+    assert plant["seed"] == at["reflex_network"]["seed"] == 9
+    assert plant["clock"] == "asap"
+    assert at["target_generator"]["target"]["frequency"] == 1.25
+    assert at["reflex_network"]["learner"]["memory"] == 33
+    assert at["target_generator"]["driven"] == [f"{leg}_hfe_joint" for leg in LEGS]
 
 
 def test_the_launch_file_names_every_argument_it_uses():
@@ -63,4 +93,7 @@ def test_unknown_parts_name_the_known(tmp_path):
     path = tmp_path / "set.yaml"
     path.write_text("nodes: [{name: a, class: b, parameters: [gate]}]")
     with pytest.raises(NameUnknownError, match="gait"):
+        node_set.load(str(path))
+    path.write_text("table: joints\nnodes: []")
+    with pytest.raises(NameUnknownError, match="joint"):
         node_set.load(str(path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A HyQ experiment under ``ros2 launch``, for people with ROS from apt.
+"""An experiment under ``ros2 launch``, of HyQ or of joints, for people with ROS from apt.
 
 ros2 launch loco_bringup hyq.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
 """
@@ -32,20 +32,25 @@ def nodes(context):
     """One process per node of the set, and the recorder if a bag is wanted."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     experiment = load(value["experiment"])
-    specs = node_set.load("hyq")
+    specs = node_set.load(experiment.node_set)
     tick = {"clock": value["clock"], "speed": 0.0, "duration": duration_of(experiment)}
-    recorder = {"bag": value["bag"], "custom_data": json.dumps(describe(experiment))}
+    recorder = {
+        "bag": value["bag"],
+        "custom_data": json.dumps(describe(experiment)),
+        "control_rate": experiment.control_rate,
+        "table": node_set.table_of(experiment.node_set),
+    }
     run = {"recorded": bool(value["bag"]), "recorder": recorder, "weights": ""}
     with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False) as file:
         yaml.safe_dump(node_set.parameter_file(specs, experiment, tick, run), file)
-    executables = [(s.cls.split(".")[0], s.name) for s in specs]
+    executables = [(s.cls.split(".")[0], s.executable, s.name) for s in specs]
     if value["bag"]:
         Path(value["bag"]).mkdir(parents=True, exist_ok=True)
-        executables.append(("loco_bringup", "recorder"))
+        executables.append(("loco_bringup", "recorder", "recorder"))
     made = [
-        Node(package=package, executable=name, name=name, namespace=value["namespace"],
+        Node(package=package, executable=executable, name=name, namespace=value["namespace"],
              parameters=[file.name], output="screen")
-        for package, name in executables
+        for package, executable, name in executables
     ]  # fmt: skip
     stop = [
         RegisterEventHandler(OnProcessExit(target_action=n, on_exit=[EmitEvent(event=Shutdown())]))

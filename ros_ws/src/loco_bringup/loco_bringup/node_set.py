@@ -30,6 +30,7 @@ class NodeSpec:
     name: str
     cls: str
     parameters: tuple[str, ...]
+    executable: str  # for ``ros2 run``, in the package of the class
 
 
 def load(name: str) -> list[NodeSpec]:
@@ -58,7 +59,15 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
     try:
         content = yaml.safe_load(path.read_text())
         rows, table = content["nodes"], content.get("table", "hyq")
-        specs = [NodeSpec(r["name"], r["class"], tuple(r.get("parameters", ()))) for r in rows]
+        specs = [
+            NodeSpec(
+                r["name"],
+                r["class"],
+                tuple(r.get("parameters", ())),
+                r.get("executable", r["name"]),
+            )
+            for r in rows
+        ]
     except (OSError, yaml.YAMLError, TypeError, KeyError) as error:
         raise ParameterError(
             f"{path} is not a node set (nodes: [name, class, parameters]): {error}"

@@ -69,7 +69,7 @@ def run(
         speed: Lockstep: at most this many times real time, 0 for no limit.
         nodes: Node set, by name or path; default the one of the experiment's class.
         on_progress: Called about ten times a second of wall time; a true answer ends the run.
-        namespace: Of all nodes; HyQ has to stay without.
+        namespace: Of all nodes.
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run
@@ -204,7 +204,9 @@ class _Plan:
         if "" not in self._tags.values():
             files.append(self._folder / "params.yaml")
         tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
-        tables |= {"": h.table for h in self._helpers if h.table and "" not in tables}
+        for helper in self._helpers:
+            if helper.table:
+                tables.setdefault("", helper.table)
         return {
             "bag": str(self._folder),
             "custom_data": json.dumps(custom),
