@@ -322,7 +322,11 @@ class World:
         return Base((com[0] - ax, com[1] - ay, com[2] - az), orientation, velocity, omega)
 
     def push(
-        self, force: Sequence[float], link: str | None = None, point: Sequence[float] = (0, 0, 0)
+        self,
+        force: Sequence[float],
+        link: str | None = None,
+        point: Sequence[float] = (0, 0, 0),
+        at: Triple | None = None,
     ) -> None:
         """Apply a force for the next step.
 
@@ -330,18 +334,41 @@ class World:
             force: In the world frame [N], (3,).
             link: Name of the link; None is the root link.
             point: Where, in the frame of the link [m].
+            at: The same point in world [m], when it is known.
         """
         index = -1 if link is None else self._links[link]
-        at = self.point(link, point).tolist()
+        at = self.place(link, point) if at is None else at
         pybullet.applyExternalForce(
-            self._body, index, force, at, pybullet.WORLD_FRAME, physicsClientId=self._client
+            self._body, index, force, at, pybullet.WORLD_FRAME, self._client
         )
+
+    def place(self, link: str | None, offset: Sequence[float]) -> Triple:
+        """Where a point fixed to a link is in the world [m].
+
+        Args:
+            link: Name of the link; None is the root link.
+            offset: The point, in the frame of the link [m].
+        """
+        index = -1 if link is None else self._links[link]
+        if index < 0:
+            com, turn = pybullet.getBasePositionAndOrientation(self._body, self._client)
+            local, back = self._com, self._com_turn_back
+        else:
+            # The link's frame itself is given in single precision only.
+            com, turn, local, (x, y, z, w) = pybullet.getLinkState(
+                self._body, index, computeForwardKinematics=1, physicsClientId=self._client
+            )[:4]
+            back = -x, -y, -z, w
+        matrix = rotation_matrix(multiply(turn, back))
+        (cx, cy, cz), (lx, ly, lz) = com, rotate(matrix, local)
+        ox, oy, oz = rotate(matrix, offset)
+        return cx - lx + ox, cy - ly + oy, cz - lz + oz
 
     # ---- questions asked rarely --------------------------------------------------
 
     def link_position(self, link: str) -> Triple:
         """Position of a link's frame in the world [m]."""
-        return tuple(self.point(link, (0.0, 0.0, 0.0)))
+        return self.place(link, (0.0, 0.0, 0.0))
 
     def point(self, link: str | None, offset: Sequence[float]) -> np.ndarray:
         """Where a point fixed to a link is in the world [m], (3,).
@@ -350,17 +377,7 @@ class World:
             link: Name of the link; None is the root link.
             offset: The point, in the frame of the link [m].
         """
-        index = -1 if link is None else self._links[link]
-        if index < 0:
-            position, orientation = self.base()[:2]
-        else:
-            # The link's frame itself is given in single precision only.
-            com, turn, local, (x, y, z, w) = pybullet.getLinkState(
-                self._body, index, computeForwardKinematics=1, physicsClientId=self._client
-            )[:4]
-            orientation = multiply(turn, (-x, -y, -z, w))
-            position = np.subtract(com, rotate(rotation_matrix(orientation), local))
-        return np.add(position, rotate(rotation_matrix(orientation), offset))
+        return np.array(self.place(link, offset))
 
     def energy(self) -> tuple[float, float]:
         """Potential energy in gravity (0 at the world's origin) and kinetic energy [J]."""

@@ -2,7 +2,6 @@
 """Each effect does what its name says."""
 
 from collections import deque
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,7 +171,6 @@ def test_a_sensor_that_does_not_exist_cannot_be_stuck(plant, channel, index):
 
 def test_commands_get_lost_with_the_probability_asked_for():
     effect = effects.make("command_dropout", probability=0.3)
-    effect.configure(SimpleNamespace(dt=0.001))
     effect.reset(np.random.default_rng(0))
     lost = 0
     for _ in range(3000):

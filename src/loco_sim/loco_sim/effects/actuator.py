@@ -11,7 +11,7 @@ import numpy as np
 
 from loco_control.params import parameter
 
-from . import chain
+from . import chain, reading_laws
 from .chain import JointEffect, TorqueEffect
 from .identity import Identity, LookAlike, Prior
 from .readings import Layout, Measuring
@@ -55,7 +55,7 @@ class TorqueLimit(TorqueEffect, name="torque_limit"):
     """The drive gives less than the torque limit of the robot's description."""
 
     reduction: float = parameter(0.0, "share of the limit that is missing", "-", 0.0, 1.0)
-    law, among, needs = chain.LIMIT, "limited", ("effort",)
+    law, among = chain.LIMIT, "limited"
 
     identity = Identity(
         site="actuator",
@@ -86,7 +86,7 @@ class TorqueSpeedLine(TorqueEffect, name="torque_speed_line"):
     """
 
     slope: float = parameter(0.0, "one over the speed without load", "s/rad", 0.0, 10.0)
-    law, among, needs = chain.SPEED_LINE, "limited", ("effort",)
+    law, among = chain.SPEED_LINE, "limited"
 
     identity = Identity(
         site="actuator",
@@ -112,7 +112,7 @@ class SupplySag(TorqueEffect, name="supply_sag"):
     """The supply voltage, and with it every torque, falls with the load of all drives."""
 
     sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
-    law, among, needs = chain.SAG, "limited", ("effort",)
+    law, among = chain.SAG, "limited"
 
     identity = Identity(
         site="actuator",
@@ -232,13 +232,13 @@ class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
         q, dq = q.copy(), dq.copy()
-        q[self.joints] -= self.memory[:, 2]
-        dq[self.joints] -= self.memory[:, 3]
+        reading_laws.add_at(q, self.joints, 0, self.memory[:, 2], -1.0)
+        reading_laws.add_at(dq, self.joints, 0, self.memory[:, 3], -1.0)
         return q, dq
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        values[at["q"]][self.joints] += self.memory[:, 2]
-        values[at["dq"]][self.joints] += self.memory[:, 3]
+        reading_laws.add_at(values, self.joints, 0, self.memory[:, 2], 1.0)
+        reading_laws.add_at(values, self.joints, at.n, self.memory[:, 3], 1.0)
 
     def energy(self, q: np.ndarray) -> float:
         stretch = self.memory[:, 2]
@@ -250,7 +250,7 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
     """A joint is bolted on with a turn: what drive and sensor call zero is not the model's."""
 
     offset: float = parameter(0.0, "true angle when the sensor says 0", "rad", -3.2, 3.2)
-    among = "driven"
+    among, needs = "driven", ("follower",)
 
     identity = Identity(
         site="actuator",
@@ -271,6 +271,7 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
 
     def reset(self, rng: np.random.Generator) -> None:
         self._sent: np.ndarray | None = None
+        self._offsets = np.full(len(self.joints), self.offset)
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
         if q is not self._sent:  # a new command, not the old one again
@@ -279,7 +280,7 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
         return self._turned, dq
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        values[at["q"]][self.joints] -= self.offset
+        reading_laws.add_at(values, self.joints, 0, self._offsets, -1.0)
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return ()

@@ -22,7 +22,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 from loco_control.types import RobotState
 
-from ..description import Description
+from ..servo import TorqueDrive
 from .identity import Identity
 
 if TYPE_CHECKING:
@@ -280,22 +280,17 @@ def span(effect: Effect, dt: float) -> tuple[int, float]:
     return round(effect.start / dt), stop
 
 
-def turning(robot: Robot) -> np.ndarray:
-    """Indices of the joints that turn and do not slide, (k,)."""
-    kinds = Description(robot.urdf).joint_types()
-    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+def listens(robot: Robot) -> bool:
+    """Whether any drive follows joint positions; a plain torque drive does not."""
+    if not robot.drives:
+        return len(robot.driven) > 0  # impedance on every joint
+    return any(not isinstance(drive, TorqueDrive) for drive in robot.drives.values())
 
 
 # What effects may need: its name in a message, and the question to a robot.
 NEEDS: dict[str, tuple[str, Callable[[Robot], bool]]] = {
     "base": ("base that moves", lambda robot: not robot.fixed_base),
     "feet": ("feet", lambda robot: len(robot.feet) > 0),
-    "drive": ("joint with a drive", lambda robot: len(robot.driven) > 0),
-    "effort": (
-        "torque limit of a driven joint",
-        lambda r: bool(np.isfinite(r.effort[r.driven]).any()),
-    ),
     "legs": ("legs", lambda robot: len(robot.feet) > 1),
-    "turning": ("joint that turns", lambda robot: len(turning(robot)) > 0),
-    "springs": ("springs in its robot.yaml", lambda robot: bool(getattr(robot, "springs", None))),
+    "follower": ("drive that follows a position", lambda robot: listens(robot)),
 }

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -99,12 +100,13 @@ class ComOffset(Effect, name="com_offset"):
 class Armature(JointEffect, name="armature"):
     """Inertia of rotor and gear that the model leaves out.
 
-    It is added to the link that the joint moves, about the joint's axis: exact for one
-    joint, and for a chain but for what the joints before it feel.
+    It is added to the link that the joint moves, about the joint's axis, and half of it
+    about the two others, since no body can have less: exact for one joint, and for a chain
+    but for what the joints before it feel.
     """
 
     inertia: float = parameter(0.0, "of the rotor, at the joint", "kg·m²", 0.0, 100.0)
-    lasting, needs, among = True, ("turning",), "turning"
+    lasting, among = True, "turning"
 
     identity = Identity(
         site="body",
@@ -125,14 +127,14 @@ class Armature(JointEffect, name="armature"):
         self.require(world.robot)
         for j in self._chosen(world) if self.inertia > 0.0 else ():
             joint = world.robot.joints[j]
-            axis = np.abs(world.description.axis(joint))
-            if np.count_nonzero(axis > 1e-9) != 1:
+            axis = np.abs(np.round(world.description.axis(joint), 9))
+            if np.count_nonzero(axis) != 1:
                 raise ParameterError(
                     f"effect armature: joint {joint} turns about {axis.tolist()}, not about x, y "
                     "or z of its link"
                 )
             link = world.description.child(joint)
-            world.description.add_inertia(link, tuple(self.inertia * axis))
+            world.description.add_inertia(link, tuple(self.inertia * (0.5 + 0.5 * axis)))
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing to forget."""
@@ -210,12 +212,14 @@ class CableForce(Effect, name="cable_force"):
         self._stretch = 0.0
 
     def on_step(self, world: Any, t: float) -> None:
-        way = np.subtract(self.anchor, world.point(self._link, self.point))
-        distance = float(np.sqrt(way @ way))
+        x, y, z = at = world.place(self._link, self.point)
+        ax, ay, az = self.anchor
+        distance = sqrt((ax - x) ** 2 + (ay - y) ** 2 + (az - z) ** 2)
         self._stretch = max(0.0, distance - self.length)
         if self._stretch > 0.0:
-            force = self.stiffness * self._stretch / distance * way
-            world.push(force.tolist(), link=self._link, point=self.point)
+            pull = self.stiffness * self._stretch / distance
+            force = (pull * (ax - x), pull * (ay - y), pull * (az - z))
+            world.push(force, self._link, at=at)
 
     def energy(self, q: np.ndarray) -> float:
         return 0.5 * self.stiffness * self._stretch**2

@@ -18,8 +18,9 @@ from numba import njit
 from loco_control.exceptions import ParameterError
 from loco_control.params import parameter
 
+from ..description import Description
 from . import laws
-from .base import Effect, span, turning
+from .base import Effect, span
 
 if TYPE_CHECKING:
     from ..world import World
@@ -163,7 +164,12 @@ class JointEffect(Effect):
     joint: str = parameter("", "joints, by name or pattern; empty is all that it applies to")
 
     law = 0  # number of the law
-    among: ClassVar[str] = "all"  # joints it applies to: all, driven, limited, sprung
+    among: ClassVar[str] = "all"  # joints it applies to, a key of `AMONG`
+
+    @classmethod
+    def lacks(cls, robot: Any) -> str:
+        missing = super().lacks(robot)
+        return missing or ("" if len(eligible(robot, cls.among)) else AMONG[cls.among])
 
     @classmethod
     def fuse(cls, hook: str) -> Any:
@@ -196,17 +202,17 @@ class JointEffect(Effect):
         if strange := sorted(set(named) - set(fitting)):
             names = ", ".join(world.robot.joints[j] for j in strange)
             raise ParameterError(
-                f"effect {self.name} does not apply to {names}: {AMONG[self.among]}"
+                f"effect {self.name} does not apply to {names}: no {AMONG[self.among]}"
             )
         return named
 
 
-AMONG = {
-    "all": "it applies to every joint",
-    "driven": "it applies to joints with a drive",
-    "limited": "it applies to joints with a drive and a torque limit",
-    "turning": "it applies to joints that turn",
-    "sprung": "it applies to joints with a spring in robot.yaml",
+AMONG = {  # which joints an effect may be about
+    "all": "joint",
+    "driven": "joint with a drive",
+    "limited": "joint with a drive and a torque limit",
+    "turning": "joint that turns",
+    "sprung": "joint with a spring in robot.yaml",
 }
 
 
@@ -215,7 +221,8 @@ def eligible(robot: Any, among: str) -> np.ndarray:
     if among == "all":
         return np.arange(len(robot.joints))
     if among == "turning":
-        return turning(robot)
+        kinds = Description(robot.urdf).joint_types()
+        return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
     if among == "sprung":
         return np.flatnonzero([joint in robot.springs for joint in robot.joints])
     driven = np.asarray(robot.driven, dtype=np.int64)

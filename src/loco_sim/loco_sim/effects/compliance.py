@@ -61,7 +61,7 @@ class StiffnessError(Elastic, name="stiffness_error"):
     """A spring of the robot is stiffer or softer than the model says."""
 
     error: float = parameter(0.0, "relative error of the stiffness", "-", -0.99, 5.0)
-    law, among, needs = chain.RESCALED, "sprung", ("springs",)
+    law, among = chain.RESCALED, "sprung"
 
     identity = Identity(
         site="compliance",
@@ -146,7 +146,7 @@ class SpringSaturation(Elastic, name="spring_saturation"):
 
     lost: float = parameter(0.0, "share of the stiffness lost above the torque", "-", 0.0, 1.0)
     torque: float = parameter(0.1, "where it begins", "N·m", 1e-4, 1e3)
-    law, among, needs = chain.SATURATION, "sprung", ("springs",)
+    law, among = chain.SATURATION, "sprung"
 
     identity = Identity(
         site="compliance",
@@ -174,7 +174,7 @@ class RestAngleError(Elastic, name="rest_angle_error"):
     """A spring of the robot is slack at another angle than the model says."""
 
     offset: float = parameter(0.0, "angle by which it is off", "rad", -1.5, 1.5)
-    law, among, needs = chain.SHIFTED, "sprung", ("springs",)
+    law, among = chain.SHIFTED, "sprung"
 
     identity = Identity(
         site="compliance",

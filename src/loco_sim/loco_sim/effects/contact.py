@@ -14,6 +14,7 @@ from loco_control.exceptions import NameUnknownError
 from loco_control.params import parameter
 
 from ..geometry import multiply, rotate_back, rotation_matrix
+from . import reading_laws
 from .base import Effect
 from .identity import Identity, LookAlike, Prior
 from .readings import Layout, Measuring
@@ -191,9 +192,11 @@ class Slope(Measuring, Effect, name="slope"):
 
     def configure(self, world: Any) -> None:
         half, side = -0.5 * self.pitch, 0.5 * self.roll
-        self._turn = multiply((0.0, sin(half), 0.0, cos(half)), (sin(side), 0.0, 0.0, cos(side)))
+        turn = multiply((0.0, sin(half), 0.0, cos(half)), (sin(side), 0.0, 0.0, cos(side)))
+        self._turn = np.array(turn)
         if not self.absent():
-            world.gravity = rotate_back(rotation_matrix(self._turn), world.gravity)
+            world.gravity = rotate_back(rotation_matrix(turn), world.gravity)
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        values[at["orientation"]] = multiply(self._turn, values[at["orientation"]].tolist())
+        first = at["orientation"].start
+        reading_laws.product(values, first, self._turn, values[first : first + 4])

@@ -39,6 +39,7 @@ class CommandDelay(Effect, name="command_delay"):
     """
 
     delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)
+    needs = ("follower",)
 
     identity = Identity(
         site="actuator",
@@ -58,6 +59,7 @@ class CommandDelay(Effect, name="command_delay"):
     )  # fmt: skip
 
     def configure(self, world: Any) -> None:
+        self.require(world.robot)
         self._steps = round(self.delay / world.dt)
 
     def reset(self, rng: np.random.Generator) -> None:

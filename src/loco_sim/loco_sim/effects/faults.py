@@ -81,6 +81,7 @@ class CommandDropout(Effect, name="command_dropout"):
     """Motion commands get lost; the drives keep the last one that arrived."""
 
     probability: float = parameter(0.0, "that a command is lost", low=0.0, high=1.0)
+    needs = ("follower",)
 
     identity = Identity(
         site="outside",
@@ -96,6 +97,9 @@ class CommandDropout(Effect, name="command_dropout"):
         passive=False,
         smooth=False,
     )
+
+    def configure(self, world: World) -> None:
+        self.require(world.robot)
 
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng

@@ -62,11 +62,13 @@ class Push(Effect, name="push"):
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self._next = -np.inf
-        self._now = np.array(self.force)
+        self._now, self._drawn = np.array(self.force), None
 
     def on_step(self, world: World, t: float) -> None:
         if self.random > 0.0 and t >= self._next:
             self._now = self.force + self._rng.uniform(-self.random, self.random, 3)
             self._next = t + self._rng.uniform(*sorted((self.shortest, self.longest)))
-        if self._now.any():
-            world.push(self._now.tolist(), link=self._link, point=self.point)
+        if self._now is not self._drawn:
+            self._drawn, self._force = self._now, self._now.tolist()
+        if any(self._force):
+            world.push(self._force, link=self._link, point=self.point)

@@ -13,6 +13,7 @@ import numpy as np
 from loco_control.params import parameter
 
 from ..geometry import multiply, rotation_matrix
+from . import reading_laws
 from .base import Effect
 from .compliance import rest
 from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
@@ -36,7 +37,25 @@ class JointSensor(Measuring, Effect):
 
 
 @dataclass
-class SensorBias(JointSensor, name="sensor_bias"):
+class LinearSensor(JointSensor):
+    """An effect that gives every reading a factor and adds something to it."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._factor: np.ndarray | None = None
+
+    def lines(self, at: Layout, factor: np.ndarray, extra: np.ndarray) -> None:
+        """Fill in factors, which are 1, and what is added, which is 0; each (at.size,)."""
+        raise NotImplementedError
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        if self._factor is None:
+            self._factor, self._extra = np.ones(at.size), np.zeros(at.size)
+            self.lines(at, self._factor, self._extra)
+        reading_laws.scale(values, self._factor, self._extra)
+
+
+@dataclass
+class SensorBias(LinearSensor, name="sensor_bias"):
     """Sensors are off by a constant; the drives do not see it (see `joint_offset`)."""
 
     q: float = parameter(0.0, "joint position", "rad", low=-3.2, high=3.2)
@@ -65,17 +84,15 @@ class SensorBias(JointSensor, name="sensor_bias"):
         smooth=True,
     )
 
-    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        if self.q:
-            values[at["q"]][self._joints] += self.q
-        if self.tau:
-            values[at["tau"]][self._joints] += self.tau
-        values[at["angular_velocity"]] += self.gyro
-        values[at["linear_acceleration"]] += self.accelerometer
+    def lines(self, at: Layout, factor: np.ndarray, extra: np.ndarray) -> None:
+        extra[at["q"]][self._joints] = self.q
+        extra[at["tau"]][self._joints] = self.tau
+        extra[at["angular_velocity"]] = self.gyro
+        extra[at["linear_acceleration"]] = self.accelerometer
 
 
 @dataclass
-class SensorGain(JointSensor, name="sensor_gain"):
+class SensorGain(LinearSensor, name="sensor_gain"):
     """Sensors are off in proportion; positions about the joint's rest, with their velocity."""
 
     q: float = parameter(0.0, "joint position and velocity", "-", low=-0.9, high=2.0)
@@ -106,16 +123,14 @@ class SensorGain(JointSensor, name="sensor_gain"):
         smooth=True,
     )
 
-    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        if self.q:
-            q, dq = values[at["q"]], values[at["dq"]]
-            q[self._joints] += self.q * (q[self._joints] - self._rest)
-            dq[self._joints] *= 1.0 + self.q
-        if self.tau:
-            values[at["tau"]][self._joints] *= 1.0 + self.tau
-        values[at["grf"]] *= 1.0 + self.grf
-        values[at["angular_velocity"]] *= 1.0 + self.gyro
-        values[at["linear_acceleration"]] *= 1.0 + self.accelerometer
+    def lines(self, at: Layout, factor: np.ndarray, extra: np.ndarray) -> None:
+        factor[at["q"]][self._joints] += self.q
+        extra[at["q"]][self._joints] = -self.q * self._rest
+        factor[at["dq"]][self._joints] += self.q
+        factor[at["tau"]][self._joints] += self.tau
+        factor[at["grf"]] += self.grf
+        factor[at["angular_velocity"]] += self.gyro
+        factor[at["linear_acceleration"]] += self.accelerometer
 
 
 @dataclass
@@ -145,10 +160,8 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
     )
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        q, dq = values[at["q"]], values[at["dq"]]
-        x = q[self._joints] - self._rest
-        dq[self._joints] *= 1.0 + (2.0 * self.quadratic + 3.0 * self.cubic * x) * x
-        q[self._joints] += (self.quadratic + self.cubic * x) * x * x
+        bent = self.quadratic, self.cubic
+        reading_laws.bend(values, self._joints, at.n, self._rest, *bent)
 
 
 @dataclass
@@ -172,9 +185,8 @@ class Quantisation(JointSensor, name="quantisation"):
     )
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        q = values[at["q"]]
         if self.step:
-            q[self._joints] = self.step * np.round(q[self._joints] / self.step)
+            reading_laws.quantise(values, self._joints, self.step)
 
 
 @dataclass
@@ -217,9 +229,10 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
             return
         ended, new = past[1]
         share = (wanted - began) / (ended - began)
-        values[:] = old + share * (new - old) if share > 1e-6 else old
-        turn = values[at["orientation"]]
-        turn /= np.sqrt(turn @ turn)
+        if share > 1e-6:
+            reading_laws.between(values, old, new, share, at["orientation"].start)
+        else:
+            values[:] = old
 
 
 @dataclass
@@ -229,6 +242,7 @@ class ImuTilt(Measuring, Effect, name="imu_tilt"):
     roll: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
     pitch: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
     yaw: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
+    needs = ("base",)
 
     identity = Identity(
         site="sensor",
@@ -246,16 +260,17 @@ class ImuTilt(Measuring, Effect, name="imu_tilt"):
         smooth=True,
     )
 
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+
     def reset(self, rng: np.random.Generator) -> None:
         turn = (0.0, 0.0, 0.0, 1.0)
         for axis, angle in enumerate((self.roll, self.pitch, self.yaw)):
             about = [0.0, 0.0, 0.0, cos(0.5 * angle)]
             about[axis] = sin(0.5 * angle)
             turn = multiply(about, turn)
-        self._turn = turn
-        self._back = np.array(rotation_matrix(turn)).reshape(3, 3).T
+        self._turn = np.array(turn)
+        self._back = np.array(rotation_matrix(turn)).reshape(3, 3).T.copy()
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        values[at["orientation"]] = multiply(values[at["orientation"]].tolist(), self._turn)
-        for name in ("angular_velocity", "linear_acceleration"):
-            values[at[name]] = self._back @ values[at[name]]
+        reading_laws.tilt(values, at["orientation"].start, self._turn, self._back)
