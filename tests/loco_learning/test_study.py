@@ -120,7 +120,7 @@ def test_tables_tell_each_case_and_each_criterion(finished):
 
 def test_every_figure_is_drawn(finished, tmp_path):
     made, _, results = finished
-    assert set(made.figures) == set(figures.FIGURES)
+    assert set(made.figures) == set(figures.FIGURES) - {"joint_traces"}  # not of HyQ
     for path in figures.write(made, results, tmp_path):
         assert path.stat().st_size > (5000 if path.suffix == ".png" else 100)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from loco_control.params import to_dict
 from . import archive, metrics, signals, trial
 from .experiment import Experiment
 from .log import Log
+
+if TYPE_CHECKING:
+    from .joint_experiment import JointExperiment
 
 COARSE = 10  # slow curves keep each tenth tick
 FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
@@ -51,15 +54,30 @@ class CaseResult:
 
 
 def run_case(
-    name: str, variant: str, seed: int, experiment: Experiment, folder: Path
+    name: str,
+    variant: str,
+    seed: int,
+    experiment: Experiment | JointExperiment,
+    folder: Path,
 ) -> CaseResult:
     """Run one case and write its result; the function that workers call."""
-    from .rollout import rollout  # loads physics, in the worker
-
-    log = rollout(experiment, seed)
-    result = reduce(log, name, variant)
+    make = _result if isinstance(experiment, Experiment) else _joint_result
+    result = make(experiment, seed, name, variant)
     result.save(Path(folder) / f"{name}.npz")
     return result
+
+
+def _result(experiment: Experiment, seed: int, name: str, variant: str) -> CaseResult:
+    from .rollout import rollout  # loads physics, in the worker
+
+    return reduce(rollout(experiment, seed), name, variant)
+
+
+def _joint_result(experiment: JointExperiment, seed: int, name: str, variant: str) -> CaseResult:
+    from .joint_case import reduce
+    from .joint_rollout import rollout
+
+    return reduce(rollout(experiment, seed), name, variant)
 
 
 def reduce(log: Log, name: str, variant: str) -> CaseResult:

@@ -31,16 +31,18 @@ def figure(function: Callable[[Sequence[CaseResult]], Figure]) -> Callable:
     return function
 
 
-def _new(columns: int, size: tuple[float, float], **kwargs: Any) -> tuple[Figure, np.ndarray]:
+def _new(
+    columns: int, size: tuple[float, float], rows: int = 1, **kwargs: Any
+) -> tuple[Figure, np.ndarray]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     made = Figure(figsize=size, layout="constrained", dpi=120)
     FigureCanvasAgg(made)  # no display, and no global state as pyplot has
-    axes = np.atleast_1d(made.subplots(1, columns, **kwargs))
-    for ax in axes:
+    axes = made.subplots(rows, columns, squeeze=False, **kwargs)
+    for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
-    return made, axes
+    return made, axes if rows > 1 else axes[0]
 
 
 def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
@@ -139,6 +141,29 @@ def foot_heights(results: Sequence[CaseResult]) -> Figure:
 
 
 @figure
+def joint_traces(results: Sequence[CaseResult]) -> Figure:
+    """First and last driven and passive joint, by the target and by the readout, per variant."""
+    groups = {v: c for v, c in _variants(results).items() if "test_trace_t" in _typical(c).curves}
+    columns = max(1, len(groups))
+    made, axes = _new(columns, (4.6 * columns, 4.2), rows=2, sharex=True, sharey="row")
+    looks = {"train": {"color": "0.6", "lw": 3.0}, "test": {"color": OTHER[0], "lw": 1.0}}
+    for column, (variant, cases) in zip(axes.T, groups.items(), strict=False):
+        curves = _typical(cases).curves
+        for phase, look in looks.items():
+            t = curves[f"{phase}_trace_t"]
+            for ax, what in zip(column, ("command", "passive"), strict=True):
+                values = curves[f"{phase}_trace_{what}"][:, [0, -1]]
+                ax.plot(t - t[0], values[:, 0], label=f"{phase}, first", **look)
+                ax.plot(t - t[0], values[:, 1], label=f"{phase}, last", ls="--", **look)
+        column[0].set_title(f"{variant}, seed {_typical(cases).seed}")
+        column[1].set_xlabel("time [s]")
+    axes[0, 0].set_ylabel("driven joints [rad]")
+    axes[1, 0].set_ylabel("passive joints [rad]")
+    made.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return made
+
+
+@figure
 def trunk(results: Sequence[CaseResult]) -> Figure:
     """Height, attitude and path of the trunk."""
     made, axes = _new(3, (11.0, 3.4))
@@ -181,7 +206,7 @@ def rows(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
     """One mapping per case: verdict, then the metrics of the study's phase."""
     made = []
     for case in results:
-        values = case.metrics.get(study.phase, {})
+        values = case.metrics.get(study.phase) or case.metrics.get("open loop", {})
         row = {"variant": case.variant, "seed": case.seed, "survived": case.verdict["survived"]}
         row |= {"failed": " ".join(case.verdict["failed"]) or "-", "end": case.verdict["end"]}
         row |= {f"trial {key}": case.verdict[key] for key in VERDICT}

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.params import to_dict
@@ -21,6 +21,9 @@ from . import experiment as experiments
 from .case import CaseResult, run_case
 from .experiment import Experiment, override, read_yaml
 from .params import PHASES
+
+if TYPE_CHECKING:
+    from .joint_experiment import JointExperiment
 
 log = logging.getLogger(__name__)
 
@@ -33,7 +36,7 @@ class Case:
 
     variant: str
     seed: int
-    experiment: Experiment
+    experiment: Experiment | JointExperiment
 
     @property
     def name(self) -> str:
@@ -47,7 +50,7 @@ class Study:
 
     name: str
     description: str
-    variants: dict[str, Experiment]
+    variants: dict[str, Experiment | JointExperiment]
     seeds: tuple[int, ...]
     phase: str  # whose metrics the table shows
     metrics: tuple[str, ...]  # columns of the table
@@ -180,7 +183,9 @@ def _folder() -> Any:
     return importlib.resources.files("loco_learning") / "studies"
 
 
-def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Experiment:
+def _variant(
+    path: Path, name: str, spec: Any, changes: dict[str, Any]
+) -> Experiment | JointExperiment:
     if not isinstance(spec, dict) or "experiment" not in spec:
         raise ParameterError(f"{path.stem}.variants.{name} must be {{experiment: NAME, ...}}")
     own = {key: value for key, value in spec.items() if key != "experiment"}
@@ -206,9 +211,10 @@ def _known(kind: str, name: Any, known: Any) -> str:
 
 
 def _metrics(wanted: Any) -> tuple[str, ...]:
-    from .metrics import METRICS
+    from . import joint_metrics, metrics
 
-    return tuple(_known("metric", name, METRICS) for name in wanted)
+    known = {**metrics.METRICS, **joint_metrics.METRICS}
+    return tuple(_known("metric", name, known) for name in wanted)
 
 
 def _figures(wanted: Any) -> tuple[str, ...]:
