@@ -37,7 +37,7 @@ BRINGUP = {
     *("loco_control", "loco_sim", "loco_learning", "numpy", "yaml", "rich", "psutil"),
     *("mcap", "mcap_ros2", "rosbags", "matplotlib", "PIL"),
 }
-PYBULLET_DOOR = Path("loco_sim/world.py")
+PYBULLET_DOOR = Path("loco_sim/engine.py")
 TERMINAL = ("loco_bringup/cli", "loco_bringup/console")
 
 
@@ -104,7 +104,7 @@ def test_a_violation_is_found(path, text):
     ("path", "text"),
     [
         ("loco_control/ros/node.py", "import rclpy\nfrom loco_control.names import LEGS"),
-        ("loco_sim/world.py", "import pybullet"),
+        ("loco_sim/engine.py", "import pybullet"),
         ("loco_learning/rollout.py", "from loco_sim.simulation import Simulation"),
         ("loco_bringup/cli.py", "print('done')"),
         ("loco_control/gait.py", "from .params import Params\nfrom . import names"),
