@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sections of a robot.yaml: patterns, what wins, contacts from depth and masses from weighing."""
+
+from pathlib import Path
+
+import pytest
+
+from loco_control.exceptions import LocoError
+from loco_sim import equipment, robot
+from loco_sim.description import Description
+from loco_sim.equipment import ContactParams
+
+JOINTS, LINKS = ("left_hip", "left_knee", "right_hip", "right_knee"), ("base", "foot")
+PATH = Path("robot.yaml")
+
+
+def expanded(**values):
+    return equipment.expanded(values, JOINTS, LINKS, PATH)
+
+
+def test_a_later_entry_adds_to_and_wins_over_an_earlier_one():
+    springs = expanded(
+        springs={"*_knee": {"stiffness": 1.0, "damping": 2.0}, "left_knee": {"stiffness": 3.0}}
+    )["springs"]
+    assert springs == {
+        "left_knee": {"stiffness": 3.0, "damping": 2.0},
+        "right_knee": {"stiffness": 1.0, "damping": 2.0},
+    }
+
+
+@pytest.mark.parametrize("section", ["drives", "springs", "contacts", "masses"])
+def test_a_pattern_that_names_nothing_is_refused(section):
+    with pytest.raises(LocoError, match="available"):
+        expanded(**{section: {"*_elbow": {}}})
+
+
+def test_an_override_changes_one_value_and_leaves_the_file_alone():
+    values = expanded(springs={"*_knee": {"stiffness": 1.0, "damping": 2.0}})
+    equipment.override(values, {"springs.left_*.stiffness": 9.0, "sim.friction": 0.3}, LINKS)
+    assert values["springs"]["left_knee"] == {"stiffness": 9.0, "damping": 2.0}
+    assert values["springs"]["right_knee"]["stiffness"] == 1.0
+    assert values["sim"] == {"friction": 0.3}
+
+
+def test_an_override_may_add_to_a_section_of_sensors():
+    values = expanded()
+    equipment.override(values, {"sensors.imu.gyro_noise": 0.1}, LINKS)
+    assert values["sensors"] == {"imu": {"gyro_noise": 0.1}}
+
+
+def test_a_contact_sinks_in_by_its_depth_under_its_load():
+    stiffness, damping = ContactParams(depth=0.002).softness(0.25)
+    assert 0.25 * 9.81 / stiffness == pytest.approx(0.002)
+    assert damping == pytest.approx(2.0 * (stiffness * 0.25) ** 0.5)
+    assert ContactParams().softness(0.25) == (0.0, 0.0)
+
+
+def test_a_link_is_weighed_with_what_hangs_on_it():
+    described = Description((robot.ASSETS / "tigrillo" / "tigrillo.urdf").read_text())
+    equipment.set_masses(described, {"front_body": 0.9, "lf_foot": 0.01, "lf_upper_leg": 0.1})
+    weights = {name: described.mass_of(name) for name in described.below("front_body")}
+    assert weights["lf_foot"] == pytest.approx(0.01)
+    assert sum(weights[name] for name in described.below("lf_upper_leg")) == pytest.approx(0.1)
+    assert sum(weights.values()) == pytest.approx(0.9)
+    before = Description((robot.ASSETS / "tigrillo" / "tigrillo.urdf").read_text())
+    factor = weights["front_body"] / before.mass_of("front_body")
+    scaled = factor * before.inertia_of("front_body")
+    assert described.inertia_of("front_body") == pytest.approx(scaled)
