@@ -62,6 +62,14 @@ def test_every_value_of_a_joint_experiment_reaches_a_node():
     assert at["target_generator"]["driven"] == [f"{leg}_hfe_joint" for leg in LEGS]
 
 
+@pytest.mark.parametrize(("name", "nodes"), [("tigrillo_walk", "hyq"), ("hyq_short", "joint")])
+def test_an_experiment_of_the_other_kind_is_refused(name, nodes):
+    experiment = load(name)
+    run = {"recorded": False, "weights": ""}
+    with pytest.raises(ParameterError, match=f"its node set is {experiment.node_set}"):
+        node_set.parameter_file(node_set.load(nodes), experiment, {}, run)
+
+
 def test_the_launch_file_names_every_argument_it_uses():
     # The launch packages are not among the wheels, so the file is only read here.
     path = root() / "ros_ws/src/loco_bringup/launch/hyq.launch.py"

@@ -117,6 +117,12 @@ def recorder_parameters(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any]) -> dict:
+    needed = {"plant": "plant", "joints": "plant", "robot": "gait"}.get(part, part)
+    if part not in ("tick", "weights") and not hasattr(experiment, needed):
+        raise ParameterError(
+            f"the node set wants {part!r}, which experiment {experiment.name} has not; "
+            f"its node set is {experiment.node_set}"
+        )
     if part == "tick":
         return tick
     if part == "plant":

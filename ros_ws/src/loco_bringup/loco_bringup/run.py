@@ -113,7 +113,6 @@ def run_robots(
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
     with _domain_lock(robots):
         folder = Path(folder).resolve()
-        folder.mkdir(parents=True, exist_ok=True)
         tick = {"clock": clock, "speed": float(speed), **tick}
         plan = _Plan(robots, folder, layout, tick, nodes, helpers)
         plan.write()
@@ -170,28 +169,29 @@ class _Plan:
         return self._folder / f"{stem}{'_' if tag else ''}{tag}{suffix}"
 
     def write(self) -> None:
-        """Resolved experiments and ROS parameters."""
-        recorder = self._recorder()
+        """Resolved experiments and ROS parameters; nothing if one of them is refused."""
+        files = self._files()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for path, content in files.items():
+            path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+    def _files(self) -> dict[Path, dict[str, Any]]:
+        """Content of the YAML files, by path."""
+        recorder, files = self._recorder(), {}
         for space, experiment in self._robots.items():
-            text = yaml.safe_dump(to_dict(experiment), sort_keys=False)
             tag = self._tags[space]
-            self._path("experiment", tag, ".yaml").write_text(text)
-            weights = self._path("weights", tag, ".npz")
+            files[self._path("experiment", tag, ".yaml")] = to_dict(experiment)
             run = {"recorded": True, "recorder": None if tag else recorder}
-            run["weights"] = str(weights)
+            run["weights"] = str(self._path("weights", tag, ".npz"))
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
-            self._write_yaml(self._path("params", tag, ".yaml"), content)
+            files[self._path("params", tag, ".yaml")] = content
         if "" not in self._tags.values():
-            content = node_set.recorder_parameters(recorder)
-            self._write_yaml(self._folder / "params.yaml", content)
+            files[self._folder / "params.yaml"] = node_set.recorder_parameters(recorder)
         for helper in self._helpers:
             content = {f"/**/{helper.name}": {"ros__parameters": helper.parameters}}
-            self._write_yaml(self._path("params", helper.name, ".yaml"), content)
-
-    @staticmethod
-    def _write_yaml(path: Path, content: dict[str, Any]) -> None:
-        path.write_text(yaml.safe_dump(content, sort_keys=False))
+            files[self._path("params", helper.name, ".yaml")] = content
+        return files
 
     def _recorder(self) -> dict[str, Any]:
         """Parameters of the recorder."""
