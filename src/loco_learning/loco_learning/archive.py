@@ -18,6 +18,8 @@ FORMATS = {  # kinds of file and their versions
     "weights": 1,
     "joint_weights": 1,
     "log": 1,
+    "msd_gait": 1,
+    "msd_loop": 1,
     "joint_log": 1,
     "case": 1,
 }
