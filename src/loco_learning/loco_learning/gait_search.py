@@ -55,6 +55,7 @@ FELL, EXPLODED = 1.0, 10.0  # values
 FASTEST = 5.0  # a mean speed beyond is an explosion [m/s]
 FACTORS = (0.3, 3.0)  # a drawn body stays within, relative to the nominal one
 CHECKS = 16  # other bodies on which a result is tried
+DIGITS = 4  # of the parameters of a gait in its file
 
 
 @dataclass(frozen=True)
@@ -225,16 +226,17 @@ def search(
 
 
 def make_gait(problem: GaitProblem, found: Optimum, seed: int) -> Gait:
-    """The gait of an optimum: run on the nominal body and, if bodies were drawn, on others."""
-    params, target = problem.params, problem.target(found.x)
+    """The gait of an optimum, in round numbers, run on the nominal body and on others."""
+    x = np.round(found.x, DIGITS)
+    params, target = problem.params, problem.target(x)
     log = problem.run(target, {})
     gait = Gait(
         name=params.gait,
         robot=params.robot,
         target=target,
-        parameters=found.named(),
-        speed=judge(log).extra["speed"],
-        distance=log.distance,
+        parameters=dict(zip(found.names, x.tolist(), strict=True)),
+        speed=round(judge(log).extra["speed"], 5),
+        distance=round(log.distance, 4),
         duration=params.duration,
         seed=seed,
         evaluations=found.evaluations,
