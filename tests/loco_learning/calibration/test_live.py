@@ -99,3 +99,11 @@ def test_the_gap_is_told_once_per_period():
     assert [g.number for g in told] == list(range(len(told)))
     np.testing.assert_allclose(np.diff([g.t for g in told]), 1.0 / FREQUENCY, atol=0.03)
     assert len(told) >= 8
+
+
+def test_lost_messages_make_it_listen_anew():
+    kept = signals()
+    feed(kept, 0.0, 4.0)
+    feed(kept, 4.5, 6.0)
+    assert kept.length == pytest.approx(1.49)
+    assert kept.recording(RATE).t[0] == 4.5

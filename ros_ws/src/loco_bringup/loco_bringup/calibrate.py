@@ -31,7 +31,8 @@ log = logging.getLogger(__name__)
 
 SETTINGS = "settings.json"
 FORMAT = 1
-WHOLE = 100_000  # periods: as many as there are before the first that is compared
+VALIDATION_SKIP = 4.0  # start of a gait, until it is even [s]
+WHOLE = 1_000_000  # periods: as many as there are before the first that is compared
 
 Tell = Callable[[int, Generation], None]  # seed and state of its search
 
@@ -160,8 +161,9 @@ def _default(options: CalibrationParams) -> dict[str, float]:
 
 
 def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:
-    """Settings for the fitted recording, then for validation: the gait from its first step."""
-    return [options, *[options.replace(settle=WHOLE, skip=3.0)] * (count - 1)]
+    """Settings for the fitted recording, then for validation: from first to last step."""
+    whole = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
+    return [options, *[whole] * (count - 1)]
 
 
 # ---- the folder of results

@@ -140,7 +140,7 @@ class Calibration:
         )
         before = self.before.error[self.options.loss]
         values, error = self.parameters.default, before
-        if found.evaluations and found.value < FAILED:
+        if found.evaluations and found.value < before:
             values, error = self.parameters.from_unit(found.x), found.value
         ended = "cancelled" if self._cancelled else found.ended
         seconds = time.perf_counter() - began

@@ -54,13 +54,11 @@ class Reference:
         least = max(2, options.periods)
         at = segments.crossings(recording.t[used], command[used, 0], least)
         self.robot = segments.cut(recording.t[used], sensors[used], at)
-        # The model starts `settle` periods before the first period that is compared.
-        period = self.robot.period
-        before = min(options.settle, int((at[0] - recording.t[0]) / period))
-        self._at = at[: options.periods + 1]
-        inside = (recording.t >= at[0] - before * period) & (
-            recording.t <= self._at[-1] + 2.0 * recording.dt
-        )
+        self._at = at[: (options.periods or len(at)) + 1]
+        # The model starts `settle` periods before the first that is compared.
+        begin = max(recording.t[0], at[0] - options.settle * self.robot.period)
+        end = self._at[-1] + 2.0 * recording.dt
+        inside = (recording.t >= begin - 1e-9) & (recording.t <= end)
         self._t, self._command = recording.t[inside], command[inside]
 
     @property
@@ -73,7 +71,7 @@ class Reference:
 
         Raises:
             ParameterError: The body cannot be built.
-            DivergedError: The physics lost its mind.
+            DivergedError: The state is no longer finite.
         """
         done = replay(model, self._t, self._command, self.options.seed)
         cut = segments.cut(done.t, done.q, self._at)

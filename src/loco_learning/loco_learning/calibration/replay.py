@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,13 +31,7 @@ class Replay:
     distance: float
 
 
-def replay(
-    model: Model,
-    t: np.ndarray,
-    command: np.ndarray,
-    seed: int = 0,
-    cancelled: Callable[[], bool] | None = None,
-) -> Replay:
+def replay(model: Model, t: np.ndarray, command: np.ndarray, seed: int = 0) -> Replay:
     """Run a model from standing with recorded commands.
 
     A fall does not end it: the sensors of a fallen model tell that it is wrong.
@@ -48,26 +41,18 @@ def replay(
         t: Times of the commands [s], even, (T,).
         command: Commands of the driven joints [rad], (T, m).
         seed: Of the effects.
-        cancelled: Asked now and then; True ends the replay with what there is.
 
     Raises:
         ParameterError: The body cannot be built, or the rate does not fit the physics.
-        DivergedError: The physics lost its mind.
+        DivergedError: The state is no longer finite.
     """
     robot = model.make_robot()
-    dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)
-    q = np.empty((len(t), len(passive_joints(robot))))
-    listened, commands, rest = (
-        passive_joints(robot),
-        JointCommands(robot),
-        np.zeros(command.shape[1]),
-    )
+    dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # stamps are rounded, rates are not
+    listened, commands = passive_joints(robot), JointCommands(robot)
+    q, still = np.empty((len(t), len(listened))), np.zeros(command.shape[1])
     with Simulation(None, None, model.make_effects(), seed, dt, robot) as sim:
         state = sim.reset()
         for row, wanted in enumerate(command):
             q[row] = state.q[listened]
-            state = sim.step(*commands(row, row * dt, wanted, rest))
-            if cancelled and row % 100 == 0 and cancelled():
-                t, q = t[: row + 1], q[: row + 1]
-                break
+            state = sim.step(*commands(row, row * dt, wanted, still))
         return Replay(t, q, sim.fallen or "", float(sim.ground_truth().position[0]))

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of a calibration: saved whole, read back, drawn and put into tables."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.params import to_dict
+from loco_learning.calibration import figures, results, tables
+from loco_learning.calibration.parameters import parameter_set
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.calibration.progress import Fit, Generation
+
+JOINTS = ("lf_kfe_joint", "rf_kfe_joint", "lh_kfe_joint", "rh_kfe_joint")
+
+
+def made_fit(seed, name="seven"):
+    values = parameter_set(name).default
+    history = [Generation(i, 10 * i, 2.0 / i, 3.0, 0.3 / i, values) for i in range(1, 6)]
+    return Fit(seed, values, 0.4 + 0.01 * seed, 3.2, history, "plateau", 12.0)
+
+
+def made_comparison(name, fitted):
+    wave = np.sin(np.linspace(0.0, 6.0, 50))[:, None] * np.arange(1, 5)
+    curves = {}
+    for k, key in enumerate(("robot", "default", "calibrated")):
+        curves[key], curves[f"{key}_spread"] = np.round(wave + k, 5), np.full((50, 4), 0.1)
+    before, after = {"thesis": 3.2, "author": 2.4}, {"thesis": 0.4, "author": 0.3}
+    return results.Comparison(
+        name, fitted, 1.0, 9, before, after, 0.1, 0.08, "roll 1 rad is beyond 0.8 rad", "", curves
+    )
+
+
+@pytest.fixture(params=["seven", "ten"])
+def result(request):
+    options = to_dict(CalibrationParams(parameters=request.param))
+    rows = tuple(made_comparison(n, n == "sine") for n in ("sine", "walk"))
+    fits = tuple(made_fit(seed, request.param) for seed in range(3))
+    return results.Result("tigrillo", True, options, JOINTS, fits, rows, 600.0, 2)
+
+
+def test_a_result_is_read_back_as_it_was_saved(result, tmp_path):
+    again = results.load(result.save(tmp_path))
+    for row, old in zip(again.comparisons, result.comparisons, strict=True):
+        for key, curve in old.curves.items():
+            np.testing.assert_allclose(row.curves[key], curve)
+    bare = [replace(r, comparisons=()) for r in (again, result)]
+    assert bare[0] == bare[1]
+    assert results.load(tmp_path).best.seed == 0
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_result_that_is_not_one_is_refused(result, tmp_path):
+    with pytest.raises(MissingFileError):
+        results.load(tmp_path)
+    path = result.save(tmp_path)
+    values = json.loads(path.read_text())
+    path.write_text(json.dumps({**values, "format": 99}))
+    with pytest.raises(ParameterError, match="format 99; this version reads 1"):
+        results.load(tmp_path)
+    path.write_text(json.dumps({"format": 1, "fits": []}))
+    with pytest.raises(ParameterError, match="not a whole calibration result"):
+        results.load(tmp_path)
+    path.write_text("[1, 2")
+    with pytest.raises(ParameterError, match="not a calibration result"):
+        results.load(tmp_path)
+
+
+def test_table_5_1_has_a_row_per_parameter_and_per_loss(result):
+    head, rows = tables.body_table(result)
+    assert len(rows) == len(parameter_set(result.options["parameters"]).names) + 2
+    assert all(len(row) == len(head) for row in rows)
+    stiffness = next(row for row in rows if row[0] == "hind knee spring stiffness")
+    assert stiffness[2:4] == ["181.6", "181.6"]
+    assert stiffness[5] == "440.6"
+    author = next(row for row in rows if "author" in row[0])
+    assert author[5] == "0.483, before 3.231"
+
+
+def test_recordings_and_seeds_are_listed(result):
+    head, rows = tables.recording_table(result)
+    assert len(rows) == 4
+    assert rows[0][0] == "sine (fitted)"
+    assert rows[2][0] == "walk (not fitted)"
+    assert rows[0][head.index("Ratio")] == "8.00"
+    assert rows[0][head.index("Default model")].startswith("roll")
+    head, rows = tables.seed_table(result)
+    assert [row[0] for row in rows] == ["0", "1", "2", "mean ± std"]
+    text = tables.markdown(head, rows)
+    assert text.count("\n") == len(rows) + 2
+
+
+@pytest.mark.parametrize("name", figures.FIGURES)
+def test_every_figure_is_drawn(result, name, tmp_path):
+    path = tmp_path / f"{name}.png"
+    figures.FIGURES[name](result).savefig(path, dpi=50)
+    assert path.stat().st_size > 1000
