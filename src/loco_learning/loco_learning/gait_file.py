@@ -50,7 +50,10 @@ class Gait:
         head = "# SPDX-License-Identifier: Apache-2.0\n# Written by `loco optimise`.\n"
         part = path.with_name(f".{path.name}.part")
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None), encoding="utf-8")
+        part.write_text(
+            head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None),
+            encoding="utf-8",
+        )
         part.replace(path)
 
 
