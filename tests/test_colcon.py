@@ -22,11 +22,13 @@ EXECUTABLES = {
     "target_generator": "loco_control",
     "stance_controller": "loco_control",
     "reflex_network": "loco_learning",
+    "calibrator": "loco_bringup",
     "recorder": "loco_bringup",
     "replayer": "loco_bringup",
     "loco": "loco_bringup",
 }
-NODES = ["robot_sim", "target_generator", "stance_controller", "reflex_network", "recorder"]
+NODES = ["robot_sim", "target_generator", "stance_controller", "reflex_network", "recorder",
+         "calibrator"]  # fmt: skip
 
 
 def tree(folder: Path) -> set[str]:

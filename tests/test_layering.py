@@ -30,7 +30,7 @@ ALLOWED = {
 ROS = {
     *("rclpy", "loco_msgs", "ament_index_python", "builtin_interfaces", "rcl_interfaces"),
     *("rosgraph_msgs", "std_msgs", "std_srvs", "geometry_msgs", "sensor_msgs", "nav_msgs"),
-    *("diagnostic_msgs", "visualization_msgs", "tf2_msgs"),
+    *("action_msgs", "diagnostic_msgs", "visualization_msgs", "tf2_msgs"),
 }
 BRINGUP = {
     *ROS,

@@ -20,6 +20,7 @@ setup(
     entry_points={
         "console_scripts": [
             "loco = loco_bringup.cli:main",
+            "calibrator = loco_bringup.calibrator:main",
             "recorder = loco_bringup.recorder:main",
             "replayer = loco_bringup.replayer:main",
         ]

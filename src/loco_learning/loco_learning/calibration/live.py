@@ -18,13 +18,14 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 
 from . import mawe, segments
-from .recording import Recording, align
+from .recording import GAP, Recording, align
 
+LOOK = 0.05  # s between two looks for a crossing
 SETTLED = 0.15  # s; the low-pass before the cut is unsure about a crossing younger than this
 
 
 class Signals:
-    """The newest commands and joint angles of one robot, oldest dropped first.
+    """The newest commands and joint angles of one robot, without pauses.
 
     Args:
         name: Of the robot, for messages.
@@ -48,7 +49,8 @@ class Signals:
         self._add(self._commands, t, q)
 
     def _add(self, kept: deque, t: float, value: np.ndarray) -> None:
-        if kept and t < kept[-1][0]:  # the robot began anew
+        # The robot began anew, or messages were lost: only what follows is whole.
+        if kept and not 0.0 <= t - kept[-1][0] <= GAP:
             self._states.clear()
             self._commands.clear()
         kept.append((t, value))
@@ -128,14 +130,22 @@ class GapMeter:
         self._measured, self._model = measured, model
         self.passive, self._rate, self._window = tuple(passive), rate, window
         self._number, self._newest = 0, -np.inf
+        self._next_look = -np.inf  # time at which a period may be whole, or a little before [s]
 
     def update(self) -> Gap | None:
         """The gap over the newest period, None if that period is known already or not whole."""
+        now = self._measured.now
+        if now < self._newest:  # it began anew
+            self._newest = self._next_look = -np.inf
+        if now < self._next_look:
+            return None
+        self._next_look = now + LOOK
         measured = self._last_period(self._measured, self._newest)
         model = measured and self._last_period(self._model)
         if not measured or not model:
             return None
         (_, end), ours = measured
+        self._next_look = end + 0.95 * ours.period + SETTLED
         (since, _), theirs = model
         self._newest = end
         gap, lag = mawe.thesis(ours.mean, theirs.mean, ours.period, self._window)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco calibrate --live` at the terminal: live progress and summary."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from loco_control.params import from_dict
+
+from . import live_calibration as runner
+from .bag import Bag
+from .console import bar, console
+from .console_calibrate import options
+from .live_report import write_live_report
+from .live_run import read_live
+from .run import default_folder
+
+
+def show_live(a: argparse.Namespace) -> int:
+    """Calibrate two running robots as the options say; returns the exit code."""
+    measured = runner.measured_robot(a.measured)
+    live = from_dict(runner.LiveParams, {"speed": a.speed}, "live")
+    chosen = options(a)
+    folder = a.out or default_folder(measured)
+    with bar("{task.completed}/{task.total} gen", "{task.fields[state]}") as progress:
+        task = progress.add_task("starting", total=chosen.generations, state="")
+
+        def tell(p: runner.LiveProgress) -> None:
+            progress.update(task, description=p.phase, completed=p.generation, state=_state(p))
+
+        outcome = runner.calibrate_live(measured, a.robot, folder, chosen, live, tell)
+    _show(outcome)
+    return outcome.exit_code
+
+
+def _state(p: runner.LiveProgress) -> str:
+    gap = f"gap {p.gaps[-1][1]:.3f} rad" if p.gaps else ""
+    best = "" if math.isnan(p.best) else f"best {p.best:.4g}"
+    return f"{p.sim_time:6.1f} s  {best}  {gap}"
+
+
+def _show(outcome: runner.LiveOutcome) -> None:
+    console.print(f"live calibration: {outcome.status or 'interrupted'}, {outcome.run.text}")
+    if outcome.status == "done":
+        run = read_live(Bag(outcome.folder))
+        before, after = run.error(run.before), run.error(run.after)
+        console.print(f"  gap over topics: {before:.3f} rad before, {after:.3f} rad after")
+        console.print(f"  page: {write_live_report(run.bag)}")
+    console.print(f"  bag: {outcome.folder}")

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco calibrate --live`: two robots over topics, one fitted to the other, one bag of both.
+
+The measured robot (namespace ``/measured``) and its model (``/model``) run in processes
+of their own and are driven by the same excitation; the calibrator listens to the first
+and changes the second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import GraphError, ParameterError
+from loco_control.params import Params, parameter
+from loco_learning import experiment as experiments
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.joint_experiment import JointExperiment
+
+from .live_run import MEASURED, MODEL
+from .run import Helper, run_robots
+from .watch import Outcome
+from .watch import Progress as RunProgress
+
+FOREVER = 1e5  # simulated time of robots that are stopped from outside [s]
+RESULT = "model.yaml"
+
+
+@dataclass(frozen=True)
+class LiveParams(Params):
+    """How a live calibration goes; times in periods of the excitation."""
+
+    skip: float = parameter(1.5, "start of the run that is not used", "period", 0.0, 100.0)
+    listen: float = parameter(5.0, "what is fitted", "period", 2.0, 1000.0)
+    hold: float = parameter(2.1, "least stay of a model before the next", "period", 0.0, 100.0)
+    after: float = parameter(4.0, "run of the final model", "period", 1.5, 1000.0)
+    speed: float = parameter(1.0, "at most this many times real time, 0 for no limit", "x", 0.0)
+
+
+@dataclass
+class LiveProgress:
+    """What the progress line shows."""
+
+    phase: str = "starting"
+    sim_time: float = 0.0
+    generation: int = 0
+    best: float = float("nan")
+    eta: float = float("nan")
+    gaps: list[tuple[float, float, int]] = field(default_factory=list)  # t, gap, model
+
+
+@dataclass
+class LiveOutcome:
+    """How a live calibration ended.
+
+    Attributes:
+        run: How the robots' run ended.
+        status: ``done``, ``cancelled`` or ``failed``; empty when it was interrupted.
+        result: Result of the action, None when it was interrupted.
+    """
+
+    run: Outcome
+    status: str = ""
+    result: Any = None
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the bag."""
+        return self.run.folder
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 the calibration failed, 130 interrupted."""
+        return 130 if self.run.interrupted else 0 if self.status in ("done", "cancelled") else 1
+
+
+Tell = Callable[[LiveProgress], Any]  # a true answer cancels the calibration
+
+
+def calibrate_live(
+    measured: JointExperiment,
+    robot: str,
+    folder: Path,
+    options: CalibrationParams | None = None,
+    live: LiveParams | None = None,
+    tell: Tell = lambda progress: None,
+) -> LiveOutcome:
+    """Calibrate a model against a robot that runs, both in one bag.
+
+    Args:
+        measured: Experiment of the measured robot; its excitation is the model's too.
+        robot: Model to begin with: a robot's name, robot.yaml or model.yaml.
+        folder: New folder of the bag.
+        options: What is fitted and how.
+        live: How the live run goes.
+        tell: Called about ten times a second; a true answer cancels the calibration.
+
+    Raises:
+        GraphError: A node died or never got ready.
+        ParameterError: The excitation has no period, or `folder` holds a bag.
+    """
+    options, live = options or CalibrationParams(), live or LiveParams()
+    period = _period(measured)
+    robots = {
+        MEASURED: replace(measured, duration=FOREVER),
+        MODEL: _model(measured, robot),
+    }
+    client = _Client(options, period, robot, live, tell)
+    with client:
+        outcome = run_robots(
+            robots, folder, speed=live.speed, on_progress=client.step,
+            helpers=[_helper(options, live, period)], stop_on_fall=False,
+        )  # fmt: skip
+    return client.outcome(outcome)
+
+
+def _period(measured: JointExperiment) -> float:
+    if measured.target.frequency <= 0.0:
+        raise ParameterError("the excitation of a calibration needs a frequency above 0 Hz")
+    return 1.0 / measured.target.frequency
+
+
+def _model(measured: JointExperiment, robot: str) -> JointExperiment:
+    """The model under the excitation of the measured robot."""
+    return JointExperiment(
+        name=f"{measured.name}_model",
+        description=f"model {robot} of {measured.name}",
+        robot=robot,
+        seed=measured.seed,
+        control_rate=measured.control_rate,
+        duration=FOREVER,
+        target=measured.target,
+    )
+
+
+def _helper(options: CalibrationParams, live: LiveParams, period: float) -> Helper:
+    parameters = {
+        "listen.skip": live.skip * period,
+        "listen.hold": live.hold * period,
+        "calibration.window": options.window,
+        "calibration.settle": options.settle,
+        "calibration.periods": options.periods,
+        "calibration.sigma": options.sigma,
+        "calibration.patience": options.patience,
+        "calibration.gain": options.gain,
+    }
+    cls = "loco_bringup.calibrator:CalibratorNode"
+    return Helper("calibrator", cls, parameters, "calibration")
+
+
+class _Client:
+    """Action client that is looked after from the loop that watches the run."""
+
+    def __init__(
+        self, options: CalibrationParams, period: float, robot: str, live: LiveParams, tell: Tell
+    ):
+        self._options, self._period, self._robot = options, period, robot
+        self._live, self._tell = live, tell
+        self.progress = LiveProgress()
+        self.status, self.result = "", None
+        self._ping: Any = None
+        self._pinged = 0.0
+        self._sent: Any = None
+        self._handle: Any = None
+        self._answer: Any = None
+        self._cancelled = False
+        self._until = float("inf")
+
+    def __enter__(self) -> _Client:
+        import rclpy
+        from rclpy.action import ActionClient
+        from rclpy.experimental import EventsExecutor
+        from rclpy.parameter_client import AsyncParameterClient
+        from rclpy.signals import SignalHandlerOptions
+        from rclpy.task import Future
+
+        from loco_control.ros.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
+        from loco_msgs.action import Calibrate
+
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("live_calibration", context=self._context)
+        self._client = ActionClient(self._node, Calibrate, "calibrate")
+        self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
+        row = CALIBRATION_TOPICS["gap"]
+        self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._never = Future()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.destroy()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def step(self, run: RunProgress) -> bool:
+        """Handle what has come; whether the run is over."""
+        self._executor.spin_until_future_complete(self._never, timeout_sec=0.01)
+        self.progress.sim_time = run.sim_time
+        if self._sent is None and run.sim_time > 0.0 and self._heard():
+            self._send()
+        if self._handle is None and self._sent is not None and self._sent.done():
+            self._accepted()
+        if not self.status and self._answer is not None and self._answer.done():
+            self._ended(self._answer.result())
+        if self._tell(self.progress) and self._handle is not None and not self._cancelled:
+            self._cancelled = True
+            self._handle.cancel_goal_async()
+        return self.progress.sim_time >= self._until
+
+    def _heard(self) -> bool:
+        """Whether an answer of the calibrator reaches us.
+
+        A server that does not know yet where to send its answer drops it, and the goal's
+        would never come. Endpoints become known in the order they were made in: once a
+        question to the parameters is answered, the older action client is known too.
+        """
+        if self._ping is not None and self._ping.done():
+            return self._client.server_is_ready()
+        if time.monotonic() - self._pinged > 1.0 and self._parameters.services_are_ready():
+            self._ping = self._parameters.get_parameters(["recorded"])
+            self._pinged = time.monotonic()
+        return False
+
+    def _send(self) -> None:
+        from loco_msgs.action import Calibrate
+
+        o = self._options
+        goal = Calibrate.Goal(
+            measured=f"/{MEASURED}", model=f"/{MODEL}", robot=self._robot,
+            parameter_set=o.parameters, loss=o.loss, generations=o.generations,
+            evaluations=o.evaluations, population=o.population, seed=o.seed,
+            duration=self._live.listen * self._period,
+        )  # fmt: skip
+        self.progress.phase = "listening"
+        self._sent = self._client.send_goal_async(goal, self._on_feedback)
+
+    def _accepted(self) -> None:
+        self._handle = self._sent.result()
+        if not self._handle.accepted:
+            raise GraphError("the calibrator refused the goal")
+        self._answer = self._handle.get_result_async()
+
+    def _on_feedback(self, message: Any) -> None:
+        f, p = message.feedback, self.progress
+        p.phase, p.generation, p.best, p.eta = "fitting", f.generation, f.best, f.eta
+
+    def _on_gap(self, message: Any) -> None:
+        t = message.stamp.sec + message.stamp.nanosec / 1e9
+        self.progress.gaps.append((t, message.gap, message.model))
+
+    def _ended(self, answer: Any) -> None:
+        from action_msgs.msg import GoalStatus
+
+        names = {GoalStatus.STATUS_SUCCEEDED: "done", GoalStatus.STATUS_CANCELED: "cancelled"}
+        self.status, self.result = names.get(answer.status, "failed"), answer.result
+        self.progress.phase = self.status
+        more = self._live.after * self._period if self.status == "done" else 0.0
+        self._until = self.progress.sim_time + more
+
+    def outcome(self, run: Outcome) -> LiveOutcome:
+        """How it ended; the calibrated model is written beside the bag."""
+        run.text = self.result.message if self.result else run.text
+        if self.result and self.result.model_yaml:
+            (run.folder / RESULT).write_text(self.result.model_yaml, encoding="utf-8")
+        return LiveOutcome(run, self.status, self.result)
+
+
+def measured_robot(name: str) -> JointExperiment:
+    """Experiment of the robot that stands for the real one.
+
+    Raises:
+        ParameterError: It is no experiment of a joint robot.
+    """
+    found = experiments.load(name)
+    if not isinstance(found, JointExperiment):
+        raise ParameterError(f"{name} is an experiment of {found.robot}, wanted is kind: joint")
+    return found

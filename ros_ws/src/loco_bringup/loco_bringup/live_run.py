@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag of a live calibration as arrays: both robots, the models in turn, the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from loco_control.exceptions import BagError, LocoError
+from loco_learning.calibration import mawe, segments
+from loco_learning.calibration.parameters import BodyParameter, parameter_set
+from loco_learning.calibration.recording import Recording, passive
+from loco_learning.joint_experiment import JointExperiment, from_values
+
+from .bag import Bag
+from .calibrate_bag import read_recording
+
+MEASURED, MODEL = "measured", "model"  # namespaces
+TOPICS = ("/calibration", "/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
+
+
+def is_live(bag: Bag) -> bool:
+    """Whether the bag is of a live calibration."""
+    return all(name in bag.topics and bag.topics[name].count for name in TOPICS)
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What a live calibration recorded.
+
+    Attributes:
+        bag: The bag.
+        experiments: Experiment of each robot, by namespace.
+        joints: Passive joints, columns of the periods.
+        measured: Periods of the measured robot, from the second on.
+        before: Periods of the model as given, None if there is no whole one.
+        after: Periods of the last model, None if there was no other or no whole period.
+        swaps: Simulated times of the model robot at which it became another model [s], (S,).
+        gap: Rows of the topic `gap`: end of the period [s], gap [rad], number of the model,
+            whether another took over within the period, (P, 4).
+        states: Messages of the topic `calibration`.
+    """
+
+    bag: Bag
+    experiments: dict[str, JointExperiment]
+    joints: tuple[str, ...]
+    measured: segments.Segments
+    before: segments.Segments | None
+    after: segments.Segments | None
+    swaps: np.ndarray
+    gap: np.ndarray
+    states: list
+
+    @property
+    def period(self) -> float:
+        """Length of a period [s]."""
+        return self.measured.period
+
+    def error(self, model: segments.Segments | None, loss: str = "thesis") -> float:
+        """Windowed error between the averages of the measured robot and a model; nan for none."""
+        if model is None:
+            return float("nan")
+        return mawe.loss(loss)(self.measured.mean, model.mean, self.period)[0]
+
+    @property
+    def ending(self) -> tuple[str, str]:
+        """Phase that the calibration ended in, and what it said."""
+        return self.states[-1].phase, self.states[-1].text
+
+    def parameters(self) -> list[tuple[BodyParameter, float]]:
+        """Each calibrated parameter and its value, best of the run; empty if none was found."""
+        names, values = list(self.states[-1].names), list(self.states[-1].values)
+        for known in ("seven", "ten"):
+            chosen = parameter_set(known)
+            if list(chosen.names) == names:
+                return list(zip(chosen.parameters, values, strict=True))
+        return []
+
+
+def read_live(bag: Bag) -> LiveRun:
+    """A live calibration from its bag.
+
+    Raises:
+        BagError: The bag lacks one of `TOPICS`, or the measured robot has no whole period.
+    """
+    missing = [t for t in TOPICS if t not in bag.topics or not bag.topics[t].count]
+    if missing:
+        raise BagError(f"{bag.path} has no messages on {', '.join(missing)}; it is no live run")
+    experiments = {
+        name: from_values(yaml.safe_load(bag.attachment(f"experiment_{name}.yaml")))
+        for name in (MEASURED, MODEL)
+    }
+    robot = experiments[MODEL].plant
+    joints = tuple(passive(robot))
+    robots = {n: read_recording(bag, experiments[n].control_rate, n) for n in experiments}
+    swaps = _swaps(bag)
+    first, last = (swaps[0], swaps[-1]) if len(swaps) else (np.inf, np.inf)
+    measured = _periods(robots[MEASURED], joints, 0.0, np.inf)
+    if measured is None:
+        raise BagError(f"{bag.path}: the measured robot has no whole period of its excitation")
+    return LiveRun(
+        bag, experiments, joints, measured,
+        _periods(robots[MODEL], joints, 0.0, first), _periods(robots[MODEL], joints, last, np.inf),
+        swaps, _gap(bag), bag.messages("/calibration"),
+    )  # fmt: skip
+
+
+def _swaps(bag: Bag) -> np.ndarray:
+    events = bag.messages(f"/{MODEL}/events")
+    return np.array([_time(e) for e in events if e.kind == "model loaded"])
+
+
+def _gap(bag: Bag) -> np.ndarray:
+    return np.array([(_time(m), m.gap, m.model, m.mixed) for m in bag.messages("/gap")])
+
+
+def _time(message) -> float:
+    return message.stamp.sec + message.stamp.nanosec / 1e9
+
+
+def _periods(
+    recording: Recording, joints: tuple[str, ...], start: float, stop: float
+) -> segments.Segments | None:
+    """Whole periods between two times, without the first: the robot has to settle."""
+    chosen = (recording.t >= start) & (recording.t <= stop)
+    t, columns = recording.t[chosen], [recording.joints.index(name) for name in joints]
+    try:
+        at = segments.crossings(t, recording.command[chosen, 0], 2)[1:]
+        return segments.cut(t, recording.q[chosen][:, columns], at)
+    except LocoError:
+        return None
