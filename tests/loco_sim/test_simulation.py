@@ -299,5 +299,3 @@ def test_hyq_trots():
         assert sim.fallen is None
         assert lifted.all()
         assert 0.3 < sim.ground_truth().position[0] < 1.0
-
-
