@@ -79,9 +79,9 @@ def prepare(
     Raises:
         LocoError: Unknown robot, a bag that is not of use, a folder with other results.
     """
-    for what, value in (("seeds", seeds), ("workers", workers)):
-        if value < 1:
-            raise ParameterError(f"{what} must be at least 1, got {value}")
+    for what, value, least in (("seeds", seeds, 1), ("workers", workers, 0)):
+        if value < least:
+            raise ParameterError(f"{what} must be at least {least}, got {value}")
     options = options or CalibrationParams()
     base = models.load_any(robot)
     rate = base.make_robot().control_rate

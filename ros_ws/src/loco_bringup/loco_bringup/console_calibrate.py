@@ -12,9 +12,10 @@ from rich.table import Table
 
 from loco_control.params import from_dict
 from loco_learning.calibration import tables
+from loco_learning.calibration.mawe import UNITS
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.progress import Generation
-from loco_learning.calibration.results import Result
+from loco_learning.calibration.results import Comparison, Result
 
 from . import calibrate as runner
 from .console import bar, console
@@ -60,18 +61,34 @@ def _state(g: Generation, rate: float) -> str:
 
 
 def show(result: Result, folder: Path) -> None:
-    """Print the tables of a result and where it lies."""
+    """Print what a result says and where it lies."""
     if result.surrogate:
         console.print("SURROGATE: the recordings come from a simulated robot, not from a machine")
-    for head, rows in (
-        tables.body_table(result), tables.recording_table(result), tables.seed_table(result)
-    ):  # fmt: skip
-        table = Table(box=None)
-        for i, title in enumerate(head):
-            table.add_column(title, justify="left" if i == 0 else "right")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
-        console.print()
-    console.print(f"  {result.seconds / 60.0:.1f} min with {result.workers} workers")
+    head, rows = tables.body_table(result)
+    table = Table(box=None)
+    for i, title in enumerate(head):
+        table.add_column(title, justify="left" if i == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    for row in result.comparisons:
+        console.print(_line(result, row))
+    errors = [fit.error for fit in result.fits]
+    plateaus = [fit.plateau for fit in result.fits]
+    console.print(
+        f"  {len(errors)} searches: {min(errors):.4g} to {max(errors):.4g}; plateau at generation "
+        f"{min(plateaus)} to {max(plateaus)}; {result.seconds / 60.0:.1f} min, "
+        f"{result.workers} workers"
+    )
     console.print(f"  page: {folder / 'calibration.html'}")
+
+
+def _line(result: Result, row: Comparison) -> str:
+    kind = "fitted" if row.fitted else "not fitted"
+    before, after, unit = row.before[result.loss], row.after[result.loss], UNITS[result.loss]
+    falls = [f"; the {name} model falls ({why})" for name, why in
+             (("default", row.fall_before), ("calibrated", row.fall_after)) if why]  # fmt: skip
+    return (
+        f"  {row.name} ({kind}): {before:.4g} to {after:.4g} {unit}, ratio "
+        f"{row.ratio(result.loss):.2f}; robot lags by {1e3 * row.lag_after:.0f} ms{''.join(falls)}"
+    )
