@@ -123,6 +123,20 @@ def test_a_fall_ends_the_run_with_code_3(tmp_path):
     assert [e.kind for e in Bag(outcome.folder).messages("events")].count("fall") == 1
 
 
+@pytest.mark.parametrize("robot", ["servo_pendulum", "spring_mass"])
+def test_benches_run_too_even_without_a_drive(robot, tmp_path):
+    experiment = load("servo_pendulum_sine", {"robot": robot, "duration": 0.2})
+    made = [
+        run_rollout(experiment, tmp_path / "rollout", lambda progress: None),
+        runner.run(experiment, tmp_path / "graph"),
+    ]
+    bags = [Bag(outcome.folder) for outcome in made]
+    assert [outcome.text for outcome in made] == ["0.2 s simulated"] * 2
+    for topic in ("joint_states", "joint_command"):
+        assert bags[0].raw(topic)[1] == bags[1].raw(topic)[1]
+        assert bags[0].topics["/" + topic].count == experiment.ticks
+
+
 def test_a_second_run_in_a_namespace_is_refused_and_another_namespace_is_not(closed, tmp_path):
     with runner._domain_lock(["a"]):
         with pytest.raises(GraphError, match="namespace a"):

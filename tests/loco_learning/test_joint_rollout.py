@@ -39,6 +39,15 @@ def test_equal_experiments_give_equal_logs(walk, log):
         loop.close()
 
 
+@pytest.mark.parametrize("robot", ["servo_pendulum", "pendulum", "linear_axis", "spring_mass"])
+def test_any_robot_runs(robot):
+    experiment = load("servo_pendulum_sine", {"robot": robot, "duration": 0.3})
+    log = joint_rollout.rollout(experiment)
+    assert log.complete
+    assert log.command.shape == (experiment.ticks, len(experiment.plant.driven))
+    assert np.isfinite(log.q).all()
+
+
 def test_columns_have_a_row_per_tick(walk, log):
     assert len(log) == walk.ticks == 100
     assert log.complete and not log.fall

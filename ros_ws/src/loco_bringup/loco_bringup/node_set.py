@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "impedance", "effects", "seed", "tick", "gait", "learner", "stance",
-          "trunk", "weights", "plant", "joints", "target")  # fmt: skip
+          "trunk", "weights", "plant", "joints", "target", "network", "loop")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,8 @@ def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any])
         }}  # fmt: skip
     if part == "joints":
         joints = experiment.plant.joints
-        return {"joints": list(joints), "driven": [joints[i] for i in experiment.plant.driven]}
+        driven = [joints[i] for i in experiment.plant.driven]
+        return {"joints": list(joints), "driven": driven or [""]}  # ROS has no empty lists
     if part == "robot":
         return {"robot": experiment.robot, "standing_feet": list(experiment.gait.origin)}
     if part == "seed":

@@ -29,7 +29,8 @@ class JointNode(LocoNode):
         self.rate = self.declare_parameter("control_rate", 100.0).value
         tigrillo = [joint_name(leg, kind) for leg in LEGS for kind in ("hfe", "kfe")]
         self.joints = tuple(self.declare_parameter("joints", tigrillo).value)
-        self.driven = tuple(self.declare_parameter("driven", tigrillo[::2]).value)
+        driven = self.declare_parameter("driven", tigrillo[::2]).value
+        self.driven = tuple(name for name in driven if name)  # ROS has no empty lists: [""] is none
 
     def time(self, time_ns: int) -> tuple[int, float]:
         """Tick and simulated time [s] of a stamp [ns], exact as in the plant."""

@@ -78,7 +78,8 @@ class JointCodec:
         self._codec = Codec(template)
         self._record = self._codec.record()
         self._stamp = stamp_views(self._record, "header.stamp")
-        self._views = [block_view(self._record, f, n) for f in fields]
+        # A robot without drives has commands of no joints: an empty list has no field.
+        self._views = [block_view(self._record, f, n) if n else np.zeros(0) for f in fields]
         self._layout = _Layout(self._codec, {f: n for f in fields})
         self._fields = ("position", "velocity", "effort")
         self._zeros = np.zeros(n)
