@@ -131,7 +131,10 @@ def names_in_diagnostics(wanted: set[str], seconds: float) -> set[str]:
     rclpy.init()
     listener = rclpy.create_node("listener")
     listener.create_subscription(
-        DiagnosticArray, "/diagnostics", lambda m: heard.update(s.name for s in m.status), 10
+        DiagnosticArray,
+        "/diagnostics",
+        lambda m: heard.update(s.name.rpartition("/")[2] for s in m.status),
+        10,
     )
     end = time.monotonic() + seconds
     while not wanted <= heard and time.monotonic() < end:

@@ -35,7 +35,7 @@ def show_live(a: argparse.Namespace) -> int:
 
 
 def _state(p: runner.LiveProgress) -> str:
-    gap = f"gap {p.gaps[-1][1]:.3f} rad" if p.gaps else ""
+    gap = f"gap {p.gaps[-1].gap:.3f} rad" if p.gaps else ""
     best = "" if math.isnan(p.best) else f"best {p.best:.4g}"
     return f"{p.sim_time:6.1f} s  {best}  {gap}"
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.params import Params, parameter
@@ -36,8 +36,17 @@ class LiveParams(Params):
     skip: float = parameter(1.5, "start of the run that is not used", "period", 0.0, 100.0)
     listen: float = parameter(5.0, "what is fitted", "period", 2.0, 1000.0)
     hold: float = parameter(2.1, "least stay of a model before the next", "period", 0.0, 100.0)
-    after: float = parameter(4.0, "run of the final model", "period", 1.5, 1000.0)
+    after: int = parameter(3, "whole periods of the last model", "period", 1, 1000)
     speed: float = parameter(1.0, "at most this many times real time, 0 for no limit", "x", 0.0)
+
+
+class GapRow(NamedTuple):
+    """One message of the topic `gap`."""
+
+    t: float  # [s]
+    gap: float  # [rad]
+    model: int
+    mixed: bool
 
 
 @dataclass
@@ -49,7 +58,7 @@ class LiveProgress:
     generation: int = 0
     best: float = float("nan")
     eta: float = float("nan")
-    gaps: list[tuple[float, float, int]] = field(default_factory=list)  # t, gap, model
+    gaps: list[GapRow] = field(default_factory=list)
 
 
 @dataclass
@@ -167,7 +176,8 @@ class _Client:
         self._handle: Any = None
         self._answer: Any = None
         self._cancelled = False
-        self._until = float("inf")
+        self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
+        self._models = 0  # that the model robot became
 
     def __enter__(self) -> _Client:
         import rclpy
@@ -178,6 +188,7 @@ class _Client:
         from rclpy.task import Future
 
         from loco_control.ros.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
+        from loco_control.ros.joint_topics import JOINT_TOPICS
         from loco_msgs.action import Calibrate
 
         self._context = rclpy.Context()
@@ -187,6 +198,8 @@ class _Client:
         self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
         row = CALIBRATION_TOPICS["gap"]
         self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
+        row, name = JOINT_TOPICS["events"], f"/{MODEL}/events"
+        self._node.create_subscription(row.type, name, self._on_event, row.qos.reader(100))
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._never = Future()
@@ -210,7 +223,15 @@ class _Client:
         if self._tell(self.progress) and self._handle is not None and not self._cancelled:
             self._cancelled = True
             self._handle.cancel_goal_async()
-        return self.progress.sim_time >= self._until
+        return self._over()
+
+    def _over(self) -> bool:
+        """It ended, and the last model has shown what it does."""
+        if self.status != "done":
+            return bool(self.status)
+        rows = self.progress.gaps[self._told :]
+        shown = sum(1 for row in rows if row.model == self._models and not row.mixed)
+        return shown >= self._live.after or self.progress.sim_time >= self._until
 
     def _heard(self) -> bool:
         """Whether an answer of the calibrator reaches us.
@@ -251,7 +272,10 @@ class _Client:
 
     def _on_gap(self, message: Any) -> None:
         t = message.stamp.sec + message.stamp.nanosec / 1e9
-        self.progress.gaps.append((t, message.gap, message.model))
+        self.progress.gaps.append(GapRow(t, message.gap, message.model, message.mixed))
+
+    def _on_event(self, event: Any) -> None:
+        self._models += event.kind == "model loaded"
 
     def _ended(self, answer: Any) -> None:
         from action_msgs.msg import GoalStatus
@@ -259,8 +283,8 @@ class _Client:
         names = {GoalStatus.STATUS_SUCCEEDED: "done", GoalStatus.STATUS_CANCELED: "cancelled"}
         self.status, self.result = names.get(answer.status, "failed"), answer.result
         self.progress.phase = self.status
-        more = self._live.after * self._period if self.status == "done" else 0.0
-        self._until = self.progress.sim_time + more
+        self._told = len(self.progress.gaps)
+        self._until = self.progress.sim_time + (3 * self._live.after + 5) * self._period
 
     def outcome(self, run: Outcome) -> LiveOutcome:
         """How it ended; the calibrated model is written beside the bag."""

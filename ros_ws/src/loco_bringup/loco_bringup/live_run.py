@@ -19,6 +19,7 @@ from .calibrate_bag import read_recording
 
 MEASURED, MODEL = "measured", "model"  # namespaces
 TOPICS = ("/calibration", "/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
+SETTLE = 1.5  # periods after the start that are not used; half as many after a change of model
 
 
 def is_live(bag: Bag) -> bool:
@@ -34,7 +35,7 @@ class LiveRun:
         bag: The bag.
         experiments: Experiment of each robot, by namespace.
         joints: Passive joints, columns of the periods.
-        measured: Periods of the measured robot, from the second on.
+        measured: Periods of the measured robot.
         before: Periods of the model as given, None if there is no whole one.
         after: Periods of the last model, None if there was no other or no whole period.
         swaps: Simulated times of the model robot at which it became another model [s], (S,).
@@ -97,12 +98,14 @@ def read_live(bag: Bag) -> LiveRun:
     robots = {n: read_recording(bag, experiments[n].control_rate, n) for n in experiments}
     swaps = _swaps(bag)
     first, last = (swaps[0], swaps[-1]) if len(swaps) else (np.inf, np.inf)
-    measured = _periods(robots[MEASURED], joints, 0.0, np.inf)
+    settled = SETTLE / experiments[MEASURED].target.frequency
+    measured = _periods(robots[MEASURED], joints, settled, np.inf)
     if measured is None:
         raise BagError(f"{bag.path}: the measured robot has no whole period of its excitation")
     return LiveRun(
         bag, experiments, joints, measured,
-        _periods(robots[MODEL], joints, 0.0, first), _periods(robots[MODEL], joints, last, np.inf),
+        _periods(robots[MODEL], joints, settled, first),
+        _periods(robots[MODEL], joints, last + 0.5 * settled, np.inf),
         swaps, _gap(bag), bag.messages("/calibration"),
     )  # fmt: skip
 
@@ -123,11 +126,11 @@ def _time(message) -> float:
 def _periods(
     recording: Recording, joints: tuple[str, ...], start: float, stop: float
 ) -> segments.Segments | None:
-    """Whole periods between two times, without the first: the robot has to settle."""
+    """Whole periods between two times."""
     chosen = (recording.t >= start) & (recording.t <= stop)
     t, columns = recording.t[chosen], [recording.joints.index(name) for name in joints]
     try:
-        at = segments.crossings(t, recording.command[chosen, 0], 2)[1:]
+        at = segments.crossings(t, recording.command[chosen, 0], 1)
         return segments.cut(t, recording.q[chosen][:, columns], at)
     except LocoError:
         return None
