@@ -184,10 +184,18 @@ def bench_population() -> Rows:
     ]
 
 
+def bench_effects() -> Rows:
+    """What effects cost that are off, and all that apply at once."""
+    from .bench_effects import bench_effects as run
+
+    return run()
+
+
 BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", bench_rls),
     "graph": ("Lockstep with recorder, network and RLS", bench_graph),
     "messages": ("One message [µs]", bench_messages),
     "msd": ("One step of one mass-spring-damper network", bench_msd),
     "population": ("Evaluations per second, 7 parameters", bench_population),
+    "effects": ("Effects, in shares of a physics step", bench_effects),
 }

@@ -15,8 +15,14 @@ from .console import console
 _NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
 
 
-def show_docs(write: bool) -> None:
-    """Print the pages, or write them into ``docs/`` of the clone."""
+def show_docs(write: bool, figures: bool = False) -> None:
+    """Print the pages, or write them, or the pictures, into ``docs/`` of the clone."""
+    if figures:
+        from .effects_figures import draw_all
+
+        for path in draw_all(root() / "docs" / "pictures" / "effects"):
+            console.print(f"wrote {path}")
+        return
     for name, text in pages().items():
         if write:
             path = root() / "docs" / name
@@ -115,18 +121,9 @@ def _parameters() -> str:
 
 
 def _effects() -> str:
-    from loco_sim import effects
+    from .effects_page import page
 
-    parts = []
-    for name in effects.names():
-        cls = effects.EFFECTS[name]
-        table = _table(("parameter", "default", "unit", "range", "meaning"), _rows(cls(), ""))
-        parts.append(f"## {name}\n\n{_dedent(cls.__doc__)}\n\n{table}")
-    intro = (
-        "Departures of the plant from the ideal robot. An experiment lists them in order: "
-        "`effects: [{name: push, force: [0, 30, 0], start: 5, stop: 6}]`. Defaults are off."
-    )
-    return _page("Effects", intro, *parts)
+    return _page("Effects", *page())
 
 
 def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
@@ -170,9 +167,3 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 def _page(title: str, intro: str, *parts: str) -> str:
     return "\n\n".join((f"# {title}", _NOTE, intro, *parts)) + "\n"
-
-
-def _dedent(text: str | None) -> str:
-    import inspect
-
-    return inspect.cleandoc(text or "")

@@ -240,9 +240,10 @@ class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
         reading_laws.add_at(values, self.joints, 0, self.memory[:, 2], 1.0)
         reading_laws.add_at(values, self.joints, at.n, self.memory[:, 3], 1.0)
 
-    def energy(self, q: np.ndarray) -> float:
-        stretch = self.memory[:, 2]
-        return float(0.5 * np.sum(stretch**2) / self.compliance) if self.compliance else 0.0
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        stretch, speed = self.memory[:, 2], self.memory[:, 4]
+        stored = np.sum(stretch**2) / self.compliance if self.compliance else 0.0
+        return float(0.5 * (stored + self.inertia * np.sum(speed**2)))
 
 
 @dataclass

@@ -22,6 +22,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 from loco_control.types import RobotState
 
+from ..description import Description
 from ..servo import TorqueDrive
 from .identity import Identity
 
@@ -107,11 +108,12 @@ class Effect:
         strengths = self.identity.strengths if self.identity else ()
         return bool(strengths) and not any(np.any(getattr(self, name)) for name in strengths)
 
-    def energy(self, q: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         """Energy now stored in the effect itself, e.g. in a spring [J].
 
         Args:
             q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
         """
         return 0.0
 
@@ -280,6 +282,12 @@ def span(effect: Effect, dt: float) -> tuple[int, float]:
     return round(effect.start / dt), stop
 
 
+def turning(robot: Robot) -> np.ndarray:
+    """Indices of the joints that turn and do not slide, (k,)."""
+    kinds = Description(robot.urdf).joint_types()
+    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+
+
 def listens(robot: Robot) -> bool:
     """Whether any drive follows joint positions; a plain torque drive does not."""
     if not robot.drives:
@@ -292,5 +300,6 @@ NEEDS: dict[str, tuple[str, Callable[[Robot], bool]]] = {
     "base": ("base that moves", lambda robot: not robot.fixed_base),
     "feet": ("feet", lambda robot: len(robot.feet) > 0),
     "legs": ("legs", lambda robot: len(robot.feet) > 1),
+    "turns": ("link that turns", lambda robot: not robot.fixed_base or len(turning(robot)) > 0),
     "follower": ("drive that follows a position", lambda robot: listens(robot)),
 }

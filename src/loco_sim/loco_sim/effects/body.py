@@ -73,7 +73,7 @@ class ComOffset(Effect, name="com_offset"):
         (0.0, 0.0, 0.0), "by how much, link frame", "m", low=-1.0, high=1.0
     )
     link: str = parameter("", "which link; empty is the base (last link if fixed)")
-    lasting = True
+    lasting, needs = True, ("turns",)
 
     identity = Identity(
         site="body",
@@ -92,6 +92,7 @@ class ComOffset(Effect, name="com_offset"):
     )
 
     def configure(self, world: Any) -> None:
+        self.require(world.robot)
         if any(self.offset):
             world.description.shift_com(carrier(world, self.link), self.offset)
 
@@ -221,5 +222,5 @@ class CableForce(Effect, name="cable_force"):
             force = (pull * (ax - x), pull * (ay - y), pull * (az - z))
             world.push(force, self._link, at=at)
 
-    def energy(self, q: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         return 0.5 * self.stiffness * self._stretch**2

@@ -18,9 +18,8 @@ from numba import njit
 from loco_control.exceptions import ParameterError
 from loco_control.params import parameter
 
-from ..description import Description
 from . import laws
-from .base import Effect, span
+from .base import Effect, span, turning
 
 if TYPE_CHECKING:
     from ..world import World
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 # Numbers of the laws in `torques`; a law of friction has none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
-CONSTANTS, MEMORY = 9, 4  # per row
+CONSTANTS, MEMORY = 9, 5  # per row
 NEVER = np.iinfo(np.int64).max
 
 
@@ -221,8 +220,7 @@ def eligible(robot: Any, among: str) -> np.ndarray:
     if among == "all":
         return np.arange(len(robot.joints))
     if among == "turning":
-        kinds = Description(robot.urdf).joint_types()
-        return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+        return turning(robot)
     if among == "sprung":
         return np.flatnonzero([joint in robot.springs for joint in robot.joints])
     driven = np.asarray(robot.driven, dtype=np.int64)

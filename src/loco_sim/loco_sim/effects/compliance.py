@@ -45,9 +45,9 @@ def springs_of(robot: Any, joints: np.ndarray) -> list[np.ndarray]:
 class Elastic(TorqueEffect):
     """An effect whose torque depends on the position alone: it stores what it takes."""
 
-    def energy(self, q: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         zero, slack = np.zeros(len(q)), self._slack
-        way = np.linspace(0.0, 1.0, 401)
+        way = np.linspace(0.0, 1.0, 101)
         tau = [self._alone.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in way]
         return -float(np.trapezoid(tau, way, axis=0) @ (q - slack))
 
@@ -261,7 +261,7 @@ class Hysteresis(TorqueEffect, name="hysteresis"):
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return self.torque, self.stroke
 
-    def energy(self, q: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         return float(0.5 * self.torque * self.stroke * np.sum(self.memory[:, 0] ** 2))
 
 
@@ -292,5 +292,5 @@ class Viscoelasticity(TorqueEffect, name="viscoelasticity"):
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return self.stiffness, np.exp(-world.dt / self.time), self.time
 
-    def energy(self, q: np.ndarray) -> float:
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         return float(0.5 * self.stiffness * np.sum(self.memory[:, 0] ** 2))

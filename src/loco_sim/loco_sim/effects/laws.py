@@ -113,17 +113,16 @@ def series(first, last, joint, const, memory, tau, q, dq, dt):
     """A spring between motor and joint; the motor's own equation is solved implicitly.
 
     J w' = tau - (theta - q) / c - d (w - dq), tau <- (theta - q) / c + d (w - dq).
-    const: c, J, d. memory: begun, theta, theta - q, w - dq.
+    const: c, J, d. memory: begun, theta, theta - q, w - dq, w.
     """
     for r in range(first, last):
         j, c, inertia, d = joint[r], const[r, 0], const[r, 1], const[r, 2]
         if memory[r, 0] == 0.0:
-            memory[r, 0], memory[r, 1], memory[r, 2] = 1.0, q[j] + c * tau[j], c * tau[j]
-        speed = memory[r, 3] + dq[j]
+            memory[r, 0], memory[r, 1], memory[r, 4] = 1.0, q[j] + c * tau[j], dq[j]
         pull = tau[j] - (memory[r, 1] - q[j]) / c + d * dq[j]
-        speed = (speed + dt / inertia * pull) / (1.0 + dt / inertia * (d + dt / c))
+        speed = (memory[r, 4] + dt / inertia * pull) / (1.0 + dt / inertia * (d + dt / c))
         memory[r, 1] += speed * dt
-        memory[r, 2], memory[r, 3] = memory[r, 1] - q[j], speed - dq[j]
+        memory[r, 2], memory[r, 3], memory[r, 4] = memory[r, 1] - q[j], speed - dq[j], speed
         tau[j] = memory[r, 2] / c + d * memory[r, 3]
 
 

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every effect promises, on every robot on which it makes sense.
+
+One-joint benches and Tigrillo, whose worlds are built in a blink; HyQ is in `test_base`.
+"""
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_control.types import MotionCommand, TrunkTorque
+from loco_sim import effects, robot
+from loco_sim.effects.base import EFFECTS, overrides
+from loco_sim.effects.identity import PLANT_SIGNALS, SENSOR_SIGNALS, SITES
+from loco_sim.simulation import Simulation
+
+NAMES = effects.names()
+BENCHES = ("linear_axis", "pendulum", "servo_pendulum", "spring_mass")
+ROBOTS = {name: robot.load(name) for name in (*BENCHES, "tigrillo")}
+PAIRS = [(r, e) for r in ROBOTS for e in effects.applicable(ROBOTS[r])]
+PASSIVE = [(r, e) for r, e in PAIRS if r in BENCHES and EFFECTS[e].identity.passive]
+
+# Where the typical strength of the prior does not show on a small robot.
+CLEAR = {
+    "cable_force": {"stiffness": 50.0, "length": 0.1, "point": (0.0, 0.0, -0.1)},
+    "end_stop": {"angle": 0.001},
+    "push": {"force": (1.0, 0.5, 0.2), "random": 0.5, "point": (0.0, 0.0, -0.1)},
+    "payload": {"mass": 0.2, "position": (0.02, 0.0, -0.01)},
+    "sensor_bias": {"q": 0.1, "tau": 1.0, "gyro": (0.1, 0, 0), "accelerometer": (0, 0, 1.0)},
+    "sensor_stuck": {"channel": "q"},
+    "spring_saturation": {"lost": 1.0, "torque": 0.01},
+    "slip": {"loss": 1.0, "duration": 0.02},
+    "torque_limit": {"reduction": 0.95},
+    "torque_speed_line": {"slope": 10.0},
+    "trunk_flex": {"compliance": 0.01, "damping": 0.05},
+    "command_dropout": {"probability": 0.5},
+    "quantisation": {"step": 0.02},
+}
+
+
+def clear(name, **more):
+    """The effect with a strength that shows: of the prior, or in `CLEAR`."""
+    values = {}
+    for key in EFFECTS[name].identity.strengths:
+        low, typical, high = EFFECTS[name].identity.priors[key]
+        value = typical if low > 0.0 else high
+        now = getattr(EFFECTS[name], key, 0.0)
+        values[key] = tuple(value for _ in now) if isinstance(now, tuple) else value
+    return effects.make(name, **(CLEAR.get(name) or values), **more)
+
+
+def plant(name, listed=(), seed=0, **more):
+    return Simulation(effects=listed, seed=seed, robot=ROBOTS[name], **more)
+
+
+def run(sim, ticks=12, tau=0.5):
+    """Measured states, true positions and velocities of a robot that is moved about."""
+    measured, truth = [sim.reset()], [(sim.true_q, sim.true_dq)]
+    n, rest = len(sim.robot.joints), sim.robot.standing
+    for k in range(ticks):
+        wave = math.sin(2.0 * math.pi * k / 10.0)
+        command = MotionCommand(k, k * sim.dt, rest + 0.3 * wave, np.zeros(n))
+        flags = np.ones(len(sim.robot.feet), dtype=bool)
+        trunk = TrunkTorque(k, k * sim.dt, np.full(n, tau * wave), np.zeros(6), flags)
+        measured.append(sim.step(command, trunk))
+        truth.append((sim.true_q, sim.true_dq))
+    return measured, np.array(truth)
+
+
+def as_bytes(states):
+    return b"".join(np.asarray(getattr(s, f.name)).tobytes() for s in states for f in fields(s))
+
+
+@pytest.fixture(scope="module")
+def bare():
+    """Run of each robot without effects."""
+    made = {}
+    for name in ROBOTS:
+        with plant(name) as sim:
+            made[name] = run(sim)
+    return made
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_effects_that_are_listed_but_off_change_no_byte(name, bare):
+    listed = [effects.make(e) for e in effects.applicable(ROBOTS[name])]
+    assert all(e.absent() for e in listed)
+    with plant(name, listed) as sim:
+        measured, truth = run(sim)
+    assert as_bytes(measured) == as_bytes(bare[name][0])
+    assert truth.tobytes() == bare[name][1].tobytes()
+
+
+@pytest.mark.parametrize(("name", "effect"), PAIRS)
+def test_an_effect_changes_what_it_says_and_nothing_else(name, effect, bare):
+    below = name == "spring_mass" and effect == "end_stop"  # where its weight takes the mass
+    made = effects.make(effect, angle=-0.001) if below else clear(effect)
+    with plant(name, [made]) as sim:
+        measured, truth = run(sim)
+        assert as_bytes(run(sim)[0]) == as_bytes(measured), "the same seed gives another run"
+    before, still = bare[name]
+    touches = set(EFFECTS[effect].identity.touches)
+    if touches & set(PLANT_SIGNALS):
+        assert as_bytes(measured) != as_bytes(before)
+        return
+    assert truth.tobytes() == still.tobytes(), "a sensor moved the robot"
+    changed = {
+        signal
+        for signal in SENSOR_SIGNALS
+        if any(
+            getattr(a, signal).tobytes() != getattr(b, signal).tobytes()
+            for a, b in zip(measured, before, strict=True)
+        )
+    }
+    assert changed
+    assert changed <= touches
+    assert all(
+        a.contact.tobytes() == b.contact.tobytes() for a, b in zip(measured, before, strict=True)
+    )
+
+
+@pytest.mark.parametrize("effect", NAMES)
+def test_the_hooks_are_those_of_the_signals_it_touches(effect):
+    cls, touches = EFFECTS[effect], set(EFFECTS[effect].identity.touches)
+    hooks = {"command": "on_command", "torque": "on_torque", "brake": "on_brake"}
+    for signal, hook in hooks.items():
+        assert overrides(effects.make(effect), hook) == (signal in touches)
+    assert overrides(effects.make(effect), "on_measurement") == bool(touches & set(SENSOR_SIGNALS))
+    assert overrides(effects.make(effect), "on_step") <= bool(touches & {"force", "model"})
+    assert cls.lasting <= ("model" in touches)
+
+
+IN_JOINTS = [e for e in NAMES if any(f.name == "joint" for f in fields(EFFECTS[e]))]
+
+
+@pytest.fixture(scope="module")
+def tigrillo():
+    """A state of Tigrillo and its world, for hooks that are called by hand."""
+    with plant("tigrillo") as sim:
+        yield run(sim, 3)[0][-1], sim._world
+
+
+@pytest.mark.parametrize("effect", IN_JOINTS)
+def test_joints_that_are_not_named_are_left_alone(effect, tigrillo):
+    sprung = getattr(EFFECTS[effect], "among", "") == "sprung"
+    joint = "rf_kfe_joint" if sprung else "rf_hfe_joint"
+    one, made = ROBOTS["tigrillo"].joints.index(joint), clear(effect, joint=joint)
+    state, world = tigrillo
+    rng = np.random.default_rng(0)
+    made.configure(world)
+    made.reset(rng)
+    tau, q, dq = rng.normal(size=8), state.q, rng.normal(size=8)
+    for hook in ("on_torque", "on_brake"):
+        if overrides(made, hook):
+            given = (tau,) if hook == "on_torque" else (np.zeros(8), tau)
+            difference = getattr(made, hook)(*given, q, dq, 0.001, 1.0) - given[0]
+            assert set(np.flatnonzero(difference)) <= {one}
+    assert set(np.flatnonzero(made.on_command(q, dq, 0.0)[0] - q)) <= {one}
+    if set(EFFECTS[effect].identity.touches) <= set(SENSOR_SIGNALS):
+        assert set(np.flatnonzero(made.on_measurement(state).q - state.q)) <= {one}
+
+
+@pytest.mark.parametrize(("name", "effect"), PASSIVE)
+def test_a_passive_effect_makes_no_energy(name, effect):
+    """Let go of an undriven bench: the energy, that in the effect too, only falls.
+
+    The integrator takes a step's work too early or too late, no more; so the energy may
+    rise by what one step changes in the kinetic energy, at most.
+    """
+    made = clear(effect)
+    dt = 1.0 / ROBOTS[name].sim.physics_rate
+    away = ROBOTS[name].standing + (0.03 if name in ("linear_axis", "spring_mass") else 0.8)
+    limp = robot.load(name)
+    object.__setattr__(limp, "drives", {j: robot_drive() for j in limp.drives})
+    with Simulation(effects=[made], robot=limp, dt=dt, standing=away) as sim:
+        n = len(limp.joints)
+        nothing = MotionCommand(0, 0.0, np.zeros(n), np.zeros(n))
+        total, kinetic = [], []
+        for _ in range(600):
+            sim.step(nothing)
+            kinetic.append(sim.kinetic_energy())
+            if len(kinetic) % 7 == 0:
+                stored = sim.potential_energy() + made.energy(sim.true_q, sim.true_dq)
+                total.append(kinetic[-1] + stored)
+    rise = np.max(total - np.minimum.accumulate(total))
+    assert rise <= 2.0 * np.max(np.abs(np.diff(kinetic))) + 1e-9
+
+
+def robot_drive():
+    from loco_sim.servo import TorqueDrive
+
+    return TorqueDrive()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_an_effect_that_does_not_apply_says_why(name):
+    for effect in set(NAMES) - set(effects.applicable(ROBOTS[name])):
+        with pytest.raises(ParameterError, match=f"effect {effect} does not apply to robot"):
+            plant(name, [effects.make(effect)])
+
+
+def test_everything_applies_to_tigrillo_and_all_of_it_runs_at_once():
+    assert effects.applicable(ROBOTS["tigrillo"]) == NAMES
+    with plant("tigrillo", [clear(name) for name in NAMES]) as sim:
+        measured, _ = run(sim, 10)
+    assert np.isfinite(measured[-1].q).all()
+
+
+# ---- what is known about an effect -------------------------------------------------
+
+
+@pytest.mark.parametrize("effect", NAMES)
+def test_what_is_known_is_complete(effect):
+    known = EFFECTS[effect].identity
+    assert known.site in SITES
+    assert len(known.equation) > 5
+    assert len(known.source) > 10
+    assert known.touches
+    assert set(known.touches) <= {*PLANT_SIGNALS, *SENSOR_SIGNALS}
+    assert known.look_alikes
+    for look_alike in known.look_alikes:
+        assert look_alike.name in EFFECTS
+        assert look_alike.name != effect
+        assert len(look_alike.experiment) > 10
+
+
+@pytest.mark.parametrize("effect", NAMES)
+def test_priors_lie_within_bounds_and_zero_is_absent(effect):
+    known = EFFECTS[effect].identity
+    declared = {f.name: f for f in fields(EFFECTS[effect])}
+    for name, prior in known.priors.items():
+        meta = declared[name].metadata
+        assert meta["unit"]
+        assert math.isfinite(meta["low"])
+        assert math.isfinite(meta["high"])
+        assert meta["low"] <= prior.low < prior.typical < prior.high <= meta["high"]
+        assert prior.low > 0.0 or prior.low < 0.0 < prior.high
+    for name in known.strengths:
+        assert not np.any(declared[name].default)
+    assert effects.make(effect).absent()
+    assert not clear(effect).absent()
+    assert set(known.strengths) <= set(known.priors)
+
+
+@pytest.mark.parametrize("effect", [e for e in NAMES if EFFECTS[e].identity.priors])
+def test_values_beyond_the_bounds_are_refused_in_one_line(effect):
+    for name in EFFECTS[effect].identity.priors:
+        (f,) = (f for f in fields(EFFECTS[effect]) if f.name == name)
+        for value in (f.metadata["low"] - 1.0, f.metadata["high"] + 1.0, math.nan, "much"):
+            wrong = (value,) * 3 if isinstance(f.default, tuple) else value
+            with pytest.raises(ParameterError, match=name) as error:
+                effects.make(effect, **{name: wrong})
+            assert "\n" not in str(error.value)
+
+
+def test_a_joint_that_does_not_exist_is_named():
+    with pytest.raises(Exception, match="elbow"):
+        plant("pendulum", [effects.make("coulomb_friction", torque=0.1, joint="elbow")])
+    with pytest.raises(ParameterError, match=r"lf_kfe_joint: no joint with a drive"):
+        plant("tigrillo", [effects.make("actuator_lag", time=0.1, joint="lf_*")])
