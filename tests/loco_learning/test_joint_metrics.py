@@ -62,8 +62,20 @@ def test_distance_counts_along_the_heading(heading):
     row = metrics.table(made(heading=heading))["test"]
     assert row["distance"] == pytest.approx(0.8990, abs=1e-3)
     assert row["speed"] == pytest.approx(0.1, rel=1e-6)
+    assert row["forward_speed"] == pytest.approx(0.1, rel=1e-6)
     assert row["lateral_drift"] == pytest.approx(0.0, abs=1e-9)
     assert row["heading_drift"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_forward_speed_is_that_of_a_robot_in_a_circle():
+    log = made()
+    angle = 0.2 * log.t
+    log.columns["position"][:, :2] = 0.5 * np.stack([np.sin(angle), 1.0 - np.cos(angle)], axis=1)
+    log.columns["orientation"] = np.array([quaternion(0.0, 0.0, a) for a in angle])
+    row = metrics.table(log)["test"]
+    assert row["forward_speed"] == pytest.approx(0.1, rel=1e-3)
+    assert row["speed"] < 0.06
+    assert row["heading_drift"] == pytest.approx(0.2 * 8.99, rel=1e-3)
 
 
 def test_the_numbers_follow_their_equations():

@@ -65,6 +65,15 @@ def progress(log: JointLog) -> np.ndarray:
     return np.stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x], axis=1)
 
 
+def heading_speed(log: JointLog) -> np.ndarray:
+    """Speed of the base along its heading [m/s], (T,)."""
+    yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
+    if len(log) < 2:
+        return np.full(len(log), np.nan)
+    dx, dy = (np.gradient(log.position[:, i]) / log.dt for i in (0, 1))
+    return np.cos(yaw) * dx + np.sin(yaw) * dy
+
+
 def mass(log: JointLog) -> float:
     """Mass of the robot [kg]."""
     return Description(log.experiment.plant.urdf).mass()
@@ -133,6 +142,12 @@ def speed(log: JointLog) -> float:
     return signals.mean_speed(progress(log)[:, 0], log.dt)
 
 
+@of("m/s", "ours")
+def forward_speed(log: JointLog) -> float:
+    """Mean speed along the heading of the moment: that of a robot that may turn."""
+    return float(np.mean(heading_speed(log)))
+
+
 @of("m", "ours")
 def lateral_drift(log: JointLog) -> float:
     """Displacement across the heading at the start of the phase; left is positive."""
@@ -178,8 +193,8 @@ def positive_power(log: JointLog) -> float:
 
 @of("-", "3.31")
 def cost_of_transport(log: JointLog) -> float:
-    """Positive power over m g V, lower is better; a servo gives no work back."""
-    return signals.cost_of_transport(positive_power(log), speed(log), mass(log))
+    """Positive power over m g V, V the forward speed; a servo gives no work back."""
+    return signals.cost_of_transport(positive_power(log), forward_speed(log), mass(log))
 
 
 @of("N·m", "ours")

@@ -20,7 +20,7 @@ from .bag import Bag
 from .report_style import svg
 
 HEADLINES = (
-    "distance", "speed", "stride_frequency", "shape_error", "cost_of_transport",
+    "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
     "positive_power", "passive_range", "pitch_range",
 )  # fmt: skip
 SHOWN, SPEED = 2.0, 0.5  # strides of the animation, and how fast: a small robot is quick
@@ -74,8 +74,8 @@ def sentence(log: JointLog, values: dict[str, dict[str, float]]) -> str:
     last = values.get("test")
     if last and math.isfinite(last["speed"]):
         text += (
-            f" In test, with its readout alone, it went {last['distance']:.2f} m at "
-            f"{last['speed']:.3f} m/s and {last['stride_frequency']:.3f} strides/s."
+            f" In test, with its readout alone, it went forward at {last['forward_speed']:.3f} "
+            f"m/s and {last['stride_frequency']:.3f} strides/s."
         )
     return text
 

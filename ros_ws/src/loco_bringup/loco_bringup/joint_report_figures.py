@@ -279,7 +279,7 @@ def base_motion(log: JointLog) -> Figure:
         ("roll [rad]", angles[:, 0]),
         ("pitch [rad]", angles[:, 1]),
         ("yaw [rad]", angles[:, 2]),
-        ("forward speed [m/s]", forward_speed(log)),
+        ("forward speed [m/s]", metrics.heading_speed(log)),
     )
     figure, axes = canvas(5, 1, 6.4, sharex=True)
     for ax, (label, y) in zip(axes[:, 0], rows, strict=True):
@@ -291,15 +291,6 @@ def base_motion(log: JointLog) -> Figure:
     shade_spans(axes, spans(log))
     figure.align_ylabels(axes)
     return figure
-
-
-def forward_speed(log: JointLog) -> np.ndarray:
-    """Speed of the base along its heading [m/s], (T,)."""
-    yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
-    if len(log) < 2:
-        return np.full(len(log), np.nan)
-    dx, dy = (np.gradient(log.position[:, i]) / log.dt for i in (0, 1))
-    return np.cos(yaw) * dx + np.sin(yaw) * dy
 
 
 @chapter(
