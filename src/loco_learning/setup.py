@@ -18,6 +18,7 @@ setup(
         "console_scripts": [
             "reflex_network = loco_learning.ros.reflex_node:main",
             "joint_reflex = loco_learning.ros.joint_reflex_node:main",
+            "msd_reflex = loco_learning.ros.msd_reflex_node:main",
         ]
     },
     zip_safe=False,

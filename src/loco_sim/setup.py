@@ -18,6 +18,7 @@ setup(
         "console_scripts": [
             "robot_sim = loco_sim.ros.sim_node:main",
             "joint_sim = loco_sim.ros.joint_sim_node:main",
+            "msd_sim = loco_sim.ros.msd_sim_node:main",
         ]
     },
     zip_safe=False,

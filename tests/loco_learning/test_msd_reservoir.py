@@ -23,7 +23,7 @@ def gait():
 
 @pytest.fixture(scope="module")
 def log(gait):
-    return run_loop(TASK, gait, SHORT)
+    return run_loop(TASK.params(), gait, SHORT)
 
 
 def test_sensor_is_a_low_pass_filter_with_three_samples():
@@ -74,7 +74,7 @@ def test_a_trained_body_keeps_its_gait_without_a_target(log):
 
 
 def test_a_loop_repeats(gait, log):
-    again = run_loop(TASK, gait, SHORT)
+    again = run_loop(TASK.params(), gait, SHORT)
     np.testing.assert_array_equal(again.said, log.said)
     np.testing.assert_array_equal(again.distance, log.distance)
 
@@ -92,6 +92,6 @@ def test_weights_stay_as_they_are_in_the_test(gait):
 
 def test_the_authors_loop_runs(gait):
     loop = LOOPS["author_code"].replace(train=1.0, closing=0.5, test=0.5)
-    log = run_loop(TASK, gait, loop)
+    log = run_loop(TASK.params(), gait, loop)
     assert np.isfinite(log.said).all()
     assert (np.abs(log.said - 1.0) <= 1.0).all()  # 1 + tanh

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .joint_experiment import JointExperiment
 
 ROBOTS = ("hyq",)
-KINDS = ("hyq", "joint")  # of experiments: this class, and `joint_experiment`
+KINDS = ("hyq", "joint", "msd")  # of experiments: this class, `joint_…`, `msd_experiment`
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,10 @@ def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | Join
         from . import joint_experiment
 
         return joint_experiment.from_values(values, where)
+    if kind == "msd":
+        from . import msd_experiment
+
+        return msd_experiment.from_values(values, where)
     if kind not in KINDS:
         raise NameUnknownError("kind of experiment", str(kind), KINDS)
     effects = values.pop("effects", None) or ()

@@ -61,17 +61,17 @@ _ALPHAS = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
 PLANS = {
     "quick": Plan(
         nodes=(3, 4, 5, 6, 8, 10, 12, 15, 20, 26),
-        repetitions=2,
+        repetitions=3,
         budget=(250, 1500),
         omega_nodes=(5, 10, 15, 20),
         frequencies=_FREQUENCIES,
-        omega_repetitions=1,
+        omega_repetitions=2,
         omega_evaluations=2000,
         powers=(500.0, 2.5e3, 7.5e3, 1.5e4, 2e4),
         power_frequencies=(1.0, 2.0, 3.0, 4.0),
         power_repetitions=1,
         power_evaluations=4000,
-        loop_repetitions=1,
+        loop_repetitions=3,
         noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 25)),
         regularisations=_ALPHAS,
     ),
@@ -183,7 +183,7 @@ def do(job: Job, folder: str) -> Any:
 
 
 def _loop(job: Job, gait: Gait) -> Curves:
-    done = run_loop(job.task, gait, job.loop)
+    done = run_loop(job.task.params(), gait, job.loop)
     closing, test, end = done.starts
     period = 1.0 / float(gait.frequency)
 

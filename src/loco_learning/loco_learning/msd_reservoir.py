@@ -17,10 +17,14 @@ from scipy.signal import firwin
 from loco_control.params import Params, parameter
 from loco_sim.msd.energy import centre_of_mass
 from loco_sim.msd.network import Network, chain
-from loco_sim.msd.simulation import MsdSimulation
+from loco_sim.msd.params import MsdParams
+from loco_sim.msd.simulation import Drive, MsdSimulation
 
-from .msd_gait import Gait, MsdTask
+from .msd_gait import Gait
 from .readout import Readout
+
+REACH = (0.0, 2.0)  # of a link's driven length over its rest length: 1 ± 1 as with tanh
+LOST = 10.0  # a readout that says more than this has diverged
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,7 @@ class Sensor:
     def __init__(self, channels: int, loop: LoopParams, dt: float):
         taps = firwin(loop.taps, loop.cutoff, fs=1.0 / dt) if loop.taps > 1 else np.ones(1)
         self._taps, self._limit, self._latest = taps, loop.threshold, loop.buffer == "latest"
+        self.channels = channels
         self._past = np.zeros((len(taps), channels))
         self._samples = np.zeros((4, channels))  # newest first
         self._tick = 0
@@ -110,7 +115,7 @@ class Controller:
 
     def __init__(self, gait: Gait, nodes: int, axes: int, loop: LoopParams, dt: float):
         self.gait, self.loop, self.dt = gait, loop, dt
-        self.links = len(gait.amplitude)
+        self.links, self._axes = len(gait.amplitude), axes
         self.sensor = Sensor(nodes * axes, loop, dt)
         self._tanh = loop.output == "tanh"
         inputs = 3 * nodes * axes
@@ -135,6 +140,17 @@ class Controller:
             return self.loop.beta * (tick - train) / closing
         return 1.0
 
+    def phase(self, tick: int) -> int:
+        """0 train, 1 closing, 2 test."""
+        return int(tick >= self.ticks[0]) + int(tick >= self.ticks[0] + self.ticks[1])
+
+    def compile(self) -> None:
+        """Call every kernel once, before the first tick, and forget it."""
+        u = self.sensor.step(np.zeros((self.sensor.channels // self._axes, self._axes)))
+        self.readout.learn(u, self.readout.predict(u))
+        self.sensor = Sensor(self.sensor.channels, self.loop, self.dt)
+        self.readout.reset()
+
     def step(self, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Factors for the next tick from accelerations (nodes, axes) of this one.
 
@@ -150,7 +166,8 @@ class Controller:
             said = said + self.loop.noise * self._rng.standard_normal(self.links)
         share = self.share(following)
         self.tick = following
-        return (1.0 - share) * target + share * said, said, target
+        factor = (1.0 - share) * target + share * said
+        return np.clip(np.nan_to_num(factor, nan=1.0), *REACH), said, target
 
     def _squash(self, y: np.ndarray) -> np.ndarray:
         return 1.0 + (np.tanh(y) if self._tanh else y)
@@ -180,11 +197,12 @@ class LoopLog:
     diverged: bool
 
 
-def run_loop(task: MsdTask, gait: Gait, loop: LoopParams, every: int = 4) -> LoopLog:
-    """Train, close and test; the log keeps each `every`-th tick."""
-    network = chain(task.params())
-    simulation = MsdSimulation(network, task.params(), gait.drive())
-    controller = Controller(gait, network.nodes, network.dimension, loop, task.params().step)
+def run_loop(params: MsdParams, gait: Gait, loop: LoopParams, every: int = 4) -> LoopLog:
+    """Train, close and test a chain of `params`; the log keeps each `every`-th tick."""
+    network = chain(params)
+    zero = np.zeros(network.count)  # every length is given
+    simulation = MsdSimulation(network, params, Drive(zero, zero, 0.0, gait.stiffness))
+    controller = Controller(gait, network.nodes, network.dimension, loop, params.step)
     ticks = sum(controller.ticks)
     rows = ticks // every
     channels = network.nodes * network.dimension
@@ -194,15 +212,14 @@ def run_loop(task: MsdTask, gait: Gait, loop: LoopParams, every: int = 4) -> Loo
     diverged = False
     for k in range(ticks):
         factor, y, r = controller.step(simulation.acceleration)
-        if not np.all(np.abs(factor) < 10.0):
-            diverged, factor = True, np.clip(np.nan_to_num(factor, nan=1.0), 0.0, 2.0)
+        diverged = diverged or not np.all(np.abs(y) < LOST)
         simulation.step(factor)
         if (k + 1) % every == 0:
             row = (k + 1) // every - 1
             t[row], said[row], target[row] = simulation.time, y, r
             distance[row] = centre_of_mass(network, simulation.position)[0]
             sensed[row] = controller.sensor._samples[0]
-    starts = np.cumsum(controller.ticks) * task.params().step
+    starts = np.cumsum(controller.ticks) * params.step
     return LoopLog(
         t, distance - distance_zero(network), said, target, sensed,
         tuple(float(s) for s in starts), diverged,

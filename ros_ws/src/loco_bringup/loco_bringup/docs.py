@@ -109,6 +109,7 @@ def _split_unit(comment: str) -> tuple[str, str]:
 def _parameters() -> str:
     from loco_learning.experiment import Experiment
     from loco_learning.joint_experiment import JointExperiment
+    from loco_learning.msd_experiment import MsdExperiment
 
     head = ("key", "default", "unit", "range", "meaning")
     return _page(
@@ -117,6 +118,7 @@ def _parameters() -> str:
         "declare the same names as ROS parameters.",
         f"## HyQ\n\n{_table(head, _rows(Experiment(), ''))}",
         "## Joint robots (`kind: joint`)\n\n" + _table(head, _rows(JointExperiment(), "")),
+        "## Masses and springs (`kind: msd`)\n\n" + _table(head, _rows(MsdExperiment(), "")),
     )
 
 

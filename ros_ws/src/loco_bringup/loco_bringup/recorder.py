@@ -27,7 +27,7 @@ from .bag_writer import BagWriter
 
 _STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
-_STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states"}  # by table
+_STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
 
 
 class RecorderNode(LocoNode):
@@ -107,7 +107,7 @@ class RecorderNode(LocoNode):
         if fields[:2] == ["stamp", "tick"] and row.rate > 0:
             return lambda data: int.from_bytes(data[TICK], "little")
         paces = TABLES[robot.table].get(robot.starts_tick)
-        if robot.table == "joint" and fields[0] == "header" and row.rate == paces.rate:
+        if robot.table in ("joint", "msd") and fields[0] == "header" and row.rate == paces.rate:
             return lambda data: round(_time(data) * self._rate / 1e9)
         return None
 

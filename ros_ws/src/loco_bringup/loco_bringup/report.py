@@ -70,6 +70,14 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
 
 def _page_of(bag: Bag) -> Callable[[Path | None], str]:
     """Function that makes the page which suits what ran, given where the animation goes."""
+    from . import live_report, live_run
+
+    if live_run.is_live(bag):
+        return lambda gif: live_report.page(live_run.read_live(bag))
+    from . import msd_report
+
+    if msd_report.is_msd(bag):
+        return partial(msd_report.page, bag, msd_report.read_msd_log(bag))
     if is_joint(bag):
         from .joint_report import page as joint_page
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from loco_control.exceptions import ParameterError
 from loco_control.names import JOINTS
 from loco_control.params import to_dict
 from loco_control.ros.convert import Converter
@@ -43,7 +44,16 @@ def run_rollout(
     folder: Path,
     on_progress: Callable[[Progress], None],
 ) -> Outcome:
-    """Run an experiment in this process, without nodes, into a bag."""
+    """Run an experiment in this process, without nodes, into a bag.
+
+    Raises:
+        ParameterError: It is of a network of masses and springs, which only runs as nodes.
+    """
+    if experiment.node_set == "msd":
+        raise ParameterError(
+            f"{experiment.name} runs as nodes: --layout composed or processes; without ROS its "
+            "loop is loco_learning.msd_reservoir.run_loop"
+        )
     progress = Progress(duration=duration_of(experiment), phase="running")
     began = time.perf_counter()
 

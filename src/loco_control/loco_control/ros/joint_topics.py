@@ -17,6 +17,7 @@ from tf2_msgs.msg import TFMessage
 from loco_msgs.msg import Event, RecorderStatus
 
 from .calibration_topics import CALIBRATION_TOPICS
+from .msd_topics import MSD_TOPICS
 from .topics import CLOCK, COMMAND, LATCHED, LATCHED_LOG, STATE, TOPICS, Topic
 
 JOINT_NODES = ("robot_sim", "target_generator", "reflex_network")
@@ -122,4 +123,5 @@ TABLES = {  # by node set
     "hyq": TOPICS,
     "joint": JOINT_TOPICS,
     "calibration": CALIBRATION_TOPICS,
+    "msd": MSD_TOPICS,
 }

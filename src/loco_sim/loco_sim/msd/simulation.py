@@ -75,9 +75,21 @@ class MsdSimulation:
         self.size = shape[0] if len(shape) == 2 else None
         self._lead = () if self.size is None else (self.size,)
         self._layout = Alone(network) if self.size is None else Blocks(network, self.size)
-        self._read_drive(drive, seed)
-        check_step(network, self.params, self.stiffness.reshape(-1, network.count).max(axis=0))
+        self._checked = np.full(network.count, -1.0)
         self._make_constants()
+        self.replace(drive, seed)
+
+    def replace(self, drive: Drive, seed: int | np.ndarray = 0) -> None:
+        """Take another drive of the same number of networks, and start again.
+
+        Raises:
+            ParameterError: As the constructor.
+        """
+        self._read_drive(drive, seed)
+        stiffest = self.stiffness.reshape(-1, self.network.count).max(axis=0)
+        if np.any(stiffest > self._checked):
+            check_step(self.network, self.params, np.maximum(stiffest, self._checked))
+            self._checked = np.maximum(stiffest, self._checked)
         self.reset()
 
     def _read_drive(self, drive: Drive, seed: int | np.ndarray) -> None:

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `reflex_network` of a mass-spring-damper network: accelerations in, lengths out."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from loco_control.ros.msd_topics import MSD_TOPICS, RATE, link_names, node_names
+from loco_control.ros.node import LocoNode, run_nodes
+from loco_control.ros.parameters import declare
+from loco_learning.msd_gait import Gait
+from loco_learning.msd_reservoir import Controller, LoopParams
+from loco_sim.msd.network import chain
+from loco_sim.msd.params import MsdParams
+
+PHASES = ("train", "closing", "test")
+
+
+class MsdReflexNode(LocoNode):
+    """Filter, readout and mixer: trains, closes the loop, and drives the links alone."""
+
+    table = MSD_TOPICS
+
+    def __init__(self) -> None:
+        super().__init__("reflex_network")
+        rate = self.declare_parameter("control_rate", RATE).value
+        params = declare(self, MsdParams(), "network.")
+        network, loop = chain(params), declare(self, LoopParams(), "loop.")
+        self._rate, self._shape = rate, (network.dimension, network.nodes)
+        gait = self._read_gait(network.count)
+        self.controller = Controller(gait, network.nodes, network.dimension, loop, 1.0 / rate)
+        self.controller.compile()
+        self._phase, self._error = -1, 0.0
+        links = link_names(network.links.tolist())
+        self._outputs_of = [
+            (self.raw_output(name), JointCodec(links, name, ("position",)).pack)
+            for name in ("link_command", "link_prediction", "link_target")
+        ]
+        codec = JointCodec(node_names(network.nodes, network.dimension), "node_states")
+        self.join_by({"node_states": codec}, self._step, stamp_ns)
+        self.announce_ready()
+
+    def _read_gait(self, links: int) -> Gait:
+        values = [
+            np.array(self.declare_parameter(f"gait.{name}", [0.0]).value)
+            for name in ("amplitude", "phase", "stiffness")
+        ]
+        if any(v.shape != (links,) for v in values):
+            raise ParameterError(
+                f"gait wants {links} amplitudes, phases and stiffnesses, got "
+                f"{', '.join(str(len(v)) for v in values)}"
+            )
+        return Gait(*values, self.declare_parameter("gait.frequency", 1.0).value)
+
+    def _step(self, state: Joints) -> None:
+        tick = tick_of(state.time, self._rate)
+        t = tick / self._rate
+        phase = self.controller.phase(self.controller.tick)
+        factor, said, target = self.controller.step(state.tau.reshape(self._shape).T)
+        for (publish, pack), values in zip(self._outputs_of, (factor, said, target), strict=True):
+            publish(pack(t, values))
+        self._error = float(np.sqrt(np.mean((said - target) ** 2)))
+        if phase != self._phase:
+            self._phase = phase
+            self.event("phase", PHASES[phase], tick, t)
+
+    def diagnose(self) -> dict[str, Any]:
+        """Phase and error of the readout."""
+        phase = PHASES[self._phase] if self._phase >= 0 else "waiting"
+        return {"phase": phase, "error": self._error}
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_learning msd_reflex``."""
+    sys.exit(run_nodes([MsdReflexNode], args))
+
+
+if __name__ == "__main__":
+    main()

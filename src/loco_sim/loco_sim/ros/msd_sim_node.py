@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `robot_sim` of a mass-spring-damper network: link_command in, node_states out."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosgraph_msgs.msg import Clock
+
+from loco_control.exceptions import LocoError
+from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from loco_control.ros.msd_topics import MSD_NODES, MSD_TOPICS, RATE, link_names, node_names
+from loco_control.ros.node import run_nodes
+from loco_control.ros.parameters import declare
+from loco_control.ros.topics import to_stamp
+from loco_sim.msd.energy import centre_of_mass
+from loco_sim.msd.network import chain
+from loco_sim.msd.params import MsdParams
+from loco_sim.msd.simulation import Drive, MsdSimulation
+from loco_sim.ros.plant_node import PlantNode
+
+
+class NodeStates(NamedTuple):
+    """State of a tick."""
+
+    tick: int
+    t: float  # [s]
+    position: np.ndarray  # [m], (nodes, axes)
+    velocity: np.ndarray  # [m/s]
+    acceleration: np.ndarray  # [m/s²]
+
+
+class LinkCommand(NamedTuple):
+    """Driven over rest lengths for a tick."""
+
+    tick: int
+    factor: np.ndarray  # (links,)
+
+
+class MsdPlant:
+    """A network as `PlantNode` wants it: one integration step is one tick."""
+
+    fallen = ""  # a network cannot fall
+    rejected = 0
+
+    def __init__(self, params: MsdParams, stiffness: np.ndarray | None = None):
+        network = chain(params)
+        zero = np.zeros(network.count)
+        stiffness = network.stiffness if stiffness is None else stiffness
+        self.simulation = MsdSimulation(network, params, Drive(zero, zero, 0.0, stiffness))
+        self.start = centre_of_mass(network, network.positions)[0]
+
+    def reset(self) -> NodeStates:
+        """First state."""
+        self.simulation.reset()
+        return self._state()
+
+    def step(self, command: LinkCommand) -> NodeStates:
+        """One tick."""
+        self.rejected += not np.all(np.isfinite(command.factor))
+        self.simulation.step(np.nan_to_num(command.factor, nan=1.0, posinf=1.0, neginf=1.0))
+        self.simulation.check_finite()
+        return self._state()
+
+    def _state(self) -> NodeStates:
+        s = self.simulation
+        return NodeStates(s.tick, s.time, s.position, s.velocity, s.acceleration)
+
+    @property
+    def distance(self) -> float:
+        """Of the centre of mass along x since the start [m]."""
+        s = self.simulation
+        return float(centre_of_mass(s.network, s.position)[0] - self.start)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class MsdSimNode(PlantNode):
+    """Network behind standard messages."""
+
+    table = MSD_TOPICS
+    controllers = MSD_NODES
+
+    def __init__(self) -> None:
+        super().__init__(RATE)
+        self.declare_parameter("seed", 0)
+        params = declare(self, MsdParams(), "network.")
+        stiffness = np.array(self.declare_parameter("gait.stiffness", [0.0]).value)
+        network = chain(params)
+        self.sim = MsdPlant(params, stiffness if len(stiffness) == network.count else None)
+        self._rest = LinkCommand(0, np.ones(network.count))
+        self._pack = JointCodec(node_names(network.nodes, network.dimension), "node_states").pack
+        self._states = self.raw_output("node_states")
+        self._clock_output = self.output("/clock") if self.get_namespace() == "/" else None
+        self._connect()
+        codec = JointCodec(link_names(network.links.tolist()), "link_command", ("position",))
+        self._join = self.join_by({"link_command": codec}, self._on_links, stamp_ns)
+        self.announce_ready()
+
+    def _on_links(self, command: Joints) -> None:
+        self._on_commands(LinkCommand(tick_of(command.time, self.rate), command.q), None)
+
+    def advance(self, command: LinkCommand, trunk: None) -> NodeStates:
+        """One integration step."""
+        try:
+            return self.sim.step(command)
+        except LocoError as error:
+            self.event("error", str(error), self.state.tick, self.state.t)
+            raise
+
+    def _damping(self) -> Any:
+        """Silence: the links go back to their rest lengths."""
+        return self._rest._replace(tick=self.state.tick), None
+
+    @property
+    def stale(self) -> int:
+        """Commands that came too late to be used."""
+        return self._join.stale
+
+    def send(self, state: NodeStates) -> None:
+        """Publish the nodes and the clock with one stamp."""
+        columns = (v.T.reshape(-1) for v in state[2:])
+        self._states(self._pack(state.t, *columns))
+        if self._clock_output:
+            self._clock_output.publish(Clock(clock=to_stamp(state.t)))
+
+    def ending(self) -> str:
+        """How far it got."""
+        return f"{self.state.t:.1f} s simulated, {self.sim.distance:.2f} m forward"
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_sim msd_sim``."""
+    sys.exit(run_nodes([MsdSimNode], args))
+
+
+if __name__ == "__main__":
+    main()
