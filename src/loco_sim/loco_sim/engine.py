@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .description import Description
-from .geometry import Triple, multiply, rotate, rotation_matrix
+from .geometry import Rotation, Triple, multiply, rotate, rotation_matrix
 from .params import SimParams
 from .robot import Robot
 
@@ -53,6 +53,8 @@ class Engine:
         contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
             have the world's.
         gravity: Acceleration of gravity [m/s²], (3,); a slope is gravity turned.
+        hinges: Stiffness [N·m/rad] and damping [N·m·s/rad] of the joint that moves a
+            link, where that joint is not one of the robot's.
         dt: Physics step [s].
     """
 
@@ -68,6 +70,8 @@ class Engine:
         self.friction: dict[str, float] = {}
         self.contact: dict[str, tuple[float, float]] = {}
         self.gravity: Triple = (0.0, 0.0, -params.gravity)
+        self.hinges: dict[str, tuple[float, float]] = {}
+        self._frames: dict[int, tuple[Triple, Rotation]] = {}  # of links, in this step
 
     def close(self) -> None:
         """Free the client; calling again does nothing."""
@@ -113,6 +117,7 @@ class Engine:
         self._links = {i[12].decode(): i[0] for i in info}
         self._links[self.description.root_link()] = -1
         self._joints = [joint[name] for name in self.robot.joints]
+        self._read = self._joints + [self._links[link] for link in self.hinges]
         self._moving = [i[0] for i in info if i[2] != pybullet.JOINT_FIXED]
         self._foot_slot = {self._links[foot]: 3 * k for k, foot in enumerate(self.robot.feet)}
         pybullet.setJointMotorControlArray(
@@ -146,6 +151,7 @@ class Engine:
             )
 
     def _place(self, q: Sequence[float]) -> None:
+        self._frames.clear()
         for joint, value in zip(self._joints, q, strict=True):
             pybullet.resetJointState(self._body, joint, float(value), physicsClientId=self._client)
 

@@ -221,7 +221,8 @@ class Simulation:
     def _changed(self, tau: list[float], joints: tuple, t: float) -> list[float]:
         """Torques after the effects that change them; brakes the joints."""
         step, now, dt = self._step, np.array(tau), self.physics_dt
-        q, dq = (np.array([joint[i] for joint in joints]) for i in (0, 1))
+        q, dq, _, _ = zip(*joints, strict=True)
+        q, dq = np.array(q), np.array(dq)
         for start, stop, change in self._on_torque:
             if start <= step < stop:
                 now = change(now, q, dq, dt, t)

@@ -23,7 +23,7 @@ import numpy as np
 from . import braking
 from .description import Description
 from .engine import Engine, pybullet
-from .geometry import Triple, multiply, rotate, rotate_back, rotation_matrix
+from .geometry import Rotation, Triple, multiply, rotate, rotate_back, rotation_matrix
 from .robot import joint_index
 
 
@@ -70,6 +70,7 @@ class World(Engine):
         self.contact, self.gravity = {}, (0.0, 0.0, -self.params.gravity)
         self.friction.update(self.robot.friction)
         self.contact.update(self.robot.contact)
+        self.hinges = {}
         self._slow: np.ndarray | None = None  # no joint has been braked yet
         self._drag: list[float] | None = None
         self._still = [0.0] * len(self.robot.joints)
@@ -100,14 +101,19 @@ class World(Engine):
         """Apply joint torques [N·m], (n,), and advance one physics step."""
         if self._drag:
             tau = [a + b for a, b in zip(tau, self._drag, strict=True)]
+        if self.hinges:
+            springs = zip(self.hinges.values(), self._bent, strict=True)
+            tau = [*tau, *(-k * state[0] - d * state[1] for (k, d), state in springs)]
         pybullet.setJointMotorControlArray(
             self._body,
-            self._joints,
+            self._read,
             pybullet.TORQUE_CONTROL,
             forces=tau,
             physicsClientId=self._client,
         )
         pybullet.stepSimulation(self._client)
+        if self._frames:
+            self._frames.clear()
 
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
         """Let each joint be stopped by up to this torque from now on.
@@ -149,24 +155,13 @@ class World(Engine):
             self._body, self._links[link], lateralFriction=friction, physicsClientId=self._client
         )
 
-    def bend(self, link: str, stiffness: float, damping: float) -> None:
-        """Spring and damper for the next step in a joint that is not the robot's own.
-
-        Args:
-            link: The link that the joint moves.
-            stiffness: Of the joint [N·m/rad].
-            damping: Of the joint [N·m·s/rad].
-        """
-        body, joint, c = self._body, self._links[link], self._client
-        angle, rate = pybullet.getJointState(body, joint, c)[:2]
-        tau = -stiffness * angle - damping * rate
-        pybullet.setJointMotorControl2(
-            body, joint, pybullet.TORQUE_CONTROL, force=tau, physicsClientId=c
-        )
-
     def joint_states(self) -> tuple[tuple[float, float, tuple, float], ...]:
         """Per joint: position [rad], velocity [rad/s], and two things of no use here."""
-        return pybullet.getJointStates(self._body, self._joints, self._client)
+        states = pybullet.getJointStates(self._body, self._read, self._client)
+        if not self.hinges:
+            return states
+        self._bent = states[len(self._joints) :]
+        return states[: len(self._joints)]
 
     def add_ground_forces(self, total: list[float]) -> None:
         """Add the last step's force of the ground on each foot [N], world frame.
@@ -221,20 +216,27 @@ class World(Engine):
             link: Name of the link; None is the root link.
             offset: The point, in the frame of the link [m].
         """
-        index = -1 if link is None else self._links[link]
-        if index < 0:
+        (x, y, z), matrix = self._frame(-1 if link is None else self._links[link])
+        ox, oy, oz = rotate(matrix, offset)
+        return x + ox, y + oy, z + oz
+
+    def _frame(self, link: int) -> tuple[Triple, Rotation]:
+        """Origin and rotation of a link's frame in the world; the same within a step."""
+        if link in self._frames:
+            return self._frames[link]
+        if link < 0:
             com, turn = pybullet.getBasePositionAndOrientation(self._body, self._client)
             local, back = self._com, self._com_turn_back
         else:
             # The link's frame itself is given in single precision only.
             com, turn, local, (x, y, z, w) = pybullet.getLinkState(
-                self._body, index, computeForwardKinematics=1, physicsClientId=self._client
+                self._body, link, computeForwardKinematics=1, physicsClientId=self._client
             )[:4]
             back = -x, -y, -z, w
         matrix = rotation_matrix(multiply(turn, back))
         (cx, cy, cz), (lx, ly, lz) = com, rotate(matrix, local)
-        ox, oy, oz = rotate(matrix, offset)
-        return cx - lx + ox, cy - ly + oy, cz - lz + oz
+        self._frames[link] = (cx - lx, cy - ly, cz - lz), matrix
+        return self._frames[link]
 
     # ---- questions asked rarely --------------------------------------------------
 

@@ -232,8 +232,7 @@ class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
         q, dq = q.copy(), dq.copy()
-        reading_laws.add_at(q, self.joints, 0, self.memory[:, 2], -1.0)
-        reading_laws.add_at(dq, self.joints, 0, self.memory[:, 3], -1.0)
+        reading_laws.move_back(q, dq, self.joints, self.memory)
         return q, dq
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:

@@ -168,7 +168,7 @@ class TrunkFlex(Effect, name="trunk_flex"):
             LookAlike("ground_compliance", "the robot in the air: a trunk still bends"),
             LookAlike("com_offset", "shake the robot in the air: a flexible trunk rings"),
         ),
-        touches=("force", "model"),
+        touches=("model",),
         passive=True,
         smooth=True,
     )
@@ -176,10 +176,8 @@ class TrunkFlex(Effect, name="trunk_flex"):
     def configure(self, world: Any) -> None:
         self.require(world.robot)
         if self.compliance > 0.0:
-            self._rear = world.description.split_root(self.position, self.axis)
-
-    def on_step(self, world: Any, t: float) -> None:
-        world.bend(self._rear, 1.0 / self.compliance, self.damping)
+            rear = world.description.split_root(self.position, self.axis)
+            world.hinges[rear] = (1.0 / self.compliance, self.damping)
 
 
 @dataclass

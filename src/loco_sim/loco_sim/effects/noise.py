@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
 from loco_control.params import parameter
 
 from ..geometry import multiply
+from . import reading_laws
 from .base import Effect
 from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
 from .readings import Layout, Measuring
@@ -23,8 +25,9 @@ def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
         orientation: x y z w, (4,).
         angle: Rotation vector in the base frame [rad], (3,), small.
     """
-    norm = float(np.sqrt(4.0 + angle @ angle))
-    return np.array(multiply(orientation, (*(angle / norm), 2.0 / norm)))
+    norm = sqrt(4.0 + angle @ angle)
+    x, y, z = angle.tolist()
+    return np.array(multiply(orientation, (x / norm, y / norm, z / norm, 2.0 / norm)))
 
 
 @dataclass
@@ -82,10 +85,8 @@ class SensorNoise(Measuring, Effect, name="sensor_noise"):
                 ]
             )
         # Drawn in this order for ever: one more channel would change every run.
-        turn = at["orientation"]
-        drawn = self._rng.standard_normal(at.size - 1)
-        values[: turn.start] += self._std[: turn.start] * drawn[: turn.start]
+        drawn, first = self._rng.standard_normal(at.size - 1), at["orientation"].start
+        reading_laws.add_noise(values, self._std, drawn, first)
         if self.orientation:
-            angle = self.orientation * drawn[turn.start : turn.start + 3]
-            values[turn] = turned(values[turn].tolist(), angle)
-        values[turn.stop :] += self._std[turn.stop :] * drawn[turn.start + 3 :]
+            angle = self.orientation * drawn[first : first + 3]
+            values[first : first + 4] = turned(values[first : first + 4].tolist(), angle)

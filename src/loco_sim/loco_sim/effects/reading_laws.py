@@ -87,3 +87,27 @@ def add_at(values, joints, first, extra, sign):
     """``values[first + joint] += sign extra[k]`` for each joint."""
     for k in range(len(joints)):
         values[first + joints[k]] += sign * extra[k]
+
+
+@njit(cache=True)
+def add_noise(values, std, drawn, turn):
+    """``values += std * drawn`` but for the orientation, for whose four there are three drawn.
+
+    Args:
+        values: Readings, (n,).
+        std: Standard deviations, (n,).
+        drawn: Normal numbers, (n - 1,).
+        turn: Where the orientation begins.
+    """
+    for i in range(turn):
+        values[i] += std[i] * drawn[i]
+    for i in range(turn + 4, len(values)):
+        values[i] += std[i] * drawn[i - 1]
+
+
+@njit(cache=True)
+def move_back(q, dq, joints, memory):
+    """Command as a motor behind a spring sees it: less what the spring is bent by."""
+    for k in range(len(joints)):
+        q[joints[k]] -= memory[k, 2]
+        dq[joints[k]] -= memory[k, 3]
