@@ -128,7 +128,8 @@ ROSDEP = {
     "yaml": "python3-yaml",
 }
 ONLY_PIP = {
-    *("cma", "distributed", "mcap", "mcap_ros2", "numba", "pybullet", "pybullet_data", "rosbags"),
+    *("cma", "distributed", "llvmlite", "mcap", "mcap_ros2", "numba", "pybullet"),
+    *("pybullet_data", "rosbags"),
 }
 
 
