@@ -6,9 +6,10 @@ import pytest
 
 from loco_bringup import live_calibration as live
 from loco_bringup.bag import Bag
+from loco_bringup.bag_writer import BagWriter
 from loco_bringup.calibrate_bag import read_recording
-from loco_bringup.live_report import write_live_report
-from loco_bringup.live_run import read_live
+from loco_bringup.live_run import is_live, read_live
+from loco_bringup.report import write_report
 from loco_control.exceptions import BagError, ParameterError
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.experiment import load
@@ -107,7 +108,7 @@ def test_the_gap_told_live_is_that_of_the_bag(run):
 
 
 def test_the_page_shows_before_and_after_and_says_what_is_a_surrogate(outcome, tmp_path):
-    text = write_live_report(outcome.folder, tmp_path / "page.html").read_text()
+    text = write_report(outcome.folder, tmp_path / "page.html").read_text()
     assert "SURROGATE" in text
     assert "Not shown" not in text
     for title in ("Gap over time", "Knees before and after", "Parameters", "Search"):
@@ -132,12 +133,12 @@ def test_cancel_ends_the_search_and_keeps_the_bag(tmp_path):
     assert states[-1].phase == "cancelled"
 
 
-def test_a_bag_of_something_else_has_no_such_page(tmp_path):
-    from loco_bringup.bag_writer import BagWriter
-
+def test_a_bag_of_something_else_is_no_live_run(tmp_path):
     BagWriter(tmp_path / "other").close()
+    bag = Bag(tmp_path / "other")
+    assert not is_live(bag)
     with pytest.raises(BagError, match="/calibration, /gap"):
-        write_live_report(tmp_path / "other")
+        read_live(bag)
 
 
 def test_an_experiment_of_hyq_cannot_stand_for_the_measured_robot():

@@ -12,8 +12,8 @@ from . import live_calibration as runner
 from .bag import Bag
 from .console import bar, console
 from .console_calibrate import options
-from .live_report import write_live_report
 from .live_run import read_live
+from .report import write_report
 from .run import default_folder
 
 
@@ -46,5 +46,5 @@ def _show(outcome: runner.LiveOutcome) -> None:
         run = read_live(Bag(outcome.folder))
         before, after = run.error(run.before), run.error(run.after)
         console.print(f"  gap over topics: {before:.3f} rad before, {after:.3f} rad after")
-        console.print(f"  page: {write_live_report(run.bag)}")
+        console.print(f"  page: {write_report(run.bag)}")
     console.print(f"  bag: {outcome.folder}")

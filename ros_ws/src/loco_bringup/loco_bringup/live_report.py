@@ -6,46 +6,21 @@ from __future__ import annotations
 import math
 from html import escape
 from importlib import resources
-from pathlib import Path
 from string import Template
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from loco_control.exceptions import BagError, MissingFileError
+from loco_control.exceptions import BagError
 from loco_learning.calibration.figures import CALIBRATED, DEFAULT, ROBOT
 from loco_learning.calibration.segments import Segments
 
 from . import report_tables as tables
-from .bag import Bag
-from .live_run import MEASURED, MODEL, LiveRun, read_live
+from .live_run import MEASURED, MODEL, LiveRun
 from .report import part, picture
-from .report_style import canvas, legend, style, svg
+from .report_style import canvas, legend, svg
 
 _MILLI = {"m": ("mm", 1e3)}
-
-
-def write_live_report(bag: Bag | str | Path, out: str | Path | None = None) -> Path:
-    """Write the page of a live calibration.
-
-    Args:
-        bag: Bag folder or ``.mcap`` file.
-        out: HTML file; by default ``report.html`` in the folder of the bag.
-
-    Raises:
-        BagError: The bag is not of a live calibration.
-        MissingFileError: There is no such bag, or the page cannot be written.
-    """
-    bag = bag if isinstance(bag, Bag) else Bag(bag)
-    out = bag.folder / "report.html" if out is None else Path(out)
-    run = read_live(bag)
-    with style():
-        text = page(run)
-    try:
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise MissingFileError(f"cannot write the report to {out}: {error.strerror}") from None
-    return out
 
 
 def page(run: LiveRun) -> str:

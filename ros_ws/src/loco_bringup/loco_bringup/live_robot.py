@@ -98,7 +98,7 @@ class LiveRobot:
         if time.monotonic() - self.heard > silence:
             raise GraphError(
                 f"{topic(self.name, STATES)} and {topic(self.name, COMMANDS)} have been silent "
-                f"for {silence:.0f} s"
+                f"for {silence:g} s"
             )
 
     def send(self, text: str) -> None:
