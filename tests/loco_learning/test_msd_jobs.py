@@ -106,7 +106,7 @@ def test_two_processes_give_the_same_files(folder, tmp_path, monkeypatch):
 
 
 def test_plans_are_named_and_the_full_one_is_that_of_the_thesis():
-    with pytest.raises(NameUnknownError, match="full, quick"):
+    with pytest.raises(NameUnknownError, match="full, medium, quick"):
         msd_jobs.plan("fast")
     full = msd_jobs.plan("full")
     assert full.nodes == tuple(range(3, 27))

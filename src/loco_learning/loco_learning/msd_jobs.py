@@ -75,6 +75,22 @@ PLANS = {
         noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 25)),
         regularisations=_ALPHAS,
     ),
+    "medium": Plan(  # the grid of quick with the budgets of full
+        nodes=(3, 4, 5, 6, 8, 10, 12, 15, 20, 26),
+        repetitions=3,
+        budget=(1100, 3000),
+        omega_nodes=(5, 10, 15, 20),
+        frequencies=_FREQUENCIES,
+        omega_repetitions=2,
+        omega_evaluations=8000,
+        powers=(500.0, 2.5e3, 7.5e3, 1.5e4, 2e4),
+        power_frequencies=(1.0, 2.0, 3.0, 4.0),
+        power_repetitions=1,
+        power_evaluations=15000,
+        loop_repetitions=3,
+        noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 49)),
+        regularisations=_ALPHAS,
+    ),
     "full": Plan(
         nodes=tuple(range(3, 27)),
         repetitions=5,
@@ -245,7 +261,7 @@ def run(
     """Run what is missing of a plan.
 
     Args:
-        name: ``quick`` or ``full``.
+        name: ``quick``, ``medium`` or ``full``.
         preset: ``thesis`` or ``author_code``.
         folder: Where the files of the jobs lie.
         workers: Processes; 1 runs in this one.

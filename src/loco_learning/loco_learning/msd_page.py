@@ -36,7 +36,7 @@ def write(name: str, preset: str, data: Path, folder: Path) -> tuple[Path, list[
     lines = [
         f"# Chapter 6, preset `{preset}`, {name} plan",
         "",
-        f"{PRESETS[preset].about}. Made by `loco reproduce msd{' --quick' * (name == 'quick')}"
+        f"{PRESETS[preset].about}. Made by `loco reproduce msd --plan {name}"
         f" --preset {preset}`; every run with its seed is in [gaits.csv](gaits.csv).",
         "",
         "| claim | thesis | wanted | found | verdict |",

@@ -140,11 +140,12 @@ def loop_share(c: Curves) -> float:
 
 
 def loop_ratio(r: Results) -> dict[int, float]:
-    """Distance in the last 10 s, closed over open loop, mean over repetitions."""
-    return {
-        n: float(np.mean([loop_share(c) for c in loops_of(r, n)]))
-        for n in sorted({n for n, _ in r.loops})
-    }
+    """Distance in the last 10 s, closed over open loop, summed over repetitions, by size."""
+    ratio = {}
+    for n in sorted({n for n, _ in r.loops}):
+        closed, started = (sum(c.values[k] for c in loops_of(r, n)) for k in ("closed", "open"))
+        ratio[n] = closed / started if abs(started) > 0.01 else 0.0
+    return ratio
 
 
 def loops_of(r: Results, nodes: int) -> list[Curves]:

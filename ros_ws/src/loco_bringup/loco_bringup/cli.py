@@ -93,7 +93,7 @@ def _add_run(commands) -> None:
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
     p.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
-    p.add_argument("--namespace", default="", help="namespace of all nodes (joint robots)")
+    p.add_argument("--namespace", default="", help="namespace of all nodes")
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     p.add_argument("--report", action="store_true", help="write the report when it is done")
     d = _command(commands, "demo", demo, "run hyq_trot_reflex, replay its bag, write its report")
@@ -130,8 +130,20 @@ def _add_studies(commands) -> None:
     p.add_argument("--seeds", type=int, help="only the first N seeds")
     _add_calibrate(commands)
     _add_optimise(commands)
+    p = _command(
+        commands, "reproduce", reproduce, "run experiments of the thesis again, claim by claim",
+        "msd: chapter 6, networks of masses and springs. Stop it and start it again: it goes on.",
+    )  # fmt: skip
+    p.add_argument("what", help="msd")
+    p.add_argument("--quick", action="store_true", help="the plan quick: a few minutes")
+    p.add_argument("--plan", default="full",
+                   help="quick, medium (half an hour) or full (2 hours on 2 cores; default)")  # fmt: skip
+    p.add_argument("--preset", default="thesis", help="thesis or author_code")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help="dask scheduler to use instead, tcp://HOST:PORT")
+    p.add_argument("--out", type=Path, help="results folder (default results/msd_PRESET_PLAN)")
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
-    p.add_argument("what", help="rls, graph, messages, msd or population")
+    p.add_argument("what", help="rls, graph, messages, msd, population or effects")
     p.add_argument("--json", type=Path, help="write the rows to this file too")
 
 
@@ -171,7 +183,7 @@ def _add_calibrate(commands) -> None:
         "The bag holds joint_states and joint_command of a robot whose driven joints were\n"
         "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page.",
     )  # fmt: skip
-    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
     p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
     p.add_argument("--parameters", default="seven", help="seven (eq. 5.1) or ten (author's code)")
     p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
@@ -183,11 +195,18 @@ def _add_calibrate(commands) -> None:
     p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--scheduler", default="", help="address of a dask cluster instead")
+    p.add_argument("--live", action="store_true",
+                   help="no bag: start a surrogate robot and a model, fit over topics")  # fmt: skip
+    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
+                   help="--live: the robot that stands for the real one")  # fmt: skip
+    p.add_argument("--speed", type=float, default=1.0,
+                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
 
 
 def _add_rest(commands) -> None:
     p = _command(commands, "docs", docs, "print the generated tables of docs/ (topics, parameters)")
     p.add_argument("--write", action="store_true", help="write them into docs/")
+    p.add_argument("--figures", action="store_true", help="draw the pictures of the effects anew")
     p = commands.add_parser(
         "test", help="run the tests (arguments go to pytest)", add_help=False, prefix_chars="\0"
     )
@@ -299,6 +318,14 @@ def study(a: argparse.Namespace) -> int:
 
 def calibrate(a: argparse.Namespace) -> int:
     """`loco calibrate`."""
+    from loco_control.exceptions import ParameterError
+
+    if a.live and a.bag is None:
+        from .console_live import show_live
+
+        return show_live(a)
+    if a.live or a.bag is None:
+        raise ParameterError("loco calibrate takes either a bag or --live")
     from .console_calibrate import show_calibration
 
     return show_calibration(a)
@@ -307,6 +334,13 @@ def calibrate(a: argparse.Namespace) -> int:
 def optimise(a: argparse.Namespace) -> int:
     """`loco optimise`."""
     from .optimise import from_arguments
+
+    return from_arguments(a)
+
+
+def reproduce(a: argparse.Namespace) -> int:
+    """`loco reproduce`."""
+    from .reproduce import from_arguments
 
     return from_arguments(a)
 
@@ -323,7 +357,7 @@ def docs(a: argparse.Namespace) -> int:
     """`loco docs`."""
     from .docs import show_docs
 
-    show_docs(a.write)
+    show_docs(a.write, a.figures)
     return 0
 
 

@@ -27,7 +27,7 @@ def from_arguments(a: argparse.Namespace) -> int:
         raise NameUnknownError("thing to reproduce", a.what, WHAT)
     if a.workers < 1:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
-    plan = "quick" if a.quick else "full"
+    plan = "quick" if a.quick else a.plan
     return reproduce_msd(plan, a.preset, a.out, a.workers, a.scheduler)
 
 
