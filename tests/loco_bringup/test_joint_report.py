@@ -25,7 +25,7 @@ CHANGES = {
     "learner.closing": 2.0,
     "learner.test": 2.5,
 }
-TABLES = ("Animation", "Metrics", "Effects", "Configuration", "Messages")
+TABLES = ("Animation", "Who drives the joints", "Metrics", "Effects", "Configuration", "Messages")
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_every_part_is_there_and_nothing_is_elsewhere(bag, text):
     assert page.texts["h1"] == ["tigrillo_bound_reflex"]
     assert set(page.texts["h2"]) == {c.title for c in CHAPTERS} | set(TABLES)
     assert "Not shown" not in text
-    assert len(page.images) == len(CHAPTERS) + 1
+    assert len(page.images) == len(CHAPTERS) + 2  # animation and readout check
     assert all(a.startswith(("data:image/", "#")) for a in page.addresses)
     assert "costs $5 & is <b>not</b> bold" in page.text("p")
     assert (bag.folder / "gait.gif").is_file()
@@ -71,6 +71,15 @@ def test_the_sentence_tells_distance_and_speed(text, log):
     x, y = (log.position[-1] - log.position[0])[:2]
     assert float(told[1]) == pytest.approx(np.hypot(x, y), abs=0.01)
     assert "with its readout alone" in text
+
+
+def test_the_readout_is_verified_from_the_bag(bag, log, text):
+    assert '<span class="good">Verified:</span> the readout drives the driven joints' in text
+    check = joint_report.checked(bag, log)
+    assert check.error == 0.0
+    assert len(check.t) == 249
+    other = dataclasses.replace(log, columns={**log.columns, "q": log.q + 0.01})
+    assert not joint_report.checked(bag, other).drives
 
 
 def test_every_metric_has_a_row_with_the_value_of_each_phase(text, log):
@@ -91,6 +100,7 @@ def test_an_open_loop_run_says_what_it_lacks(tmp_path):
     assert "the animation was left out" in section(text, "Animation")
     assert "<img" in section(text, "Passive joints")
     assert "open loop" in section(text, "Metrics")
+    assert "carries no weights.npz" in section(text, "Who drives the joints")
 
 
 def test_a_robot_that_stands_still_and_has_no_feet_has_a_report(tmp_path):

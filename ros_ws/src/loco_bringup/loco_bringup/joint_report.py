@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-from loco_control.exceptions import BagError
+from loco_control.exceptions import BagError, LocoError
 from loco_learning import joint_metrics as metrics
 from loco_learning.joint_log import JointLog
 from loco_sim.render import render_gif
@@ -17,6 +17,9 @@ from loco_sim.render import render_gif
 from . import joint_report_figures as figures
 from . import report, report_tables
 from .bag import Bag
+from .joint_readout_check import check_joint_log
+from .readout_check import ReadoutCheck, weights_of
+from .report_figures import readout
 from .report_style import svg
 
 HEADLINES = (
@@ -28,13 +31,14 @@ SHOWN, SPEED = 2.0, 0.5  # strides of the animation, and how fast: a small robot
 
 def page(bag: Bag, log: JointLog, gif: Path | None) -> str:
     """HTML text of a report; `gif` is where the animation goes, None for none."""
-    values = metrics.table(log)
+    values, check = metrics.table(log), checked(bag, log)
     parts = [
         report.part("Animation", lambda: animation(log, gif)),
         *(
             report.part(c.title, lambda c=c: report.picture(svg(c.draw(log)), c.title, c.text))
             for c in figures.CHAPTERS
         ),
+        report.part("Who drives the joints", lambda: driver(log, check)),
         report.part("Metrics", lambda: report.METRICS_TEXT + metric_table(values), long=True),
         report.part("Effects", lambda: report_tables.effect_table(log)),
         report.part("Configuration", lambda: report.configuration(log), long=True),
@@ -47,6 +51,23 @@ def page(bag: Bag, log: JointLog, gif: Path | None) -> str:
         contents=" ".join(f'<a href="#{p.anchor}">{p.title}</a>' for p in parts),
         sections="\n".join(p.html for p in parts),
     )
+
+
+def checked(bag: Bag, log: JointLog) -> ReadoutCheck | LocoError:
+    """Result of the readout check, or why it cannot be made."""
+    try:
+        return check_joint_log(log, weights_of(bag))
+    except LocoError as error:
+        return error
+
+
+def driver(log: JointLog, check: ReadoutCheck | LocoError) -> str:
+    """Result of the readout check, in words and as a figure."""
+    if isinstance(check, LocoError):
+        raise check
+    plant = log.experiment.plant
+    name = figures.short(plant.joints[plant.driven[0]])
+    return report.driver_text(check, readout(check, 0, name), _CHECK)
 
 
 def header(bag: Bag, log: JointLog, values: dict[str, dict[str, float]]) -> str:
@@ -135,3 +156,9 @@ def animation(log: JointLog, path: Path | None) -> str:
     )
     text = f"The end of the run, {log.t[0]:.2f} s to {log.t[-1]:.2f} s, at half speed."
     return f'{report.image(data, "gif", text, "movie")}<p class="soft">{text}</p>'
+
+
+_CHECK = (
+    "The network of the bag is run again over the recorded sensors, without any target. Dots that "
+    "lie on the command line, and a distance of 0, mean that nothing but the readout made it."
+)

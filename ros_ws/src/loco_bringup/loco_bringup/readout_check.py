@@ -32,14 +32,16 @@ TOLERANCE = 1e-9  # on one machine the difference is 0; another may round differ
 class ReadoutCheck:
     """Commands of the test phase beside those of the network run again.
 
-    Columns are the 8 HFE and KFE positions [rad], then the 8 velocities [rad/s].
+    Columns are the positions that the network gives [rad], then as many velocities [rad/s]:
+    of HyQ the 8 of HFE and KFE, of a joint robot those of its driven joints.
     """
 
     t: np.ndarray  # [s], (T,)
-    commanded: np.ndarray  # recorded `motion_command`, (T, 16)
-    recomputed: np.ndarray  # network of the bag, run over the recorded forces, (T, 16)
-    target: np.ndarray  # recorded `gait_target`, (T, 16)
+    commanded: np.ndarray  # recorded commands, (T, 2k)
+    recomputed: np.ndarray  # network of the bag, run over what was recorded of its senses, (T, 2k)
+    target: np.ndarray  # recorded target, (T, 2k)
     abduction: float  # largest distance of the HAA commands from their targets [rad, rad/s]
+    what: str = "HFE and KFE"  # the joints
 
     @property
     def error(self) -> float:
@@ -59,9 +61,10 @@ class ReadoutCheck:
     def summary(self) -> str:
         """The result in one line."""
         verdict = "the readout drives" if self.drives else "the readout does NOT drive"
-        positions = np.abs(self.commanded - self.target)[:, :8]
+        half = self.commanded.shape[1] // 2
+        positions = np.abs(self.commanded - self.target)[:, :half]
         return (
-            f"{verdict} HFE and KFE from {self.t[0]:.3f} s to {self.t[-1]:.3f} s: over "
+            f"{verdict} {self.what} from {self.t[0]:.3f} s to {self.t[-1]:.3f} s: over "
             f"{len(self.t)} ticks, commands are {self.error:.1g} at most from the network run "
             f"again, and {np.sqrt(np.mean(positions**2)):.1g} rad (rms) from the target"
         )

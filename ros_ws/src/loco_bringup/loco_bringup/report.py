@@ -17,6 +17,7 @@ from pathlib import Path
 from string import Template
 
 import yaml
+from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError, LocoError, MissingFileError
 from loco_control.params import to_dict
@@ -181,9 +182,14 @@ def driver(check: ReadoutCheck | LocoError) -> str:
     """Result of the readout check, in words and as a figure."""
     if isinstance(check, LocoError):
         raise check
+    return driver_text(check, figures.readout(check), _CHECK)
+
+
+def driver_text(check: ReadoutCheck, figure: Figure, caption: str) -> str:
+    """What a readout check found, with its figure."""
     kind, mark = ("good", "Verified") if check.drives else ("bad", "Not verified")
     text = f'<p><span class="{kind}">{mark}:</span> {escape(check.summary())}.</p>'
-    return text + picture(svg(figures.readout(check)), "Readout check", _CHECK)
+    return text + picture(svg(figure), "Readout check", caption)
 
 
 def configuration(log: Log | JointLog) -> str:

@@ -276,13 +276,13 @@ def references(part: object) -> np.ndarray:
     return np.concatenate((part.q, part.dq), axis=1)[:, REFERENCES]
 
 
-def readout(check: ReadoutCheck) -> Figure:
-    """A stride of one knee with the network run again, and the differences through test."""
+def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Figure:
+    """A stride of one joint with the network run again, and the differences through test."""
     figure, axes = canvas(2, 1, 4.4, height_ratios=(3, 2))
     top, bottom = axes[:, 0]
     rows = slice(-min(len(check.t), 200), None)
-    top.plot(check.t[rows], check.target[rows, 1], label="target", **TARGET)
-    top.plot(check.t[rows], check.commanded[rows, 1], label="command", **COMMAND)
+    top.plot(check.t[rows], check.target[rows, joint], label="target", **TARGET)
+    top.plot(check.t[rows], check.commanded[rows, joint], label="command", **COMMAND)
     dots = {
         "color": MEASURED["color"],
         "linestyle": "",
@@ -290,9 +290,9 @@ def readout(check: ReadoutCheck) -> Figure:
         "markersize": 3,
         "zorder": 3,
     }
-    again = check.recomputed[rows, 1][::4]
+    again = check.recomputed[rows, joint][::4]
     top.plot(check.t[rows][::4], again, label="network run again", **dots)
-    top.set(ylabel="LF KFE [rad]", xlabel="time [s]")
+    top.set(ylabel=f"{name} [rad]", xlabel="time [s]")
     top.margins(x=0)
     off = np.max(np.abs(check.commanded - check.recomputed), axis=1)
     for distance, look in ((check.target_distance, TARGET), (off, dots)):
