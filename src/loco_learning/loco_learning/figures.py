@@ -142,24 +142,27 @@ def foot_heights(results: Sequence[CaseResult]) -> Figure:
 
 @figure
 def joint_traces(results: Sequence[CaseResult]) -> Figure:
-    """First and last driven and passive joint, by the target and by the readout, per variant."""
+    """First and last driven and passive joint in train and test, moved by its lag, per variant."""
     groups = {v: c for v, c in _variants(results).items() if "test_trace_t" in _typical(c).curves}
     columns = max(1, len(groups))
-    made, axes = _new(columns, (4.6 * columns, 4.2), rows=2, sharex=True, sharey="row")
-    looks = {"train": {"color": "0.6", "lw": 3.0}, "test": {"color": OTHER[0], "lw": 1.0}}
+    made, axes = _new(columns, (4.6 * columns, 4.4), rows=2, sharex=True, sharey="row")
     for column, (variant, cases) in zip(axes.T, groups.items(), strict=False):
-        curves = _typical(cases).curves
-        for phase, look in looks.items():
-            t = curves[f"{phase}_trace_t"]
+        case = _typical(cases)
+        period = 1.0 / case.experiment["target"]["frequency"]
+        for phase, look in (("train", {"color": "0.7", "lw": 3.0}), ("test", {"lw": 1.1})):
+            t = case.curves[f"{phase}_trace_t"] - case.curves[f"{phase}_trace_t"][0]
+            lag = case.metrics[phase]["phase_lag"] % 1.0 * period
             for ax, what in zip(column, ("command", "passive"), strict=True):
-                values = curves[f"{phase}_trace_{what}"][:, [0, -1]]
-                ax.plot(t - t[0], values[:, 0], label=f"{phase}, first", **look)
-                ax.plot(t - t[0], values[:, 1], label=f"{phase}, last", ls="--", **look)
-        column[0].set_title(f"{variant}, seed {_typical(cases).seed}")
-        column[1].set_xlabel("time [s]")
+                values = case.curves[f"{phase}_trace_{what}"]
+                for k, name, colour in ((0, "first", OTHER[0]), (-1, "last", OTHER[1])):
+                    style = {"color": colour, **look}
+                    ax.plot(t - lag, values[:, k], label=f"{phase}, {name}", **style)
+        column[0].set_title(f"{variant}, seed {case.seed}")
+        column[1].set(xlabel="time [s]", xlim=(0.0, t[-1] - period))
     axes[0, 0].set_ylabel("driven joints [rad]")
     axes[1, 0].set_ylabel("passive joints [rad]")
-    made.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    handles = axes[0, 0].get_legend_handles_labels()
+    made.legend(*handles, loc="outside lower center", ncols=4, frameon=False)
     return made
 
 
