@@ -77,6 +77,13 @@ def converged_at(g: MsdResult) -> float:
     return float(g.population * (np.argmax(mean >= 0.9 * mean.max()) + 5))
 
 
+def rising(g: MsdResult) -> bool:
+    """The mean score of the last eighth of the generations is 3 % above that before."""
+    span = max(1, len(g.course) // 8)
+    last, before = g.course[-span:, 1].mean(), g.course[-2 * span : -span, 1].mean()
+    return bool(last > 1.03 * before)
+
+
 def author_power(g: MsdResult) -> float:
     """Power of a gait by the author's formula, whatever its task took [W]."""
     task = g.task.replace(power="author")
@@ -154,8 +161,9 @@ def loops_of(r: Results, nodes: int) -> list[Curves]:
 
 
 def roughness(c: Curves) -> float:
-    """Distance of the limit cycle to itself one period later, over its size [-]."""
+    """Distance of the limit cycle to itself one period later, over its size; inf when at rest."""
     path, dt = c.arrays["cycle"], float(c.arrays["t"][1] - c.arrays["t"][0])
-    lag = max(1, round(c.values["period"] / dt))
+    lag = min(max(1, round(c.values["period"] / dt)), len(path) // 2)
     apart = np.linalg.norm(path[lag:] - path[:-lag], axis=1)
-    return float(np.sqrt(np.mean(apart**2) / np.mean(np.sum(path**2, axis=1))))
+    size = float(np.mean(np.sum(path**2, axis=1)))
+    return float(np.sqrt(np.mean(apart**2) / size)) if size > 1e-3 else np.inf
