@@ -23,7 +23,11 @@ class Bench:
         rclpy.init(args=["--ros-args", *args] if args else [])
         self._table = table
         self.executor = EventsExecutor()
-        self.node: LocoNode = make()
+        try:
+            self.node: LocoNode = make()
+        except BaseException:
+            rclpy.try_shutdown()  # or no other test could begin
+            raise
         self.tester = rclpy.create_node("tester")
         self.executor.add_node(self.node)
         self.executor.add_node(self.tester)
