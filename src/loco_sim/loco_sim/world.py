@@ -82,6 +82,7 @@ class World(Engine):
         if height is None and self.robot.feet:
             self._load(-self._lowest_foot())
             self._place(q)
+        self._hung = self._hinge_inertia(q) if self.hinges else []
 
     def _lowest_foot(self) -> float:
         """Height of the lowest foot's underside over the base origin [m]."""
@@ -102,8 +103,7 @@ class World(Engine):
         if self._drag:
             tau = [a + b for a, b in zip(tau, self._drag, strict=True)]
         if self.hinges:
-            springs = zip(self.hinges.values(), self._bent, strict=True)
-            tau = [*tau, *(-k * state[0] - d * state[1] for (k, d), state in springs)]
+            tau = [*tau, *map(self._hinge_torque, self.hinges.values(), self._bent, self._hung)]
         pybullet.setJointMotorControlArray(
             self._body,
             self._read,
@@ -114,6 +114,24 @@ class World(Engine):
         pybullet.stepSimulation(self._client)
         if self._frames:
             self._frames.clear()
+
+    def _hinge_torque(self, spring: tuple[float, float], state: tuple, inertia: float) -> float:
+        """Spring and damper of a hinge, implicit: stable however stiff [N·m].
+
+        Args:
+            spring: Stiffness and damping.
+            state: Angle, velocity and two things of no use here.
+            inertia: What the hinge feels at least [kg·m²].
+        """
+        (k, d), (angle, rate) = spring, state[:2]
+        held = k * (angle + self.dt * rate) + d * rate
+        return -held / (1.0 + self.dt * (d + self.dt * k) / inertia)
+
+    def _hinge_inertia(self, q: Sequence[float]) -> list[float]:
+        """Inertia that each hinge feels when all else is free to move [kg·m²]."""
+        mass, order = self._mass_matrix(q)
+        free = np.diag(np.linalg.inv(mass))
+        return [1.0 / float(free[order[self._links[link]]]) for link in self.hinges]
 
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
         """Let each joint be stopped by up to this torque from now on.
@@ -278,19 +296,25 @@ class World(Engine):
         return potential, kinetic
 
     def joint_inertia(self, q: Sequence[float]) -> np.ndarray:
-        """Inertia that the joints feel [kg·m²], (n, n), base free to move unless fixed.
+        """Inertia that the joints feel [kg·m²], (n, n), base and hinges free unless fixed.
 
         M_qq - M_qb M_bb^-1 M_bq of the joint-space mass matrix: what is left when
         the base follows without being held.
         """
+        mass, order = self._mass_matrix(q)
+        hinges = [self._links[link] for link in self.hinges]
+        free = [*range(order[-1]), *(order[j] for j in hinges)]
+        own = [order[j] for j in self._joints]
+        joints, cross = mass[np.ix_(own, own)], mass[np.ix_(own, free)]
+        if not free:
+            return joints
+        return joints - cross @ np.linalg.solve(mass[np.ix_(free, free)], cross.T)
+
+    def _mass_matrix(self, q: Sequence[float]) -> tuple[np.ndarray, dict[int, int]]:
+        """Mass matrix and the row of each moving joint; that of -1 is the first after the base."""
         position = dict(zip(self._joints, map(float, q), strict=True))
         moving = [position.get(j, 0.0) for j in self._moving]
-        mass = np.array(
-            pybullet.calculateMassMatrix(self._body, moving, physicsClientId=self._client)
-        )
         base = 0 if self.robot.fixed_base else 6
-        order = [base + self._moving.index(j) for j in self._joints]
-        joints, cross = mass[np.ix_(order, order)], mass[np.ix_(order, range(base))]
-        if not base:
-            return joints
-        return joints - cross @ np.linalg.solve(mass[:base, :base], cross.T)
+        rows = {j: base + k for k, j in enumerate(self._moving)}
+        mass = pybullet.calculateMassMatrix(self._body, moving, physicsClientId=self._client)
+        return np.array(mass), rows | {-1: base}

@@ -66,7 +66,7 @@ def weak(name: str) -> dict[str, Any]:
     values: dict[str, Any] = {"channel": "tau"} if name == "sensor_stuck" else {}
     for key in known.strengths:
         low, _, high = known.priors[key]
-        size = 0.1 * low if low > 0.0 else 0.01 * high
+        size = low if low > 0.0 else 0.01 * high
         now = getattr(effects.EFFECTS[name], key)
         values[key] = (size,) * 3 if isinstance(now, tuple) else size
     return {"name": name, **values}

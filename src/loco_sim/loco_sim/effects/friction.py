@@ -81,8 +81,8 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
 class ViscousFriction(BrakeEffect, name="viscous_friction"):
     """Friction that grows with speed.
 
-    As a budget it stays below what stops the joint within one physics step, so it is
-    stable however large it is.
+    As a budget it never does more than stop the joint, so it is stable however large it is;
+    it is right while damping dt / inertia is below 1.
     """
 
     damping: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0, high=1000.0)

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the effects in the joints, on one-joint benches and by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from loco_control.types import MotionCommand, TrunkTorque
+from loco_sim import effects, robot
+from loco_sim.braking import split
+from loco_sim.simulation import Simulation
+
+INERTIA, ARM = 0.00667 + 0.5 * 0.2**2, 0.5 * 0.2  # of the pendulum's rod; mass times lever
+BENCH = robot.load("pendulum")
+
+
+def swing(listed, tau=0.0, begin=0.0, steps=400, gravity=True):
+    """Positions, velocities and motor torques of the pendulum, every physics step."""
+    sim_params = BENCH.sim if gravity else BENCH.sim.replace(gravity=0.0)
+    made = effects.from_list(listed)
+    dt = 1.0 / BENCH.sim.physics_rate
+    rows = []
+    with Simulation(sim_params, None, made, dt=dt, robot=BENCH, standing=np.array([begin])) as sim:
+        for k in range(steps):
+            torque = tau(k * dt) if callable(tau) else tau
+            trunk = TrunkTorque(k, 0.0, np.array([torque]), np.zeros(6), np.ones(0, bool))
+            state = sim.step(MotionCommand(k, 0.0, np.zeros(1), np.zeros(1)), trunk)
+            rows.append((sim.true_q[0], sim.true_dq[0], state.tau[0]))
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize("load", [0.0, 0.1, -0.29])
+def test_a_joint_at_rest_below_the_budget_stays_exactly_at_rest(load):
+    q, dq, tau = swing([{"name": "coulomb_friction", "torque": 0.3}], tau=load)
+    assert np.all(q == 0.0)
+    assert np.all(dq == 0.0)
+    assert np.all(tau == load), "friction is no part of the motor's torque"
+
+
+def test_above_the_budget_it_moves_with_what_is_left():
+    _, dq, _ = swing([{"name": "coulomb_friction", "torque": 0.3}], tau=0.5, steps=20)
+    assert dq[-1] == pytest.approx(0.2 / INERTIA * 0.02, rel=0.02)
+
+
+def test_a_sliding_joint_slows_by_budget_over_inertia_and_stops_without_a_sign_flip():
+    def kick(t):
+        return 0.5 if t < 0.05 else 0.0
+
+    friction = [{"name": "coulomb_friction", "torque": 0.1}]
+    q, dq, _ = swing(friction, tau=kick, gravity=False)
+    sliding = np.flatnonzero(dq > 0.02)
+    sliding = sliding[sliding > 55]
+    slope = np.diff(dq[sliding]) * BENCH.sim.physics_rate
+    bearing = 0.002 * dq[sliding[:-1]]  # the bench's own damping
+    np.testing.assert_allclose(slope * INERTIA, -0.1 - bearing, rtol=0.02)
+    assert dq.min() >= -1e-12
+    assert np.ptp(q[-50:]) == 0.0
+
+
+def test_friction_of_several_effects_adds_up():
+    pair = [
+        {"name": "coulomb_friction", "torque": 0.1},
+        {"name": "stribeck_friction", "torque": 0.1},
+    ]
+    assert np.all(swing(pair, tau=0.19)[0] == 0.0)
+    assert swing(pair, tau=0.21)[0][-1] > 0.0
+
+
+def test_friction_in_proportion_to_the_load_holds_what_it_carries():
+    gear = [{"name": "load_friction", "share": 0.9}]
+    free = swing([], tau=0.2, steps=100)[0]
+    assert 0.0 < swing(gear, tau=0.2, steps=100)[0][-1] < 0.2 * free[-1]
+
+
+def test_viscous_friction_decays_and_is_stable_however_large():
+    def kick(t):
+        return 0.5 if t < 0.05 else 0.0
+
+    _, dq, _ = swing([{"name": "viscous_friction", "damping": 0.1}], tau=kick, gravity=False)
+    rate = -np.diff(np.log(dq[60:120])) * BENCH.sim.physics_rate
+    np.testing.assert_allclose(rate, 0.102 / INERTIA, rtol=0.05)
+    _, stiff, _ = swing([{"name": "viscous_friction", "damping": 1000.0}], tau=kick)
+    assert np.abs(stiff).max() <= 1.01 * 0.5 * 0.001 / INERTIA, "what one step makes, no more"
+
+
+def test_what_a_torque_brakes_and_what_the_engine_brakes_is_the_whole_budget():
+    budget, dq = np.array([1.0, 1.0, 1.0, 0.0]), np.array([5.0, -5.0, 0.01, 0.0])
+    motor, drag = split(budget, dq, np.full(4, 0.1))
+    np.testing.assert_array_equal(motor, [0.0, 0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(np.abs(drag) + motor, budget)
+    assert np.all(drag * dq <= 0.0)
+
+
+def test_an_added_spring_raises_the_frequency_as_it_should():
+    k = 1.0
+    q, _, _ = swing([{"name": "added_stiffness", "stiffness": k}], begin=0.1, steps=2000)
+    crossings = np.flatnonzero((q[:-1] > 0.0) & (q[1:] <= 0.0))
+    period = np.mean(np.diff(crossings)) / BENCH.sim.physics_rate
+    assert period == pytest.approx(2.0 * math.pi * math.sqrt(INERTIA / (ARM * 9.81 + k)), rel=0.01)
+
+
+def test_an_armature_slows_the_swing_as_it_should():
+    q, _, _ = swing([{"name": "armature", "inertia": INERTIA}], begin=0.1, steps=3000)
+    crossings = np.flatnonzero((q[:-1] > 0.0) & (q[1:] <= 0.0))
+    period = np.mean(np.diff(crossings)) / BENCH.sim.physics_rate
+    assert period == pytest.approx(2.0 * math.pi * math.sqrt(2 * INERTIA / (ARM * 9.81)), rel=0.01)
+
+
+class Bare:
+    """A world of three joints, for laws that are called by hand."""
+
+    dt = 0.001
+
+    def __init__(self):
+        self.robot = robot.load("hyq")
+        self.driven = self.robot.driven
+
+    def joint_index(self, pattern):
+        return np.arange(12)
+
+
+def by_hand(name, q=None, dq=None, tau=None, calls=1, **values):
+    """Torque of the first joint after some calls with the same arguments."""
+    effect = effects.make(name, **values)
+    effect.configure(Bare())
+    effect.reset(np.random.default_rng(0))
+    q, dq, tau = (np.full(12, 0.0 if v is None else v) for v in (q, dq, tau))
+    for _ in range(calls):
+        out = effect.on_torque(tau, q, dq, 0.001, 0.0)
+    return out[0]
+
+
+def test_limits_and_errors_of_the_drive():
+    effort = robot.load("hyq").effort[0]
+    assert by_hand("torque_limit", tau=1e4, reduction=0.75) == pytest.approx(0.25 * effort)
+    assert by_hand("torque_speed_line", tau=1e4, dq=2.0, slope=0.25) == pytest.approx(0.5 * effort)
+    assert by_hand("torque_speed_line", tau=-1e2, dq=2.0, slope=0.5) == -1e2, "braking is free"
+    assert by_hand("torque_constant_error", tau=10.0, error=-0.2) == pytest.approx(8.0)
+    half = 0.5 * robot.load("hyq").effort
+    assert by_hand("supply_sag", tau=half.min(), sag=0.0) == pytest.approx(half.min())
+
+
+def test_a_lag_is_exact():
+    effect = effects.make("actuator_lag", time=0.01)
+    effect.configure(Bare())
+    effect.reset(np.random.default_rng(0))
+    zero = np.zeros(12)
+    effect.on_torque(zero, zero, zero, 0.001, 0.0)
+    out = [effect.on_torque(zero + 1.0, zero, zero, 0.001, 0.0)[0] for _ in range(30)]
+    np.testing.assert_allclose(out, 1.0 - np.exp(-np.arange(1, 31) / 10.0), rtol=1e-12)
+
+
+def test_play_gives_no_torque_until_the_motor_is_across():
+    effect = effects.make("backlash", width=0.02, inertia=0.01)
+    effect.configure(Bare())
+    effect.reset(np.random.default_rng(0))
+    zero = np.zeros(12)
+    assert effect.on_torque(zero + 1.0, zero, zero, 0.001, 0.0)[0] == 1.0
+    out = [effect.on_torque(zero - 1.0, zero, zero, 0.001, 0.0)[0] for _ in range(60)]
+    free = out.index(-1.0)
+    assert free * 0.001 == pytest.approx(math.sqrt(2.0 * 0.02 * 0.01 / 1.0), abs=0.002)
+    assert set(out[:free]) == {0.0}
+    assert set(out[free:]) == {-1.0}
+
+
+def test_hysteresis_forgets_and_a_maxwell_spring_relaxes():
+    far = by_hand("hysteresis", dq=1.0, calls=500, torque=2.0, stroke=0.02)
+    assert far == pytest.approx(-2.0, rel=1e-6)
+    steady = by_hand("viscoelasticity", dq=1.0, calls=2000, stiffness=3.0, time=0.1)
+    assert steady == pytest.approx(-3.0 * 0.1, rel=1e-6), "a damper of stiffness times time"
+
+
+def test_a_saturated_spring_gives_no_more_and_the_others_what_they_should():
+    bench = robot.load("spring_mass")
+    rest = {"spring_saturation": -2.0, "stiffness_error": -7.5, "rest_angle_error": -4.0}
+    values = {
+        "spring_saturation": {"lost": 1.0, "torque": 2.0},
+        "stiffness_error": {"error": 0.5},
+        "rest_angle_error": {"offset": 0.02},
+    }
+    for name, wanted in rest.items():
+        with Simulation(effects=[effects.make(name, **values[name])], robot=bench) as sim:
+            hook = sim._effects[0].on_torque
+            spring = np.array([-50.0 * 0.1])
+            got = hook(spring, np.array([0.1]), np.zeros(1), sim.physics_dt, 0.0)
+            assert got[0] == pytest.approx(wanted), name
+
+
+def test_the_order_of_listing_is_the_order_of_the_laws():
+    def last(*names):
+        listed = {
+            "torque_limit": {"name": "torque_limit", "reduction": 0.9},
+            "torque_constant_error": {"name": "torque_constant_error", "error": 1.0},
+        }
+        return swing([listed[n] for n in names], tau=1.0, steps=2)[2][-1]
+
+    assert last("torque_limit", "torque_constant_error") == pytest.approx(0.4)
+    assert last("torque_constant_error", "torque_limit") == pytest.approx(0.2)
+
+
+def test_one_call_for_many_effects_is_the_same_as_one_call_for_each():
+    listed = [
+        {"name": "actuator_lag", "time": 0.01},
+        {"name": "added_stiffness", "stiffness": 0.5},
+        {"name": "hysteresis", "torque": 0.05},
+        {"name": "end_stop", "angle": 0.2, "start": 0.1},
+        {"name": "torque_limit", "reduction": 0.5, "stop": 0.3},
+    ]
+    together = swing(listed, tau=lambda t: math.sin(20.0 * t))
+    apart = [{"name": "push"}] * 0
+    for spec in listed:  # something else between them keeps them apart
+        apart += [spec, {"name": "test_apart"}]
+    try:
+
+        class Apart(effects.Effect, name="test_apart"):
+            """Does nothing, in the way."""
+
+            def on_torque(self, tau, q, dq, dt, t):
+                return tau
+
+        np.testing.assert_array_equal(swing(apart, tau=lambda t: math.sin(20.0 * t)), together)
+    finally:
+        effects.EFFECTS.pop("test_apart")
