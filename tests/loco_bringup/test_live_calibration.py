@@ -8,6 +8,7 @@ from loco_bringup import live_calibration as live
 from loco_bringup.bag import Bag
 from loco_bringup.bag_writer import BagWriter
 from loco_bringup.calibrate_bag import read_recording
+from loco_bringup.cli import main
 from loco_bringup.live_run import is_live, read_live
 from loco_bringup.report import write_report
 from loco_control.exceptions import BagError, ParameterError
@@ -144,3 +145,25 @@ def test_a_bag_of_something_else_is_no_live_run(tmp_path):
 def test_an_experiment_of_hyq_cannot_stand_for_the_measured_robot():
     with pytest.raises(ParameterError, match="kind: joint"):
         live.measured_robot("hyq_short")
+
+
+def test_the_command_tells_of_the_gap_and_writes_the_page(outcome, monkeypatch, capsys):
+    def replayed(measured, robot, folder, options, params, tell):
+        assert (measured.robot, robot, options.generations) == ("tigrillo", "tigrillo", 3)
+        tell(live.LiveProgress("fitting", 3.0, 1, 0.5, 2.0, [live.GapRow(2.0, 0.7, 0, False)]))
+        return outcome
+
+    monkeypatch.setattr(live, "calibrate_live", replayed)
+    with pytest.raises(SystemExit, match="0"):
+        main(["calibrate", "--live", "--generations", "3", "--out", str(outcome.folder)])
+    out = capsys.readouterr().out
+    assert "live calibration: done" in out
+    assert "gap over topics" in out
+    assert (outcome.folder / "report.html").is_file()
+
+
+@pytest.mark.parametrize("arguments", [[], ["bag", "--live"]])
+def test_the_command_wants_a_bag_or_live(arguments, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["calibrate", *arguments])
+    assert "either a bag or --live" in capsys.readouterr().err

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from loco_control.exceptions import GraphError, ParameterError
-from loco_control.params import Params, parameter
+from loco_control.params import Params, parameter, to_dict
 from loco_learning import experiment as experiments
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.joint_experiment import JointExperiment
@@ -146,16 +146,8 @@ def _model(measured: JointExperiment, robot: str) -> JointExperiment:
 
 
 def _helper(options: CalibrationParams, live: LiveParams, period: float) -> Helper:
-    parameters = {
-        "listen.skip": live.skip * period,
-        "listen.hold": live.hold * period,
-        "calibration.window": options.window,
-        "calibration.settle": options.settle,
-        "calibration.periods": options.periods,
-        "calibration.sigma": options.sigma,
-        "calibration.patience": options.patience,
-        "calibration.gain": options.gain,
-    }
+    parameters = {"listen.skip": live.skip * period, "listen.hold": live.hold * period}
+    parameters |= {f"calibration.{key}": value for key, value in to_dict(options).items()}
     cls = "loco_bringup.calibrator:CalibratorNode"
     return Helper("calibrator", cls, parameters, "calibration")
 

@@ -97,7 +97,7 @@ def gap(run: LiveRun) -> Figure:
         if chosen.any():
             ax.plot(t[chosen], values[chosen], "o", ms=4.5, color=look["color"], label=label)
     ax.plot(t[~whole], values[~whole], "o", ms=3.5, mfc="white", color="0.7", label="of two models")
-    ax.set(xlabel="simulated time [s]", ylabel="windowed error [rad]")
+    ax.set(xlabel="simulated time of the measured robot [s]", ylabel="windowed error [rad]")
     ax.set_ylim(0.0, 1.1 * values.max())
     legend(figure, ax)
     return figure
@@ -165,7 +165,7 @@ def models(run: LiveRun) -> str:
         )
         best = tables.number(float(np.min(chosen))) if len(chosen) else "–"
         rows.append([str(number), f"{t:.2f}", best, escape(event.text)])
-    head = ["Model", "From [s]", "Least gap [rad]", "Values"]
+    head = ["Model", "From, on its clock [s]", "Least gap [rad]", "Values"]
     return tables.table(head, rows, range(1, 3))
 
 
