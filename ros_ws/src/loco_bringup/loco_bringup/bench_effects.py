@@ -5,8 +5,8 @@ A step is one physics step of the bare robot that moves its legs in place: drive
 and joint states, with a share of the sensing at the end of its control period.
 
 * off: every effect that applies is listed, none is switched on.
-* on, calls: time in hooks and kernels, with what passes numbers to and from them. Hooks
-  are timed one by one in the middle of a run, so the engine is not in it.
+* on, calls: time in hooks and kernels, with what passes numbers to and from them, called
+  again and again without the engine in between: the least they can cost.
 * on, whole step: time of the whole step with all effects on over that of the bare one.
   In it is what the engine itself does more: brakes, soft contacts, a joint in the trunk.
 
@@ -105,7 +105,12 @@ def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
     per_tick = round(on.dt / on.physics_dt)
     joints, state = on._joints, bare.reset()
     plain = _least(lambda: bare._drive.torque(bare._joints))
-    torque = _least(lambda: on._affected_torque(joints)) - plain
+
+    def affected() -> None:
+        on._world._frames.clear()  # as a step of the engine does
+        on._affected_torque(joints)
+
+    torque = _least(affected) - plain
     hooks = on._on_measurement
     sensing = sum(_least(lambda f=change: f(state)) for *_, change in hooks) / per_tick
     tick = MotionCommand(0, 0.0, bare.robot.standing, np.zeros(len(bare.robot.joints)))
