@@ -25,7 +25,9 @@ ROBOT = SimpleNamespace(joints=tuple("abcdefgh"), driven=np.array([0, 2, 4, 6]))
 
 
 def network(seed=0, sensors=SENSORS, **changes):
-    params = JointLearnerParams(**{"enabled": True, "tilt_scale": 0.1, **SHORT, **changes})
+    params = JointLearnerParams(
+        **{"enabled": True, "tilt_scale": 0.1, "regularisation": 1.0, **SHORT, **changes}
+    )
     return JointReflex(params, sensors, 4, DT, seed)
 
 

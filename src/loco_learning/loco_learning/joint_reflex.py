@@ -51,7 +51,7 @@ class JointLearnerParams(PhasedParams):
     window: int = parameter(1, "moving average of the sensors", "tick", 1, 1000)
     neurons: int = parameter(200, "hidden neurons N", "-", 1, 5000)
     activation: str = parameter("tanh", "hidden activation", choices=ACTIVATIONS)
-    regularisation: float = parameter(1.0, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
+    regularisation: float = parameter(5.0, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
     gain: float = parameter(1.0, "factor on the hidden weights", "-", 0.0, 100.0)
     hidden_bias: float = parameter(1.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
     joint_centre: float = parameter(1.0, "passive joint angle that reads 0", "rad", -10.0, 10.0)
