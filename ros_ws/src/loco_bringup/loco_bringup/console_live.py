@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 
+from loco_control.exceptions import ParameterError
 from loco_control.params import from_dict
 
 from . import live_calibration as runner
@@ -18,7 +19,14 @@ from .run import default_folder
 
 
 def show_live(a: argparse.Namespace) -> int:
-    """Calibrate two running robots as the options say; returns the exit code."""
+    """Calibrate two running robots as the options say; returns the exit code.
+
+    Raises:
+        LocoError: An option that is wrong, or that a live calibration does not have.
+    """
+    for name in ("validate", "scheduler"):
+        if getattr(a, name):
+            raise ParameterError(f"--{name} does not go with --live")
     measured = runner.measured_robot(a.measured)
     live = from_dict(runner.LiveParams, {"speed": a.speed}, "live")
     chosen = options(a)
