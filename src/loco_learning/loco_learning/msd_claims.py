@@ -284,7 +284,7 @@ def _cycles(r: Results):
     return f"rho {rho:.2f}; {text}", rho < -0.5
 
 
-@claim("6.15", "Fig. 6.11", "NRMSE falls with size (rho < -0.5)", "loops")
+@claim("6.15", "Fig. 6.11", "NRMSE from closing on falls with size (rho < -0.5)", "loops")
 def _nrmse(r: Results):
     sizes = sorted({n for n, _ in r.loops})
     error = [float(np.mean([c.values["nrmse"] for c in loops_of(r, n)])) for n in sizes]

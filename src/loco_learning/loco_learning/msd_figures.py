@@ -206,7 +206,7 @@ def _cycles(r: Results) -> Figure:
 @figure("6.11", "loops")
 def _errors(r: Results) -> Figure:
     made, (ax,) = _new()
-    _bars(ax, _by_size(r, "nrmse"), BLUE, "whole run")
+    _bars(ax, _by_size(r, "nrmse"), BLUE, "closing and test")
     _bars(ax, _by_size(r, "nrmse_test"), RED, "test")
     ax.set(xlabel="nodes", ylabel="NRMSE of the readout [-]", yscale="log")
     ax.legend(frameon=False)

@@ -210,7 +210,7 @@ def _loop(job: Job, gait: Gait) -> Curves:
     values = {
         "closed": travelled(done.t, done.distance, end - 10.0, end),
         "open": travelled(*open_loop, end - 10.0, end),
-        "nrmse": nrmse(done),
+        "nrmse": nrmse(done, closing, end),
         "nrmse_test": nrmse(done, test, end),
         "nrmse_trained": nrmse(done, closing - 2.0, closing),
         "diverged": float(done.diverged),

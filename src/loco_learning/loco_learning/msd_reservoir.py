@@ -20,6 +20,7 @@ from loco_sim.msd.network import Network, chain
 from loco_sim.msd.params import MsdParams
 from loco_sim.msd.simulation import Drive, MsdSimulation
 
+from . import signals
 from .msd_gait import Gait
 from .readout import Readout
 
@@ -232,10 +233,10 @@ def distance_zero(network: Network) -> float:
 
 
 def nrmse(log: LoopLog, start: float = 0.0, end: float = np.inf) -> float:
-    """Root mean square error over the target's range, mean over the links, in [start, end] s."""
+    """Root mean square error of all links over their mean range, between two times [s].
+
+    A link that is hardly driven has hardly a range, so ranges are averaged first, as for the
+    joints of a robot (`signals.nrmse`).
+    """
     rows = (log.t > start) & (log.t <= end)
-    said, target = log.said[rows], log.target[rows]
-    width = np.ptp(target, axis=0)
-    error = np.sqrt(np.mean((said - target) ** 2, axis=0))
-    used = width > 1e-6
-    return float(np.mean(error[used] / width[used]))
+    return signals.nrmse(log.target[rows], log.said[rows])
