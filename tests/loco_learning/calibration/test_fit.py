@@ -52,10 +52,12 @@ def test_an_interrupted_search_ends_like_one_that_was_left_alone(recording, quic
         Calibration(recording, "tigrillo", quick.replace(loss="author")).run(folder=tmp_path / "b")
 
 
-def test_seed_0_starts_at_the_default_body_and_others_elsewhere():
+def test_a_search_starts_at_the_default_body_and_anew_elsewhere():
     seven = parameter_set("seven")
-    np.testing.assert_allclose(start(seven, 0), seven.to_unit(seven.default))
-    assert not np.allclose(start(seven, 1), start(seven, 2))
+    for seed in (0, 1):
+        np.testing.assert_allclose(start(seven, seed), seven.to_unit(seven.default))
+    places = [start(seven, seed, run) for seed in (0, 1) for run in (1, 2)]
+    assert len({tuple(place) for place in places}) == 4
 
 
 def test_a_fit_is_plain_data():

@@ -27,9 +27,17 @@ def test_the_sets_have_the_sizes_of_the_thesis_and_of_the_code():
 
 
 @EACH
-def test_default_and_published_value_lie_inside_the_bounds(parameter):
-    for value in (parameter.default, parameter.thesis):
-        assert value is None or parameter.low <= value <= parameter.high
+def test_the_default_lies_inside_the_bounds(parameter):
+    assert parameter.low < parameter.default < parameter.high
+
+
+def test_the_published_optimum_lies_inside_the_bounds_of_seven_and_outside_the_codes():
+    def outside(name):
+        rows = parameters.parameter_set(name).parameters
+        return [p.name for p in rows if p.thesis and not p.low <= p.thesis <= p.high]
+
+    assert outside("seven") == []
+    assert outside("ten") == ["friction_hind"]
 
 
 @EACH

@@ -13,9 +13,11 @@ from loco_control.exceptions import BagError, ParameterError
 from .bag import Bag
 from .bag_writer import BagWriter
 
+DECIDES = "experiment.yaml"  # what is inside a bag besides: parameters of nodes and weights
+
 
 def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Path:
-    """Copy topics with all that describes the run; stamps and bytes of messages stay.
+    """Copy topics and the experiment; stamps and bytes of messages stay.
 
     Args:
         bag: Bag folder or ``.mcap`` file.
@@ -34,7 +36,7 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
     wanted = {bag.resolve(name): every for name, every in map(_parsed, topics)}
     if not wanted:
         raise BagError("no topic to copy; name at least one")
-    files = {name: bag.attachment(name) for name in bag.attachments()}
+    files = {name: bag.attachment(name) for name in bag.attachments() if name == DECIDES}
     messages = []
     for name, every in wanted.items():
         times, data = bag.raw(name)

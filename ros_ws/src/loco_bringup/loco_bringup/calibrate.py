@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 SETTINGS = "settings.json"
 FORMAT = 1
 VALIDATION_SKIP = 4.0  # start of a gait, until it is even [s]
-WHOLE = 1_000_000  # periods: as many as there are before the first that is compared
+WHOLE = 1e6  # periods: as many as there are before the first that is compared
 
 Tell = Callable[[int, Generation], None]  # seed and state of its search
 
@@ -173,7 +173,7 @@ def _fingerprint(job: Job) -> dict:
     digest = hashlib.sha256()
     for array in (job.recording.t, job.recording.command, job.recording.q):
         digest.update(array.tobytes())
-    options = to_dict(job.options)
+    options = job.options.deciding()
     return {"robot": job.robot, "recording": digest.hexdigest(), "options": options}
 
 

@@ -114,8 +114,8 @@ _RECORDINGS = (
     "normalised one of the author's code."
 )
 _CONVERGENCE = (
-    "Smallest error so far, as figure 5.2b. Seed 0 starts at the default body, the others anywhere "
-    "between the bounds."
+    "Smallest error so far, as figure 5.2b. Every search starts at the default body; one that no "
+    "longer gains starts anew elsewhere."
 )
 _SEARCHES = "A plateau is reached when the error has made 95 % of its way from default to best."
 _BODIES = (

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits a body to a recording by CMA-ES, thesis eq. (5.3), one callback per generation.
 
+The error has several valleys: a knee that bends at the wrong moment may fit better than
+one that does not bend. A search that no longer gains starts anew from another body, until
+its generations are spent; the thesis saw a second descent after 500 generations instead.
+
     calibration = Calibration(recording, "tigrillo")
     fit = calibration.run(tell=lambda generation: ...)
     calibration.model(fit.values).save("model.yaml")
@@ -19,11 +23,10 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.params import to_dict
 from loco_sim import model as models
 from loco_sim.model import Model
 
-from ..population import PopulationParams, Progress, minimise
+from ..population import Optimum, PopulationParams, Progress, minimise
 from ..workers import Score
 from .objective import Evaluation, Reference
 from .parameters import ParameterSet, parameter_set
@@ -39,14 +42,15 @@ class Problem:
 
     Args:
         reference: What models are compared with.
+        run: Starts of the search before this one.
     """
 
-    def __init__(self, reference: Reference):
-        self.reference = reference
+    def __init__(self, reference: Reference, run: int = 0):
+        self.reference, self.run = reference, run
         self._set = parameter_set(reference.options.parameters)
         self.names = self._set.names
         self.low, self.high = np.zeros(len(self.names)), np.ones(len(self.names))
-        self.start = start(self._set, reference.options.seed)
+        self.start = start(self._set, reference.options.seed, run)
 
     def __call__(self, x: np.ndarray) -> Score:
         """Error of a body; what raises is a failed score."""
@@ -55,17 +59,17 @@ class Problem:
 
     def describe(self) -> dict[str, Any]:
         """What tells this search from others, in the record of evaluations."""
-        limits = ("generations", "evaluations", "patience", "gain")
-        options = {k: v for k, v in to_dict(self.reference.options).items() if k not in limits}
+        options = self.reference.options.deciding()
         signals = hashlib.sha256(self.reference.robot.periods.tobytes()).hexdigest()
-        return {"model": asdict(self.reference.base), "options": options, "recording": signals}
+        model = asdict(self.reference.base)
+        return {"model": model, "options": options, "recording": signals, "run": self.run}
 
 
-def start(chosen: ParameterSet, seed: int) -> np.ndarray:
-    """Where a search begins, (d,): seed 0 at the default body, others anywhere inside."""
-    if seed == 0:
+def start(chosen: ParameterSet, seed: int, run: int = 0) -> np.ndarray:
+    """Where a search begins, (d,): first at the default body, later anywhere."""
+    if run == 0:
         return chosen.to_unit(chosen.default)
-    return np.random.default_rng(seed).uniform(0.1, 0.9, len(chosen.names))
+    return np.random.default_rng([seed, run]).uniform(0.1, 0.9, len(chosen.names))
 
 
 class Calibration:
@@ -112,7 +116,7 @@ class Calibration:
         workers: int = 0,
         scheduler: str = "",
     ) -> Fit:
-        """Search until a limit, a plateau or `cancel`; the best body found.
+        """Search until the generations are spent or `cancel`; the best body found.
 
         Args:
             tell: Called after each generation.
@@ -123,46 +127,83 @@ class Calibration:
         Raises:
             ParameterError: Another search in the folder, or nobody at the scheduler.
         """
-        began, history = time.perf_counter(), []
-
-        def report(progress: Progress) -> bool:
-            history.append(self._generation(progress))
-            if tell:
-                tell(history[-1])
-            return self._cancelled
-
-        found = minimise(
-            Problem(self.reference),
-            self._search(workers, scheduler),
-            folder,
-            report,
-            lambda: self._cancelled,
-        )
+        began, course = time.perf_counter(), _Course(self.parameters, tell)
+        budget, run, ended = self._budget(), 0, ""
+        while not ended:
+            place = Path(folder) / f"run_{run}" if folder else None
+            search = self._search(run, budget - course.evaluations, workers, scheduler)
+            found = minimise(
+                Problem(self.reference, run),
+                search,
+                place,
+                lambda progress: course.add(progress) or self._cancelled,
+                lambda: self._cancelled,
+            )
+            course.end(found)
+            run += 1
+            if self._cancelled:
+                ended = "cancelled"
+            elif budget - course.evaluations < self.options.population:
+                ended = f"{course.evaluations} evaluations, {run} starts"
         before = self.before.error[self.options.loss]
-        values, error = self.parameters.default, before
-        if found.evaluations and found.value < before:
-            values, error = self.parameters.from_unit(found.x), found.value
-        ended = "cancelled" if self._cancelled else found.ended
+        values, error = course.values, course.best
+        if not error < before:
+            values, error = self.parameters.default, before
         seconds = time.perf_counter() - began
-        return Fit(self.options.seed, values, error, before, history, ended, seconds)
+        return Fit(self.options.seed, values, error, before, course.history, ended, seconds)
 
-    def _search(self, workers: int, scheduler: str) -> PopulationParams:
+    def _budget(self) -> int:
         o = self.options
         most = o.generations * o.population
+        return min(most, o.evaluations) if o.evaluations else most
+
+    def _search(self, run: int, budget: int, workers: int, scheduler: str) -> PopulationParams:
+        o = self.options
         return PopulationParams(
-            seed=o.seed,
+            seed=(o.seed + 1_000_003 * run) % 2**31,
             sigma=o.sigma,
             population=o.population,
             failure=FAILED,
-            evaluations=min(most, o.evaluations) if o.evaluations else most,
+            evaluations=max(budget, 1),
             plateau=o.patience,
             tolerance=o.gain,
             workers=workers,
             scheduler=scheduler,
         )
 
-    def _generation(self, p: Progress) -> Generation:
-        values = self.parameters.from_unit(p.x)
-        return Generation(
-            p.generation, p.evaluations, p.best, p.median, p.sigma, values, p.failures, p.eta
+
+class _Course:
+    """Generations of all starts as those of one search."""
+
+    def __init__(self, parameters: ParameterSet, tell: Callable[[Generation], None] | None):
+        self._parameters, self._tell = parameters, tell
+        self.history: list[Generation] = []
+        self.best, self.values = float("inf"), parameters.default
+        self.evaluations = 0  # of the starts that have ended
+
+    def add(self, p: Progress) -> None:
+        """Take in a generation."""
+        self._better(p.best, p.x)
+        made = Generation(
+            len(self.history) + 1,
+            self.evaluations + p.evaluations,
+            self.best,
+            p.median,
+            p.sigma,
+            dict(self.values),
+            p.failures,
+            p.eta,
         )
+        self.history.append(made)
+        if self._tell:
+            self._tell(made)
+
+    def end(self, found: Optimum) -> None:
+        """Take in the end of a start."""
+        self.evaluations += found.evaluations
+        if found.evaluations:
+            self._better(found.value, found.x)
+
+    def _better(self, value: float, x: np.ndarray) -> None:
+        if value < self.best:
+            self.best, self.values = value, self._parameters.from_unit(x)

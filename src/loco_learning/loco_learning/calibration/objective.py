@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from loco_sim.model import Model
 
 from . import mawe, segments
@@ -13,6 +15,8 @@ from .parameters import parameter_set
 from .params import CalibrationParams
 from .recording import Recording, passive
 from .replay import replay
+
+REST = 0.2  # periods that a model has at least to settle
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,16 @@ class Reference:
         at = segments.crossings(recording.t[used], command[used, 0], least)
         self.robot = segments.cut(recording.t[used], sensors[used], at)
         self._at = at[: (options.periods or len(at)) + 1]
-        # The model starts `settle` periods before the first that is compared.
-        begin = max(recording.t[0], at[0] - options.settle * self.robot.period)
+        standing = robot.standing[robot.driven]
+        begin = _begin(recording.t, np.abs(command - standing).max(axis=1), self, options.settle)
         end = self._at[-1] + 2.0 * recording.dt
-        inside = (recording.t >= begin - 1e-9) & (recording.t <= end)
+        inside = (recording.t >= begin) & (recording.t <= end)
         self._t, self._command = recording.t[inside], command[inside]
+
+    @property
+    def first(self) -> float:
+        """Beginning of the first period that is compared [s]."""
+        return float(self._at[0])
 
     @property
     def simulated(self) -> float:
@@ -90,3 +99,24 @@ class Reference:
     def evaluate(self, values: Mapping[str, float]) -> Evaluation:
         """Compare the base model with the values of the calibrated parameters."""
         return self.compare(self.with_body(values))
+
+
+def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float) -> float:
+    """Where a replay begins [s]: at most `settle` periods before the first that is compared.
+
+    In the first of these periods it is where the command is nearest to the standing pose,
+    so that the model neither jumps nor needs long to settle.
+
+    Args:
+        t: Times of the recording [s], (T,).
+        jump: Largest distance of the commands from the standing pose [rad], (T,).
+        reference: With its borders and robot set.
+        settle: Periods.
+    """
+    first, period = reference.first, reference.robot.period
+    earliest = first - settle * period
+    latest = min(earliest + period, first - REST * period)
+    rows = np.flatnonzero((t >= earliest) & (t <= latest))
+    if earliest <= t[0] or not len(rows):
+        return max(float(t[0]), earliest - 1e-9)
+    return float(t[rows[np.argmin(jump[rows])]])
