@@ -69,6 +69,6 @@ def test_a_fit_is_plain_data():
 
 
 def test_the_plateau_is_where_the_curve_has_made_its_way():
-    assert plateau([10.0, 5.0, 1.2, 1.0, 1.0]) == 3
+    assert plateau([10.0, 5.0, 2.0, 1.0, 1.0]) == 3
     assert plateau([10.0, 1.0, 1.0, 1.0]) == 1
     assert plateau([1.0, 1.0]) == 0
