@@ -7,8 +7,8 @@ import pytest
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import robot
 from loco_sim.actuators import Actuators
-from loco_sim.servo import servo_torque
-from loco_sim.spring import spring_torque
+from loco_sim.servo_kernels import servo_torque
+from loco_sim.spring_kernels import spring_torque
 
 DT = 0.001
 

@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from loco_sim.servo import ServoParams, rounded, servo_torque
+from loco_sim.servo import ServoParams
+from loco_sim.servo_kernels import rounded, servo_torque
 
 RX24F = ServoParams(resolution=0.00506, rotor_inertia=0.003)
 EFFORT, DT = 2.6, 1e-3

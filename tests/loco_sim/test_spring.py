@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_sim.spring import COLUMNS, KINDS, SpringParams, spring_energy, spring_torque
+from loco_sim.spring import COLUMNS, KINDS, SpringParams
+from loco_sim.spring_kernels import spring_energy, spring_torque
 
 KNEES = np.linspace(0.6, 2.0, 8)  # [rad]
 

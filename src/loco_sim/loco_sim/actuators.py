@@ -16,9 +16,10 @@ from loco_control.types import MotionCommand, TrunkTorque
 
 from .robot import Robot
 from .servo import COLUMNS as DRIVE_COLUMNS
-from .servo import IMPEDANCE, SERVO, TORQUE, clipped, servo_torque
+from .servo import IMPEDANCE, SERVO, TORQUE
+from .servo_kernels import clipped, servo_torque
 from .spring import COLUMNS as SPRING_COLUMNS
-from .spring import spring_energy, spring_torque
+from .spring_kernels import spring_energy, spring_torque
 
 
 @njit(cache=True)

@@ -20,9 +20,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numba import njit
-
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
@@ -93,31 +90,3 @@ class SpringParams(Params):
 def _corner(a: float, b: float, opposite: float) -> float:
     """Angle between sides a and b of a triangle [rad]."""
     return math.acos((a * a + b * b - opposite * opposite) / (2.0 * a * b))
-
-
-@njit(cache=True)
-def spring_torque(q: float, dq: float, row: np.ndarray) -> float:
-    """Torque of a joint's spring and damper [N·m, or N if prismatic].
-
-    Args:
-        q: Joint position [rad or m].
-        dq: Joint velocity [rad/s or m/s].
-        row: `SpringParams.row`, or zeros for none.
-    """
-    tau = -row[2] * dq
-    if row[0] == LINEAR:
-        tau -= row[1] * (q - row[3])
-    elif row[0] == PRETENSION:
-        femur, tibia = row[5], row[6]
-        length = math.sqrt(femur**2 + tibia**2 - 2.0 * femur * tibia * math.cos(q))
-        tau -= row[1] * (length - row[4]) * femur * tibia * math.sin(q) / length
-    return tau
-
-
-def spring_energy(q: float, row: np.ndarray) -> float:
-    """Energy stored in a joint's spring [J]."""
-    if row[0] == PRETENSION:
-        femur, tibia = row[5], row[6]
-        length = math.sqrt(femur**2 + tibia**2 - 2.0 * femur * tibia * math.cos(q))
-        return 0.5 * row[1] * (length - row[4]) ** 2
-    return 0.5 * row[1] * (q - row[3]) ** 2

@@ -11,10 +11,13 @@ import numpy as np
 
 from loco_control.params import parameter
 
-from . import chain, reading_laws
+from .. import lazy
+from . import chain
 from .chain import JointEffect, TorqueEffect
 from .identity import Identity, LookAlike, Prior
 from .readings import Layout, Measuring
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 _DC_MOTOR = (
     "Tan, Zhang, Coumans, Iscen, Bai, Hafner, Bohez, Vanhoucke 2018, Sim-to-real: learning "

@@ -13,82 +13,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numba import njit
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import parameter
 
-from . import laws
 from .base import Effect, span, turning
 
 if TYPE_CHECKING:
     from ..world import World
 
-# Numbers of the laws in `torques`; a law of friction has none.
+# Numbers of the laws in `chain_kernels.torques`; a law of friction has none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
 CONSTANTS, MEMORY = 9, 5  # per row
 NEVER = np.iinfo(np.int64).max
-
-
-@njit(cache=True)
-def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
-    """Run laws of the torque one after the other, in place.
-
-    Args:
-        step: Physics step.
-        dt: Its length [s].
-        plan: Law, first row, row after the last, first step, step after the last, (m, 5).
-        joint: Joint of each row, (r,).
-        const: Constants of each row, (r, CONSTANTS).
-        memory: Memory of each row, (r, MEMORY).
-        line: Delay lines of all rows.
-        tau: Torques [N·m], (n,).
-        q: Joint positions [rad], (n,).
-        dq: Joint velocities [rad/s], (n,).
-    """
-    for k in range(plan.shape[0]):
-        law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
-        if step < plan[k, 3] or step >= plan[k, 4]:
-            continue
-        if law == GAIN:
-            laws.gain(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == DELAY:
-            laws.delay(a, b, joint, const, memory, line, tau)
-        elif law == LAG:
-            laws.lag(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == LIMIT:
-            laws.limit(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SPEED_LINE:
-            laws.speed_line(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SAG:
-            laws.sag(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == BACKLASH:
-            laws.backlash(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SERIES:
-            laws.series(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SPRING:
-            laws.spring(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SATURATION:
-            laws.saturation(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == RESCALED:
-            laws.rescaled(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == SHIFTED:
-            laws.shifted(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == END_STOP:
-            laws.end_stop(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == HYSTERESIS:
-            laws.hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
-        elif law == MAXWELL:
-            laws.maxwell(a, b, joint, const, memory, tau, q, dq, dt)
-
-
-@njit(cache=True)
-def budgets(step, plan, joint, const, budget, tau, dq):
-    """Add up laws of friction, in place; arguments as of `torques`."""
-    for k in range(plan.shape[0]):
-        if plan[k, 3] <= step < plan[k, 4]:
-            laws.friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)
 
 
 class Chain:
@@ -101,6 +39,9 @@ class Chain:
             effects: In the order in which they act.
             dt: Physics step [s].
         """
+        from . import chain_kernels  # here, so that reading an experiment does not load numba
+
+        self._kernels = chain_kernels
         rows = np.cumsum([0, *(len(e.joints) for e in effects)])
         windows = [(first, min(last, NEVER)) for first, last in (span(e, dt) for e in effects)]
         self._plan = np.array(
@@ -132,7 +73,7 @@ class Chain:
         """Hook `on_torque` of all effects."""
         out = tau.copy()
         plan, joint, const, memory = self._plan, self._joint, self._const, self._memory
-        torques(round(t / dt), dt, plan, joint, const, memory, self._line, out, q, dq)
+        self._kernels.torques(round(t / dt), dt, plan, joint, const, memory, self._line, out, q, dq)
         return out
 
     def brake(
@@ -146,7 +87,7 @@ class Chain:
     ) -> np.ndarray:
         """Hook `on_brake` of all effects."""
         out = budget.copy()
-        budgets(round(t / dt), self._plan, self._joint, self._const, out, tau, dq)
+        self._kernels.budgets(round(t / dt), self._plan, self._joint, self._const, out, tau, dq)
         return out
 
 

@@ -13,11 +13,13 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError
 from loco_control.params import parameter
 
+from .. import lazy
 from ..geometry import multiply, rotate_back, rotation_matrix
-from . import reading_laws
 from .base import Effect
 from .identity import Identity, LookAlike, Prior
 from .readings import Layout, Measuring
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
 def feet(robot: Any, pattern: str) -> list[str]:

@@ -13,7 +13,7 @@ from math import exp
 
 from numba import njit
 
-from ..spring import spring_torque
+from ..spring_kernels import spring_torque
 
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 

@@ -11,11 +11,13 @@ import numpy as np
 
 from loco_control.params import parameter
 
+from .. import lazy
 from ..geometry import multiply
-from . import reading_laws
 from .base import Effect
 from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
 from .readings import Layout, Measuring
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
 def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:

@@ -12,12 +12,14 @@ import numpy as np
 
 from loco_control.params import parameter
 
+from .. import lazy
 from ..geometry import multiply, rotation_matrix
-from . import reading_laws
 from .base import Effect
 from .compliance import rest
 from .identity import SENSOR_SIGNALS, Identity, LookAlike, Prior
 from .readings import Layout, Measuring
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 _INERTIAL = (
     "Woodman 2007, An introduction to inertial navigation, University of Cambridge, UCAM-CL-TR-696"

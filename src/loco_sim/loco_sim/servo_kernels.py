@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque of the servos in `servo`, from the rows of their parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def rounded(x: float, step: float) -> float:
+    """To the nearest multiple of a step; 0 leaves it alone."""
+    return step * np.floor(x / step + 0.5) if step > 0.0 else x
+
+
+@njit(cache=True)
+def clipped(x: float, limit: float) -> float:
+    """Within +-limit."""
+    return min(max(x, -limit), limit)
+
+
+@njit(cache=True)
+def servo_torque(
+    q: float, dq: float, target: float, row: np.ndarray, rotor: np.ndarray, dt: float
+) -> float:
+    """Torque of a servo on its joint [N·m] for the next physics step.
+
+    The rotor is advanced with it, implicitly in its speed: stable at any step.
+
+    Args:
+        q: Joint position [rad].
+        dq: Joint velocity [rad/s].
+        target: Desired joint position [rad].
+        row: `ServoParams.row`.
+        rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
+        dt: Physics step [s].
+    """
+    stall, slope, kp, step = row[1], row[2], row[3], row[4]
+    inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
+    push = stall * clipped(kp * (rounded(target, step) - rounded(q, step)), 1.0)
+    if inertia <= 0.0:
+        return clipped(push - slope * dq, effort)
+    gear = stiff * (rotor[0] - q) - damp * dq  # torque of a rotor that stops now
+    give = damp + stiff * dt  # and what its speed adds
+    speed = (inertia * rotor[1] + dt * (push - gear)) / (inertia + dt * (slope + give))
+    if abs(push - slope * speed) > effort:
+        most = clipped(push - slope * speed, effort)
+        speed = (inertia * rotor[1] + dt * (most - gear)) / (inertia + dt * give)
+    rotor[0] += dt * speed
+    rotor[1] = speed
+    return gear + give * speed

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Modules load when they are used; whoever lists effects loads no compiler."""
+
+import subprocess
+import sys
+
+import pytest
+
+from loco_sim import lazy
+
+
+def test_a_module_loads_at_its_first_use():
+    code = (
+        "import sys, loco_sim.effects as e;"
+        "print('numba' in sys.modules, len(e.names()) > 20);"
+        "from loco_sim.effects import sensor;"
+        "sensor.reading_laws.scale;"
+        "print('numba' in sys.modules)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["False", "True", "True"]
+
+
+def test_a_loaded_module_is_itself():
+    assert lazy.module("loco_sim.lazy") is lazy
+
+
+def test_a_module_that_is_not_there_is_named():
+    with pytest.raises(ModuleNotFoundError, match="loco_sim.nowhere"):
+        lazy.module("loco_sim.nowhere")
