@@ -136,8 +136,8 @@ def _add_studies(commands) -> None:
     )  # fmt: skip
     p.add_argument("what", help="msd")
     p.add_argument("--quick", action="store_true", help="the plan quick: a few minutes")
-    p.add_argument("--plan", default="full",
-                   help="quick, medium (half an hour) or full (2 hours on 2 cores; default)")  # fmt: skip
+    plans = "quick, medium (half an hour) or full (2 hours on 2 cores; default)"
+    p.add_argument("--plan", default="full", help=plans)
     p.add_argument("--preset", default="thesis", help="thesis or author_code")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--scheduler", default="", help="dask scheduler to use instead, tcp://HOST:PORT")
