@@ -8,8 +8,6 @@ import math
 import time
 from pathlib import Path
 
-from rich.table import Table
-
 from loco_control.params import from_dict
 from loco_learning.calibration import tables
 from loco_learning.calibration.mawe import UNITS
@@ -19,6 +17,8 @@ from loco_learning.calibration.results import Comparison, Result
 
 from . import calibrate as runner
 from .console import bar, console
+
+HEAD = ("parameter", "unit", "default", "calibrated", "", "thesis")
 
 
 def options(a: argparse.Namespace) -> CalibrationParams:
@@ -64,13 +64,8 @@ def show(result: Result, folder: Path) -> None:
     """Print what a result says and where it lies."""
     if result.surrogate:
         console.print("SURROGATE: the recordings come from a simulated robot, not from a machine")
-    head, rows = tables.body_table(result)
-    table = Table(box=None)
-    for i, title in enumerate(head):
-        table.add_column(title, justify="left" if i == 0 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    for text, unit, default, calibrated, _, thesis in (HEAD, *tables.body_table(result)[1]):
+        console.print(f"  {text:45}{unit:>5}{default:>9}{calibrated:>12}  {thesis}")
     for row in result.comparisons:
         console.print(_line(result, row))
     errors = [fit.error for fit in result.fits]

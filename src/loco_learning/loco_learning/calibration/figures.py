@@ -58,7 +58,7 @@ def convergence(result: Result) -> Figure:
     ax.annotate("default body", (1.0, before), (0, 3), xycoords=("axes fraction", "data"),
                 textcoords="offset points", ha="right", color=DEFAULT["color"])  # fmt: skip
     ax.set(xlabel="generation", ylabel=f"windowed error ({result.loss}) [{UNITS[result.loss]}]")
-    ax.set_ylim(0.0, 1.12 * before)
+    ax.set(yscale="log", ylim=(0.8 * min(fit.error for fit in result.fits), 1.4 * before))
     made.legend(loc="outside upper left", ncols=len(result.fits) + 1,
                 title="dots: 95 % of the way down")  # fmt: skip
     return made
@@ -75,8 +75,8 @@ def periods(result: Result) -> Figure:
             if row is rows[0]:
                 ax.set_title(joint.removesuffix("_joint").replace("_", " "))
         line[0].set_ylabel(f"{_short(row.name)}\nknee angle [deg]")
-        for ax in line:
-            ax.set_xlabel("time in the period [s]")
+    for ax in axes[-1]:
+        ax.set_xlabel("time in the period [s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     what = "surrogate robot" if result.surrogate else "robot"
     labels = [what if text == "robot" else f"{text} model" for text in labels]

@@ -25,10 +25,10 @@ class CalibrationParams(Params):
     settle: float = parameter(1.0, "most periods simulated before the comparison", "-", 0.0, 1e6)
     periods: int = parameter(1, "periods of the model, 0: as many as the robot", "-", 0, 1000)
     population: int = parameter(10, "models per generation", "-", 2, 1000)
-    generations: int = parameter(60, "most generations", "-", 1, 100_000)
+    generations: int = parameter(80, "most generations", "-", 1, 100_000)
     evaluations: int = parameter(0, "most rollouts, 0: no limit", "-", 0, 10_000_000)
     sigma: float = parameter(0.2, "first step size, as a share of the bounds", "-", 1e-6, 10.0)
-    patience: int = parameter(30, "generations without gain before a new start", "-", 1, 10_000)
+    patience: int = parameter(40, "generations without gain before a new start", "-", 1, 10_000)
     gain: float = parameter(0.005, "what counts as gain, share of the error", "-", 0.0, 1.0)
     seed: int = parameter(0, "of the search and of the sensor noise", "-", 0, 2**31 - 1)
 
