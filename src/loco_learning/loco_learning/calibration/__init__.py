@@ -3,5 +3,5 @@
 
 ``recording`` what was measured · ``segments`` periods and their average · ``mawe`` the
 two losses · ``parameters`` what may change · ``objective`` how wrong a body is · ``fit``
-the search · ``validate`` gaits that were not fitted · ``figures``.
+the search · ``results``, ``tables`` and ``figures`` what was found.
 """
