@@ -29,7 +29,7 @@ MEASURED = {
     "target.amplitude": [0.35],
     "overrides": {"springs.[lr]h_kfe_joint.stiffness": 440.0},
 }
-SMALL = CalibrationParams(generations=2, population=8, periods=1, settle=1, sigma=0.2)
+SMALL = CalibrationParams(generations=2, population=8, periods=1, sigma=0.2)
 SHORT = live.LiveParams(listen=3.0, after=2, speed=1.5)
 
 

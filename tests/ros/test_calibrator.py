@@ -25,7 +25,6 @@ PARAMETERS = {
     "listen.patience": 1.5,
     "listen.skip": 0.0,
     "calibration.skip": 1.0,
-    "calibration.settle": 0,
     "calibration.periods": 1,
     "calibration.population": 2,
     "calibration.generations": 1,
@@ -39,7 +38,7 @@ class Caller:
         self.bench = bench(CalibratorNode, CALIBRATION_TOPICS, **PARAMETERS)
         self.client = ActionClient(self.bench.tester, Calibrate, "calibrate")
         self.states = self.bench.listen("calibration")
-        self.feedback = []
+        self.feedback, self._robots = [], []
         self.bench.wait(self.client.server_is_ready)
         for _ in range(20):  # the server has to know the client too, or its answers are lost
             self.bench.executor.spin_once(timeout_sec=0.01)
@@ -50,6 +49,17 @@ class Caller:
         sent = self.client.send_goal_async(Calibrate.Goal(**goal), lambda m: heard(m.feedback))
         self.bench.wait(sent.done)
         return sent.result()
+
+    def robot(self, namespace):
+        """A robot to listen to."""
+        self._robots.append(Robot(self.bench, namespace))
+        return self._robots[-1]
+
+    def close(self):
+        """Nobody may hear of us in the next test, even if our node lives on for a while."""
+        for robot in self._robots:
+            robot.close()
+        self.client.destroy()
 
     def result(self, handle, meanwhile=lambda: None):
         """Status and result of a goal; `meanwhile` is called until it is there."""
@@ -62,7 +72,7 @@ class Caller:
 def caller(bench):
     made = Caller(bench)
     yield made
-    made.client.destroy()
+    made.close()
 
 
 @pytest.fixture(scope="module")
@@ -120,17 +130,22 @@ class Robot:
     """Says joint states and commands in a namespace, as fast as they are heard."""
 
     def __init__(self, bench, namespace):
-        node, self._executor = bench.tester, bench.executor
+        self._node, self._executor = bench.tester, bench.executor
         self.joints = robots.load("tigrillo")
         self.names = list(self.joints.joints)
         self.driven = [self.names[i] for i in self.joints.driven]
         self.tick = 0
         self._publishers = {
-            name: node.create_publisher(
+            name: self._node.create_publisher(
                 JointState, f"{namespace}/{name}", JOINT_TOPICS[name].qos.writer()
             )
             for name in ("joint_states", "joint_command")
         }
+
+    def close(self):
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers.clear()
 
     def heard(self):
         return all(p.get_subscription_count() > 0 for p in self._publishers.values())
@@ -148,10 +163,10 @@ class Robot:
 
 
 def test_cancel_while_it_listens_and_a_second_goal_meanwhile(caller):
-    robot = Robot(caller.bench, "/measured")
-    handle = caller.send(measured="measured", duration=1e6)
+    robot = caller.robot("/real")
+    handle = caller.send(measured="real", duration=1e6)
     caller.bench.wait(robot.heard)
-    status, result = caller.result(caller.send(measured="measured"), robot.step)
+    status, result = caller.result(caller.send(measured="real"), robot.step)
     assert status == GoalStatus.STATUS_ABORTED
     assert "a calibration is running" in result.message
     handle.cancel_goal_async()
@@ -162,8 +177,8 @@ def test_cancel_while_it_listens_and_a_second_goal_meanwhile(caller):
 
 
 def test_a_robot_that_falls_silent_ends_the_goal(caller):
-    robot = Robot(caller.bench, "/measured")
-    handle = caller.send(measured="/measured", duration=1e6)
+    robot = caller.robot("/real")
+    handle = caller.send(measured="/real", duration=1e6)
     caller.bench.wait(robot.heard)
     robot.step()
     status, result = caller.result(handle)
@@ -172,18 +187,18 @@ def test_a_robot_that_falls_silent_ends_the_goal(caller):
 
 
 def test_a_robot_with_other_joints_ends_the_goal(caller):
-    robot = Robot(caller.bench, "/measured")
-    handle = caller.send(measured="/measured", duration=1e6)
+    robot = caller.robot("/real")
+    handle = caller.send(measured="/real", duration=1e6)
     wheels = ["wheel"] * len(robot.names)
     status, result = caller.result(handle, lambda: robot.step(wheels))
     assert status == GoalStatus.STATUS_ABORTED
-    assert "no joint in /measured/joint_states named 'wheel'" in result.message
+    assert "no joint in /real/joint_states named 'wheel'" in result.message
 
 
 def test_equal_robots_have_no_gap(caller):
     gaps = caller.bench.listen("gap")
-    both = [Robot(caller.bench, f"/{name}") for name in ("measured", "model")]
-    handle = caller.send(measured="/measured", model="/model", duration=1e6)
+    both = [caller.robot(f"/{name}") for name in ("real", "twin")]
+    handle = caller.send(measured="/real", model="/twin", duration=1e6)
     caller.bench.wait(lambda: all(robot.heard() for robot in both))
 
     def go_on():

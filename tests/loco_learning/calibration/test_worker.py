@@ -30,9 +30,7 @@ def recording(seconds=5.0):
 
 
 def options(**changes):
-    return CalibrationParams(skip=0.0, settle=0, periods=1, population=2, generations=2).replace(
-        **changes
-    )
+    return CalibrationParams(skip=0.0, periods=1, population=2, generations=2).replace(**changes)
 
 
 def until(worker, kind, timeout=60.0):

@@ -184,9 +184,11 @@ class CalibratorNode(LocoNode):
         return {"phase": s.phase, "generation": s.tick, "best": s.best}
 
     def close(self) -> None:
-        """End the worker."""
+        """End the worker, and what the node does not end by itself."""
         if self._job:
             self._job.close()
+        self._disconnect()
+        self._server.destroy()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from loco_control.exceptions import GraphError, LocoError
+from loco_control.exceptions import GraphError, LocoError, ParameterError
 from loco_control.ros.joint_codec import FRAME, JointCodec
 from loco_control.ros.joint_topics import JOINT_TOPICS
 from loco_learning.calibration.live import Signals
@@ -46,7 +46,7 @@ class LiveRobot:
         self.signals = Signals(self.name, robot.joints, driven, span)
         self.heard = time.monotonic()
         self.models: list[float] = []
-        self._error: LocoError | None = None
+        self._error = ""  # text: an exception would keep the frames of the executor alive
         states = JointCodec(robot.joints, topic(self.name, STATES), frame=FRAME)
         commands = JointCodec(driven, topic(self.name, COMMANDS), ("position", "velocity"))
         self._subscriptions = [
@@ -68,7 +68,7 @@ class LiveRobot:
             try:
                 found = codec.read(data)
             except LocoError as error:
-                self._error = self._error or error
+                self._error = self._error or str(error)
                 return
             if found.time >= self._skip * 1e9:
                 add(found.time / 1e9, found.q)
@@ -91,10 +91,10 @@ class LiveRobot:
 
         Raises:
             GraphError: It has been silent for too long.
-            LocoError: Its messages are of other joints.
+            ParameterError: Its messages are of other joints.
         """
         if self._error:
-            raise self._error
+            raise ParameterError(self._error)
         if time.monotonic() - self.heard > silence:
             raise GraphError(
                 f"{topic(self.name, STATES)} and {topic(self.name, COMMANDS)} have been silent "
