@@ -266,6 +266,8 @@ def _alpha(r: Results):
 @claim("6.13", "Fig. 6.9", "closed over open loop distance > 0.5 from 6 nodes on", "loops")
 def _closed(r: Results):
     ratio = {n: v for n, v in loop_ratio(r).items() if n >= 6}
+    if len(ratio) < 3:
+        raise ValueError(f"closed loops of {len(ratio)} sizes")
     good = [n for n, v in ratio.items() if v > 0.5]
     text = f"{len(good)} of {len(ratio)} sizes; " + ", ".join(
         f"{n}: {v:.2f}" for n, v in ratio.items()
