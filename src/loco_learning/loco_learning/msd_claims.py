@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The sixteen claims of chapter 6, judged by the results of `msd_jobs`.
 
-A claim agrees, disagrees, or is not decided when what it needs was not run. Bounds are ours,
-set before the first run; they are in each claim's text.
+A claim agrees, disagrees, or is not decided: when what it needs was not run, or when more
+evaluations could turn it. Bounds are ours; they are in each claim's text.
 """
 
 from __future__ import annotations
