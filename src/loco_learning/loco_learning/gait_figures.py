@@ -52,7 +52,7 @@ def convergence(folders: Sequence[str | Path], title: str) -> Figure:
     return figure
 
 
-def animate(gait: Gait, path: str | Path, seconds: float = 4.0, speed: float = 0.5) -> None:
+def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0.5) -> None:
     """Write a GIF of the last seconds of a gait on its body.
 
     Args:
