@@ -8,7 +8,7 @@ import sys
 from loco_control.names import LEGS, joint_name
 from loco_control.oscillators import Cpg, CpgParams
 
-from .joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from .joint_codec import FRAME, JointCodec, Joints, stamp_ns, tick_of
 from .joint_topics import JOINT_TOPICS
 from .node import LocoNode, run_nodes
 from .parameters import declare
@@ -46,7 +46,7 @@ class CpgNode(JointNode):
         self.cpg = Cpg(declare(self, CpgParams(), "target."), len(self.driven), 1.0 / self.rate)
         self._publish = self.raw_output("joint_target")
         self._pack = JointCodec(self.driven, "joint_target", ("position", "velocity")).pack
-        self.join_by({"joint_states": JointCodec(self.joints)}, self._step, stamp_ns)
+        self.join_by({"joint_states": JointCodec(self.joints, frame=FRAME)}, self._step, stamp_ns)
         self.announce_ready()
 
     def _step(self, state: Joints) -> None:

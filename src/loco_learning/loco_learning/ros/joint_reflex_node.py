@@ -12,7 +12,14 @@ import numpy as np
 
 from loco_control.exceptions import NameUnknownError
 from loco_control.ros.cpg_node import JointNode
-from loco_control.ros.joint_codec import ImuReader, ImuSample, JointCodec, Joints, stamp_ns
+from loco_control.ros.joint_codec import (
+    FRAME,
+    ImuReader,
+    ImuSample,
+    JointCodec,
+    Joints,
+    stamp_ns,
+)
 from loco_control.ros.node import run_nodes
 from loco_control.ros.parameters import declare
 from loco_learning.joint_reflex import PHASES, JointLearnerParams, JointReflex
@@ -46,9 +53,9 @@ class JointReflexNode(JointNode):
         self._prediction = self.raw_output("joint_prediction")
         self._pack_prediction = JointCodec(self.driven, "joint_prediction", fields[:1]).pack
         readers = {
-            "joint_states": JointCodec(self.joints, "joint_states"),
+            "joint_states": JointCodec(self.joints, "joint_states", frame=FRAME),
             "imu/data": ImuReader(),
-            "joint_target": JointCodec(self.driven, "joint_target"),
+            "joint_target": JointCodec(self.driven, "joint_target", fields),
         }
         self.join_by(readers, self._step, stamp_ns)
         self.announce_ready()

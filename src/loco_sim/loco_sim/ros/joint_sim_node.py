@@ -82,7 +82,7 @@ class JointSimNode(PlantNode):
     def _listen(self) -> TickJoin:
         robot = self.sim.robot
         driven = [robot.joints[i] for i in robot.driven]
-        self._codec = JointCodec(driven, "joint_command")
+        self._codec = JointCodec(driven, "joint_command", ("position", "velocity"))
         return self.join_by({"joint_command": self}, self._on_joints, stamp_ns)
 
     # ---- commands
