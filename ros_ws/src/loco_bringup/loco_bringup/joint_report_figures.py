@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -24,6 +21,7 @@ from .report_style import (
     TARGET,
     TINTS,
     canvas,
+    chapters,
     envelope,
     every,
     legend,
@@ -35,26 +33,7 @@ STRIDES = 6  # of a foot path or a limit cycle
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999999")
 
 
-@dataclass(frozen=True)
-class Chapter:
-    """One figure of the report."""
-
-    title: str
-    text: str  # what it shows, for people
-    draw: Callable[[JointLog], Figure]
-
-
-CHAPTERS: list[Chapter] = []
-
-
-def chapter(title: str, text: str) -> Callable:
-    """Put a figure into the report. It raises `BagError` where the bag lacks its data."""
-
-    def register(draw: Callable[[JointLog], Figure]) -> Callable[[JointLog], Figure]:
-        CHAPTERS.append(Chapter(title, text, draw))
-        return draw
-
-    return register
+CHAPTERS, chapter = chapters()
 
 
 # ---- what is drawn of a log

@@ -7,9 +7,6 @@ is its place on the page. `report_motion` goes on after it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -27,6 +24,7 @@ from .report_style import (
     TARGET,
     TINTS,
     canvas,
+    chapters,
     envelope,
     every,
     flag_spans,
@@ -40,26 +38,7 @@ WINDOW = 1.5  # length of a close look [s]
 STRIDES = 6  # of a foot cycle or of an animation
 
 
-@dataclass(frozen=True)
-class Chapter:
-    """One figure of the report."""
-
-    title: str
-    text: str  # what it shows, for people
-    draw: Callable[[Log], Figure]
-
-
-CHAPTERS: list[Chapter] = []
-
-
-def chapter(title: str, text: str) -> Callable:
-    """Put a figure into the report. It raises `BagError` where the bag lacks its data."""
-
-    def register(draw: Callable[[Log], Figure]) -> Callable[[Log], Figure]:
-        CHAPTERS.append(Chapter(title, text, draw))
-        return draw
-
-    return register
+CHAPTERS, chapter = chapters()
 
 
 def tail(log: Log, length: float) -> slice:

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -148,3 +150,30 @@ def flag_spans(t: np.ndarray, flag: np.ndarray, dt: float) -> list[tuple[float, 
         (float(t[a]), float(t[b - 1] - t[a]) + dt)
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One figure of a report."""
+
+    title: str
+    text: str  # what it shows, for people
+    draw: Callable[[Any], Figure]  # from a log
+
+
+def chapters() -> tuple[list[Chapter], Callable[[str, str], Callable]]:
+    """Figures of a report in their order, and the decorator that puts one there.
+
+    The decorator takes title and text. Its function raises `BagError` where the bag lacks
+    its data.
+    """
+    listed: list[Chapter] = []
+
+    def chapter(title: str, text: str) -> Callable:
+        def register(draw: Callable[[Any], Figure]) -> Callable[[Any], Figure]:
+            listed.append(Chapter(title, text, draw))
+            return draw
+
+        return register
+
+    return listed, chapter
