@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ import numpy as np
 
 from . import evaluations
 from .gait_file import Gait
-from .gait_search import FELL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,18 +38,32 @@ def convergence(folders: Sequence[str | Path], title: str) -> Figure:
         colour = COLOURS[number % len(COLOURS)]
         label = f"seed {header['seed']}: {-c['best'][-1]:.3f} m/s" if len(c["best"]) else "empty"
         speed.plot(c["evaluations"], -c["best"], color=colour, label=label)
-        walking = np.where(c["median"] < FELL, -c["median"], np.nan)
-        speed.plot(c["evaluations"], walking, color=colour, alpha=0.35, linewidth=0.9)
+        speed.plot(
+            c["evaluations"],
+            _walking(rows, header["population"]),
+            color=colour,
+            alpha=0.35,
+            linewidth=0.9,
+        )
         step.semilogy(c["evaluations"], c["sigma"], color=colour)
     speed.axhline(0.0, color="#888888", linewidth=0.6)
     speed.set(xlabel="evaluations", ylabel="forward speed [m/s]")
-    speed.set_title("best so far; thin: median of the generation", fontsize=9)
+    speed.set_title("best so far; thin: median of those that did not fall", fontsize=9)
     speed.legend(frameon=False, loc="lower right", fontsize=8)
     step.set(xlabel="evaluations", ylabel="step size, share of the ranges [-]")
     figure.suptitle(title, fontsize=11)
     for ax in (speed, step):
         ax.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _walking(rows: list[dict[str, Any]], population: int) -> np.ndarray:
+    """Median speed of the rollouts of each whole generation that did not fail, (generations,)."""
+    whole = len(rows) // population * population
+    speeds = [np.nan if row["reason"] else -row["value"] for row in rows[:whole]]
+    with warnings.catch_warnings():  # of a generation in which all fell
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(np.reshape(speeds, (-1, population)), axis=1)
 
 
 def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0.5) -> None:

@@ -90,9 +90,8 @@ def line(p: Progress) -> str:
 
 def _table(found: list[tuple]) -> Table:
     table = Table(box=None)
-    for column in ("seed", "speed [m/s]", "distance [m]", "other bodies: speed", "falls",
-                   "evaluations", "ended"):  # fmt: skip
-        table.add_column(column, justify="right")
+    for column in ("seed", "speed [m/s]", "distance [m]", "on other bodies", "falls", "end"):
+        table.add_column(column, justify="right", no_wrap=True)
     for gait, optimum, _ in found:
         c = gait.check
         table.add_row(
@@ -101,7 +100,6 @@ def _table(found: list[tuple]) -> Table:
             f"{gait.distance:.3f}",
             f"{c['speed_mean']:.4f}",
             f"{c['falls']:.0f} of {c['bodies']:.0f}",
-            str(gait.evaluations),
             optimum.ended,
         )
     return table
