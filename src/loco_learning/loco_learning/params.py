@@ -25,6 +25,11 @@ class PhasedParams(Params):
     weights: str
     closing_block: int
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.duration <= 0.0:
+            raise ParameterError("stand + train + closing + test must last longer than 0 s")
+
     @property
     def durations(self) -> dict[str, float]:
         """Length of each phase [s], in the order of `PHASES`."""
@@ -68,11 +73,6 @@ class LearnerParams(PhasedParams):
     test: float = parameter(15.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
     closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
     weights: str = parameter("", "file with trained weights; empty: learn them", "path")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.duration <= 0.0:
-            raise ParameterError("stand + train + closing + test must last longer than 0 s")
 
 
 @dataclass(frozen=True)
