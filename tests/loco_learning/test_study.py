@@ -145,6 +145,7 @@ def test_figures_survive_trials_that_ended_early(finished):
         ("variants: {a: 3}", ParameterError, "variants.a must be"),
         ("variants: {a: {experiment: nope}}", NameUnknownError, "no experiment named 'nope'"),
         ("variants: {a: {experiment: gone.yaml}}", MissingFileError, "gone.yaml"),
+        ("variants: {a: {experiment: msd_20}}", ParameterError, "msd_20 is of kind msd"),
         ("metrics: [spede]", NameUnknownError, "did you mean 'speed'"),
         ("figures: [nothing]", NameUnknownError, "no figure named 'nothing'"),
         ("phase: tset", NameUnknownError, "did you mean 'test'"),

@@ -192,7 +192,13 @@ def _variant(
     base = str(spec["experiment"])
     if base.endswith((".yaml", ".yml")):
         base = str(path.parent / base)
-    return override(experiments.load(base), {**own, **changes})
+    experiment = experiments.load(base)
+    if experiment.node_set == "msd":
+        raise ParameterError(
+            f"{path.stem}.variants.{name}: a study runs experiments of kind hyq or joint; "
+            f"{base} is of kind msd, whose studies are `loco reproduce msd`"
+        )
+    return override(experiment, {**own, **changes})
 
 
 def _seeds(path: Path, seeds: Any) -> tuple[int, ...]:
