@@ -212,6 +212,12 @@ def _add_rest(commands) -> None:
     )
     p.add_argument("arguments", nargs=argparse.REMAINDER)
     p.set_defaults(command=test)
+    p = commands.add_parser(
+        "gap", help="find where a model and a recording differ, and name the cause",
+        add_help=False, prefix_chars="\0",
+    )  # fmt: skip
+    p.add_argument("arguments", nargs=argparse.REMAINDER)
+    p.set_defaults(command=gap)
 
 
 # ---- commands: each returns the exit code
@@ -329,6 +335,13 @@ def calibrate(a: argparse.Namespace) -> int:
     from .console_calibrate import show_calibration
 
     return show_calibration(a)
+
+
+def gap(a: argparse.Namespace) -> int:
+    """`loco gap`, `loco gap next`, `loco gap battery`."""
+    from .gap_command import from_arguments
+
+    return from_arguments(a.arguments)
 
 
 def optimise(a: argparse.Namespace) -> int:
