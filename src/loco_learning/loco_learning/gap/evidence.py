@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much better one model explains the measurement than another, with honest odds.
+
+Residuals are whitened: predicted minus measured over the channel's floor, 1 = noise.
+Three choices keep the odds honest, because what a wrong model leaves is systematic:
+
+- A sample counts 1 / tau, with tau the integrated autocorrelation of the residual (for an
+  AR(1) residual (1 + phi) / (1 - phi)), the longer of the two models'. Predicting each
+  residual from the one before would instead remove the slow errors by which effects differ.
+- The Student-t density of both models has the scale that the better of them needs, at
+  least the floor: as long as nobody explains the data, small differences are no proof.
+- The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
+  those of the one sample at hand: two equally wrong models do not get odds of a million.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.special import gammaln
+
+NU = 5.0  # degrees of freedom of the density
+LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
+FEW, MANY = 8, 32  # blocks over all records
+MOST_ODDS = 1e9
+CAUTION = 1.25  # on the spread in the odds: blocks are few and not quite independent
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a model leaves unexplained.
+
+    Attributes:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+        scale: Scale of the Student-t density per channel, (C,), at least 1.
+        tau: Integrated autocorrelation per record and channel [samples], (R, C), at least 1.
+        rms: Over all records and channels [floors].
+        log_likelihood: Student-t, each sample counted 1 / tau [nat].
+        n_eff: Independent values that the samples stand for.
+    """
+
+    residuals: tuple[np.ndarray, ...]
+    scale: np.ndarray
+    tau: np.ndarray
+    rms: float
+    log_likelihood: float
+    n_eff: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Evidence for the first of two models over the second, on the same data.
+
+    Attributes:
+        gain: Difference of log-likelihood [nat], positive when the first is better.
+        low: Lower end of the gain's 95 % interval [nat].
+        high: Upper end [nat].
+        blocks_improved: Share of the blocks in which the models differ that the first wins.
+        odds: For the first against the second, 1 = nobody can tell, at most 1e9.
+        blocks: Number of blocks.
+    """
+
+    gain: float
+    low: float
+    high: float
+    blocks_improved: float
+    odds: float
+    blocks: int
+
+
+def whiten(
+    measured: Sequence[np.ndarray], predicted: Sequence[np.ndarray], floor: np.ndarray
+) -> list[np.ndarray]:
+    """Residual per record in floors, (T, C): NaN where nothing was measured.
+
+    A prediction that is not finite (the model diverged) counts as `LIMIT`, it is not left out.
+
+    Args:
+        measured: (T, C) per record, NaN = not measured or not to be weighed.
+        predicted: (T, C) per record.
+        floor: (C,) in the channels' units.
+    """
+    out = []
+    for y, p in zip(measured, predicted, strict=True):
+        with np.errstate(over="ignore", invalid="ignore"):
+            z = (p - y) / floor
+        z = np.where(np.isfinite(p), np.clip(z, -LIMIT, LIMIT), LIMIT)
+        out.append(np.where(np.isfinite(y), z, np.nan))
+    return out
+
+
+def rms(residuals: Sequence[np.ndarray]) -> float:
+    """Root mean square of all values that were measured [floors]."""
+    energy = sum(float(np.nansum(np.square(r))) for r in residuals)
+    count = sum(int(np.isfinite(r).sum()) for r in residuals)
+    return math.sqrt(energy / count) if count else math.nan
+
+
+def closed(before: float, after: float, floor: float = 1.0) -> float:
+    """Share of the reducible gap that is closed, 1 = down to the floor, below 0 = worse.
+
+    ``1 - (after² - floor²) / (before² - floor²)``; 0 when there was no gap to close.
+
+    Args:
+        before: Whitened rms of the model as it came [floors].
+        after: That of the model with the effect [floors].
+        floor: 1, unless another level is known to be unreachable.
+    """
+    gap = before**2 - floor**2
+    if not gap > 1e-9:
+        return 0.0
+    return 1.0 - max(after**2 - floor**2, 0.0) / gap
+
+
+def score(residuals: Sequence[np.ndarray]) -> Score:
+    """Weigh what a model leaves unexplained.
+
+    Args:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+    """
+    records = tuple(np.asarray(r, dtype=float) for r in residuals)
+    scale = _scale(np.concatenate(records))
+    tau = np.array([[correlation_time(r[:, c]) for c in range(r.shape[1])] for r in records])
+    ticks = _ticks(records, scale, tau)
+    log_likelihood = float(sum(x.sum() for x in ticks))
+    return Score(records, scale, tau, rms(records), log_likelihood, _count(records, tau))
+
+
+def correlation_time(x: np.ndarray) -> float:
+    """Integrated autocorrelation time about zero [samples], 1 for white noise.
+
+    ``1 + 2 sum rho_k`` up to the first lag of five times the sum so far (Sokal's window).
+    A residual whose mean is not zero is correlated for as long as the record is.
+
+    Args:
+        x: (T,), NaN = not measured.
+    """
+    valid = np.isfinite(x)
+    n = int(valid.sum())
+    if n < 4:
+        return 1.0
+    y = np.where(valid, x, 0.0)
+    size = 1 << (2 * len(y) - 1).bit_length()
+    power = np.abs(np.fft.rfft(y, size)) ** 2
+    pairs = np.abs(np.fft.rfft(valid.astype(float), size)) ** 2
+    covariance = np.fft.irfft(power, size)[: len(y)]
+    counts = np.maximum(np.round(np.fft.irfft(pairs, size)[: len(y)]), 1.0)
+    if not covariance[0] > 0.0:
+        return 1.0
+    rho = (covariance / counts) / (covariance[0] / counts[0])
+    sums = 2.0 * np.cumsum(rho) - 1.0
+    stop = np.flatnonzero(np.arange(len(sums)) >= 5.0 * sums)
+    stride = len(y) / n  # measured more rarely than the axis: time counts in samples
+    tau = sums[stop[0]] if len(stop) else sums.max()
+    return float(np.clip(tau / max(stride, 1.0), 1.0, n))
+
+
+def compare(
+    a: Score, b: Score, rng: np.random.Generator, trials: int = 1, draws: int = 1000
+) -> Comparison:
+    """Evidence for `a` over `b` by paired block bootstrap.
+
+    Args:
+        a: Residuals of the first model.
+        b: Residuals of the second on the same records.
+        rng: Source of the resampling, keyed by the caller's seed.
+        trials: Number of models among which `a` was picked by this very data; widens the
+            interval so that the best of many counts no more than it should (Bonferroni).
+        draws: Bootstrap samples.
+    """
+    sums = _blocks(a, b)
+    n = len(sums)
+    gain = float(sums.sum())
+    if n < 2:
+        return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
+    picks = np.sort(rng.choice(sums, (draws, n)).sum(1)) - gain
+    tail = 0.025 / max(trials, 1)
+    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(1.0 - tail, n - 1) / stats.norm.ppf(0.975)
+    low, high = gain + few * np.quantile(picks, [0.025, 0.975])
+    spread = few * float(picks.std())
+    big = np.abs(sums) > 0.05 * np.abs(sums).mean()
+    return Comparison(
+        gain,
+        float(low),
+        float(high),
+        float((sums[big] > 0.0).mean()) if big.any() else 0.5,
+        odds(gain, CAUTION * spread),
+        n,
+    )
+
+
+def odds(gain: float, spread: float) -> float:
+    """Odds for a gain in log-likelihood that is known to a spread [nat].
+
+    Average of the posterior probability over a normal law of the gain, in MacKay's closed
+    form: ``log odds = gain / sqrt(1 + pi spread² / 8)``.
+    """
+    power = gain / math.sqrt(1.0 + math.pi * spread**2 / 8.0)
+    return float(np.clip(math.exp(np.clip(power, -700.0, 700.0)), 1.0 / MOST_ODDS, MOST_ODDS))
+
+
+def bic(scores: Sequence[Score], counts: Sequence[int]) -> np.ndarray:
+    """Bayesian information criterion of several models of the same data, smaller = better.
+
+    ``k log(n_eff) - 2 log L``, all in the scale of the best and the longest correlation.
+
+    Args:
+        scores: What each model leaves on the data it was fitted to.
+        counts: Fitted parameters of each.
+    """
+    scale = np.min([s.scale for s in scores], axis=0)
+    tau = np.max([s.tau for s in scores], axis=0)
+    n = _count(scores[0].residuals, tau)
+    logs = np.array([sum(x.sum() for x in _ticks(s.residuals, scale, tau)) for s in scores])
+    return np.asarray(counts) * math.log(max(n, 2.0)) - 2.0 * logs
+
+
+def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
+    """Independent values that the samples of all records stand for."""
+    return sum(float((np.isfinite(r).sum(0) / t).sum()) for r, t in zip(records, tau, strict=True))
+
+
+def _blocks(a: Score, b: Score) -> np.ndarray:
+    """Gain of `a` over `b` in each block [nat]; blocks are longer than the correlation."""
+    scale, tau = np.minimum(a.scale, b.scale), np.maximum(a.tau, b.tau)
+    lengths = np.array([len(r) for r in a.residuals])
+    length = np.clip(2.0 * np.median(tau), lengths.sum() / MANY, lengths.sum() / FEW)
+    tau = np.minimum(tau, length)
+    sums = []
+    for x, y in zip(_ticks(a.residuals, scale, tau), _ticks(b.residuals, scale, tau), strict=True):
+        parts = max(1, round(len(x) / length))
+        sums += [float(part.sum()) for part in np.array_split(x - y, parts) if len(part)]
+    return np.array(sums)
+
+
+def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
+    """Log density of each sample over its tau, summed over channels, (T,) per record."""
+    constant = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * math.log(NU * math.pi)
+    out = []
+    for r, each in zip(records, tau, strict=True):
+        logs = constant - np.log(scale) - (NU + 1) / 2 * np.log1p((r / scale) ** 2 / NU)
+        out.append(np.nansum(logs / each, axis=1))
+    return out
+
+
+def _scale(r: np.ndarray) -> np.ndarray:
+    """Scale of the Student-t law that fits each channel best, (C,), at least 1."""
+    square = np.square(r)
+    seen = np.maximum(np.isfinite(r).sum(0), 1)
+    s2 = np.maximum(np.nansum(square, axis=0) / seen, 1.0)
+    for _ in range(30):  # expectation-maximisation
+        weight = (NU + 1) / (NU + square / s2)
+        s2 = np.maximum(np.nansum(weight * square, axis=0) / seen, 1.0)
+    return np.sqrt(s2)
