@@ -154,9 +154,9 @@ def correlation_time(x: np.ndarray) -> float:
     rho = (covariance / counts) / (covariance[0] / counts[0])
     sums = 2.0 * np.cumsum(rho) - 1.0
     stop = np.flatnonzero(np.arange(len(sums)) >= 5.0 * sums)
-    stride = len(y) / n  # measured more rarely than the axis: time counts in samples
+    stride = float(np.median(np.diff(np.flatnonzero(valid))))  # > 1: measured more rarely
     tau = sums[stop[0]] if len(stop) else sums.max()
-    return float(np.clip(tau / max(stride, 1.0), 1.0, n))
+    return float(np.clip(tau / stride, 1.0, n))
 
 
 def compare(
