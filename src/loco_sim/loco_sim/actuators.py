@@ -84,6 +84,11 @@ class Actuators:
         self._command[:] = 0.0
         self._command[0] = q
 
+    def start(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """As `reset`, in motion: the rotors turn with the joints [rad/s], (n,)."""
+        self.reset(q)
+        self._rotors[:, 1] = dq
+
     def accept(self, command: MotionCommand, trunk: TrunkTorque) -> bool:
         """Take a command over; False, and nothing changes, if it is not finite."""
         on = self._driven

@@ -155,6 +155,37 @@ class Engine:
         for joint, value in zip(self._joints, q, strict=True):
             pybullet.resetJointState(self._body, joint, float(value), physicsClientId=self._client)
 
+    def put(
+        self,
+        q: Sequence[float],
+        dq: Sequence[float],
+        position: Triple | None = None,
+        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+        velocity: Triple = (0.0, 0.0, 0.0),
+        spin: Triple = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Put the robot into a state.
+
+        Args:
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            position: Of the base frame [m]; None leaves the base where it is.
+            orientation: Of the base, x y z w.
+            velocity: Of the base frame's origin, in world [m/s].
+            spin: Angular velocity of the base, in world [rad/s].
+        """
+        if position is not None:
+            self.pose(position, orientation, q)
+            (ax, ay, az), (wx, wy, wz) = rotate(rotation_matrix(orientation), self._com), spin
+            vx, vy, vz = velocity
+            com = (vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax)
+            pybullet.resetBaseVelocity(self._body, com, spin, physicsClientId=self._client)
+        self._frames.clear()
+        for joint, angle, rate in zip(self._joints, q, dq, strict=True):
+            pybullet.resetJointState(
+                self._body, joint, float(angle), float(rate), physicsClientId=self._client
+            )
+
     # ---- pictures ----------------------------------------------------------------
 
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:

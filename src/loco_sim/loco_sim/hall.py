@@ -41,7 +41,8 @@ class HallSensor:
         self.top = 2**bits - 1
         grid = np.linspace(angles[0], angles[-1], GRID)
         fine = PchipInterpolator(angles, counts)(grid)
-        self._first, self._per = float(grid[0]), (GRID - 1) / float(grid[-1] - grid[0])
+        self._first, self._last = float(grid[0]), float(grid[-1])
+        self._per = (GRID - 1) / float(grid[-1] - grid[0])
         # Lists: looking up one number in an array costs several times as much.
         self._counts = fine.tolist()
         self._angle_of = np.interp(np.arange(self.top + 1.0), fine, grid).tolist()
@@ -53,6 +54,10 @@ class HallSensor:
         below = self._counts[i]
         exact = below + (at - i) * (self._counts[i + 1] - below)
         return min(max(round(exact + noise), 0), self.top)
+
+    def reached(self, angle: float) -> float:
+        """The angle itself, or the end of the table that it is beyond [rad]."""
+        return min(max(angle, self._first), self._last)
 
     def angle(self, counts: int) -> float:
         """Angle that the robot takes from a reading [rad]."""

@@ -55,6 +55,9 @@ class SensorParams(Params):
     rate: float = parameter(
         0.0, "readings per second, held in between; 0 is the control rate", "Hz", low=0.0, high=1e5
     )
+    exact: bool = parameter(
+        False, "no rounding and no noise, whatever the sensors are: what a model expects to read"
+    )
 
     def hall_sensors(self, folder: Path, joints: tuple[str, ...]) -> dict[str, HallSensor]:
         """Hall sensors by joint, read from the table.
@@ -117,6 +120,8 @@ class Sensors:
         noise = self._rng.standard_normal(6 + len(self._hall))
         q = np.array(self._positions(truth.q.tolist(), noise[6:].tolist()))
         imu = self._params.imu
+        if self._params.exact:
+            noise[:] = 0.0
         self._last = RobotState(
             tick=truth.tick,
             t=truth.t,
@@ -133,6 +138,10 @@ class Sensors:
 
     def _positions(self, q: list[float], noise: list[float]) -> list[float]:
         """Readings of the joints in place of the truth [rad or m], (n,)."""
+        if self._params.exact:
+            for i, sensor in self._hall:
+                q[i] = sensor.reached(q[i])
+            return q
         step, spread = self._step, self._params.hall.noise
         for i in self._encoder:
             q[i] = step * floor(q[i] / step + 0.5)

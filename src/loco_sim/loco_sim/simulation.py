@@ -31,7 +31,7 @@ from .geometry import rotation_matrix
 from .params import SimParams
 from .sensing import check_finite, fall_reason, ground_truth, robot_state, specific_force
 from .sensors import Sensors
-from .world import World
+from .world import Base, World
 
 log = logging.getLogger(__name__)
 
@@ -136,6 +136,10 @@ class Simulation:
         """
         self._seed = self._seed if seed is None else seed
         self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        return self._begin(self._standing)
+
+    def _begin(self, q: np.ndarray, dq: np.ndarray | None = None) -> RobotState:
+        """Tick 0: effects, drives and sensors forget everything; measure."""
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
         (
@@ -153,12 +157,41 @@ class Simulation:
         )
         self._tick = self._step = self.rejected = 0
         self.fallen: str | None = None
-        self._drive.reset(self._standing)
+        if dq is None:
+            self._drive.reset(q)
+        else:
+            self._drive.start(q, dq)
         if self._sensors:
             self._sensors.reset(self._seed)
         self._joints, self._base = self._world.joint_states(), self._world.base()
         no_tau, no_force = [0.0] * len(self.robot.joints), [0.0] * self._force_count
         return self._sense(no_tau, no_force, self._base.velocity)
+
+    def place(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        base: Base | None = None,
+        rebuild: bool = True,
+    ) -> RobotState:
+        """Start from another state than standing, and measure at tick 0.
+
+        Args:
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            base: State of the base; None is that of a reset.
+            rebuild: Build the world anew. Without it the world keeps what it remembers of
+                contacts; a robot that touches nothing has the same future either way.
+
+        Raises:
+            ParameterError: The robot has no drives or springs in its robot.yaml.
+        """
+        if not self.robot.equipped:
+            raise ParameterError(f"robot {self.robot.name!r} lists no drives: it starts standing")
+        if rebuild:
+            self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        self._world.put(q, dq, *(base or ()))
+        return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float))
 
     # ---- one control period ------------------------------------------------------
 

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is compared: the channels of a robot, of a record, and of a run of the model.
+
+Everything stands in one matrix (T, C). Poses of the base are told in the place and heading
+of the record's first sample, where the model starts as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.orientation import roll_pitch_yaw
+from loco_sim.geometry import multiply
+from loco_sim.robot import Robot
+
+from ..signals import roll_pitch_yaw as all_roll_pitch_yaw
+from .record import FEET_SIGNAL, JOINT_SIGNALS, Record
+
+AXES = {
+    "gyro": ("x", "y", "z"),
+    "acceleration": ("x", "y", "z"),
+    "orientation": ("roll", "pitch", "yaw"),
+    "base_position": ("x", "y", "z"),
+    "base_orientation": ("roll", "pitch", "yaw"),
+}
+SIGNALS = (*JOINT_SIGNALS, *AXES, FEET_SIGNAL)
+UNITS = {
+    "q": "rad",
+    "dq": "rad/s",
+    "tau": "N·m",
+    "gyro": "rad/s",
+    "acceleration": "m/s²",
+    "orientation": "rad",
+    "base_position": "m",
+    "base_orientation": "rad",
+    "grf": "N",
+}
+SLIDING = {"q": "m", "dq": "m/s", "tau": "N"}
+TURNED = ("orientation", "base_orientation")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One number that is measured at each time.
+
+    Attributes:
+        signal: One of `SIGNALS`.
+        name: Joint, foot or axis.
+        unit: Unit.
+    """
+
+    signal: str
+    name: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.signal} {self.name}"
+
+
+def of(robot: Robot, records: Sequence[Record], signals: Sequence[str]) -> tuple[Channel, ...]:
+    """Channels that any of the records measured, in a fixed order.
+
+    What a base measures that is bolted to the world says nothing and is left out.
+
+    Args:
+        robot: Whose joints and feet they are.
+        records: What was measured.
+        signals: Which of `SIGNALS` count.
+    """
+    from loco_sim.description import Description
+
+    sliding = {
+        j for j, kind in Description(robot.urdf).joint_types().items() if kind == "prismatic"
+    }
+    found = []
+    for signal in SIGNALS:
+        if signal not in signals or (robot.fixed_base and signal not in JOINT_SIGNALS):
+            continue
+        names = _names(robot, signal)
+        seen = np.zeros(len(names), dtype=bool)
+        for record in records:
+            seen |= np.any(np.isfinite(_columns(robot, record, signal)), axis=0)
+        for name in np.array(names)[seen].tolist():
+            unit = SLIDING.get(signal) if name in sliding else UNITS[signal]
+            found.append(Channel(signal, name, unit or UNITS[signal]))
+    return tuple(found)
+
+
+def _names(robot: Robot, signal: str) -> tuple[str, ...]:
+    if signal in JOINT_SIGNALS:
+        return robot.joints
+    return robot.feet if signal == FEET_SIGNAL else AXES[signal]
+
+
+def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
+    """A signal of a record as numbers that can be subtracted, (T, k); NaN where not measured."""
+    if signal in JOINT_SIGNALS:
+        return record.joints_of(robot, signal)
+    if signal == FEET_SIGNAL:
+        return record.feet_of(robot.feet)
+    values = record.signals.get(signal)
+    if values is None:
+        return np.full((len(record.t), 3), np.nan)
+    if signal in TURNED:
+        return _angles(values, heading(values))
+    if signal == "base_position":
+        return _at_home(values, record)
+    return values
+
+
+def heading(orientation: np.ndarray) -> float:
+    """Yaw of the first sample that was measured [rad]; 0 if none was."""
+    known = np.flatnonzero(np.all(np.isfinite(orientation), axis=1))
+    return roll_pitch_yaw(orientation[known[0]])[2] if len(known) else 0.0
+
+
+def _angles(orientation: np.ndarray, yaw: float = 0.0) -> np.ndarray:
+    """Roll, pitch and yaw [rad], (T, 3), the last without jumps and from `yaw` on."""
+    angles = all_roll_pitch_yaw(orientation)
+    known = np.isfinite(angles[:, 2])
+    angles[known, 2] = np.unwrap(angles[known, 2]) - yaw
+    return angles
+
+
+def _at_home(position: np.ndarray, record: Record) -> np.ndarray:
+    """Positions from the first measured one on, along and across the first heading [m]."""
+    known = np.flatnonzero(np.all(np.isfinite(position), axis=1))
+    turned = record.signals.get("base_orientation", record.signals.get("orientation"))
+    yaw = 0.0 if turned is None else heading(turned)
+    c, s = np.cos(yaw), np.sin(yaw)
+    moved = position.copy()
+    if len(known):
+        moved[:, :2] -= position[known[0], :2]
+    moved[:, :2] = moved[:, :2] @ np.array([[c, -s], [s, c]])
+    return moved
+
+
+def base_pose(record: Record, row: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Measured place [m] and attitude x y z w of the base in a row, at home; None if unknown."""
+    position, turned = (record.signals.get(k) for k in ("base_position", "base_orientation"))
+    if position is None or turned is None:
+        return None
+    place = _at_home(position, record)[row]
+    half = -0.5 * heading(turned)
+    turn = np.array(multiply((0.0, 0.0, np.sin(half), np.cos(half)), turned[row].tolist()))
+    if not np.all(np.isfinite([*place, *turn])):
+        return None
+    return place, turn
+
+
+def measured(robot: Robot, channels: Sequence[Channel], record: Record) -> np.ndarray:
+    """What a record says, (T, C); NaN where not measured."""
+    out = np.full((len(record.t), len(channels)), np.nan)
+    for signal, columns, mine in _groups(robot, channels):
+        out[:, columns] = _columns(robot, record, signal)[:, mine]
+    return out
+
+
+class Track:
+    """What a model says, row by row.
+
+    Args:
+        robot: The robot simulated.
+        channels: Columns of the result.
+    """
+
+    def __init__(self, robot: Robot, channels: Sequence[Channel]):
+        self._groups, self._width = list(_groups(robot, channels)), len(channels)
+        self._said: dict[str, list[Any]] = {signal: [] for signal, *_ in self._groups}
+        self._true_base = any(s.startswith("base_") for s in self._said)
+
+    def add(self, state: Any, sim: Any) -> None:
+        """Take what the sensors say and, if it is compared, the pose of the base."""
+        for signal, values in self._said.items():
+            if not signal.startswith("base_"):
+                values.append(READ[signal](state))
+        if self._true_base:
+            truth = sim.ground_truth()
+            for signal, value in (
+                ("base_position", truth.position),
+                ("base_orientation", truth.orientation),
+            ):
+                if signal in self._said:
+                    self._said[signal].append(value)
+
+    def matrix(self, rows: int) -> np.ndarray:
+        """All rows, (rows, C); NaN for those that never came."""
+        out = np.full((rows, self._width), np.nan)
+        for signal, columns, mine in self._groups:
+            values = np.array(self._said[signal])
+            if len(values):
+                values = _angles(values) if signal in TURNED else values
+                out[: len(values), columns] = values[:, mine]
+        return out
+
+
+READ = {
+    "q": lambda state: state.q,
+    "dq": lambda state: state.dq,
+    "tau": lambda state: state.tau,
+    "gyro": lambda state: state.angular_velocity,
+    "acceleration": lambda state: state.linear_acceleration,
+    "orientation": lambda state: state.orientation,
+    "grf": lambda state: state.grf[:, 2],
+}
+
+
+def _groups(robot: Robot, channels: Sequence[Channel]) -> list[tuple[str, list[int], list[int]]]:
+    """Per signal: its columns in the matrix and those in its own array."""
+    made = []
+    for signal in SIGNALS:
+        names = _names(robot, signal)
+        columns = [i for i, channel in enumerate(channels) if channel.signal == signal]
+        if columns:
+            made.append((signal, columns, [names.index(channels[i].name) for i in columns]))
+    return made

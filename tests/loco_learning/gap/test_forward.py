@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forward runs: what the model itself did is predicted to the last bit."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.forward import Forward, shifted
+from loco_learning.gap.record import Record
+from loco_learning.joint_experiment import JointExperiment
+from loco_learning.joint_reflex import JointLearnerParams
+from loco_learning.joint_rollout import rollout
+from loco_sim.model import Model
+
+EXACT = {"sensors.exact": True}
+AIR = {"fixed_base": True, "height": 1.0}
+FRICTION = {"name": "coulomb_friction", "torque": 0.1}
+
+
+def recorded(robot: str, overrides: dict, effects: tuple = (), duration: float = 1.0) -> Record:
+    """What `rollout` measures on a robot, as a record."""
+    experiment = JointExperiment(
+        robot=robot,
+        duration=duration,
+        overrides=overrides,
+        effects=effects,
+        learner=JointLearnerParams(enabled=False),
+    )
+    log, plant = rollout(experiment), experiment.plant
+    signals = {"q": log.q, "dq": log.dq, "tau": log.tau}
+    if not plant.fixed_base:
+        signals |= {
+            "gyro": log.gyro,
+            "acceleration": log.acceleration,
+            "orientation": log.imu_orientation,
+            "base_position": log.position,
+            "base_orientation": log.orientation,
+        }
+    said = {"position": log.command, "velocity": log.command_dq, "torque": log.command}
+    driven = tuple(plant.joints[i] for i in plant.driven)
+    known = {key: value for key, value in overrides.items() if key in AIR}
+    return Record(robot, log.t, said, driven, signals, plant.joints, overrides=known)
+
+
+@pytest.mark.parametrize(
+    ("robot", "overrides"),
+    [("servo_pendulum", EXACT), ("pendulum", {}), ("tigrillo", EXACT), ("tigrillo", EXACT | AIR)],
+)
+def test_a_run_of_the_model_leaves_no_residual(robot, overrides):
+    record = recorded(robot, overrides)
+    forward = Forward(Model(robot), [record])
+    assert np.array_equal(forward()[0], forward.measured[0])
+    assert forward.measured[0].shape == (len(record.t), len(forward.channels))
+
+
+def test_a_hidden_effect_leaves_one_that_naming_it_closes():
+    record = recorded("servo_pendulum", EXACT, (FRICTION,))
+    forward = Forward(Model("servo_pendulum"), [record])
+    before, after = forward()[0], forward([FRICTION])[0]
+    assert np.max(np.abs(before - forward.measured[0])) > 10.0 * forward.numeric.min()
+    assert np.array_equal(after, forward.measured[0])
+
+
+def test_overrides_of_a_call_win_over_those_of_model_and_record():
+    record = recorded("servo_pendulum", EXACT | {"drives.pivot.kp": 9.0})
+    forward = Forward(Model("servo_pendulum", {"drives.pivot.kp": 5.0}), [record])
+    found = forward(overrides={"drives.pivot.kp": 9.0})[0]
+    assert np.array_equal(found, forward.measured[0])
+    assert not np.array_equal(forward()[0], found)
+
+
+def test_noise_and_rounding_of_sensors_are_not_predicted():
+    record = recorded("tigrillo", AIR)
+    noisy = Model("tigrillo", {}, [{"name": "sensor_noise", "q": 0.1}])
+    assert np.array_equal(Forward(noisy, [record])()[0], Forward(Model("tigrillo"), [record])()[0])
+
+
+def test_a_sliding_robot_speaks_in_metres_and_a_bolted_one_of_its_joints_only():
+    record = recorded("linear_axis", {})
+    units = {str(c): c.unit for c in Forward(Model("linear_axis"), [record]).channels}
+    assert set(units.values()) == {"m", "m/s", "N"}
+    assert {c.signal for c in Forward(Model("tigrillo"), [recorded("tigrillo", AIR)]).channels} == {
+        "q", "dq", "tau",
+    }  # fmt: skip
+
+
+def test_the_numerical_error_is_small_and_of_the_model_alone():
+    record = recorded("servo_pendulum", EXACT)
+    forward = Forward(Model("servo_pendulum"), [record])
+    spread = np.nanstd(forward.measured[0], axis=0)
+    assert np.all(forward.numeric > 0.0)
+    assert np.all(forward.numeric < 0.2 * spread)
+
+
+def test_a_later_start_is_taken_from_the_measurements_and_its_transient_is_not_weighed():
+    record = recorded("servo_pendulum", EXACT, duration=2.0).rows(100, 200)
+    forward = Forward(Model("servo_pendulum"), [record])
+    error = forward()[0] - forward.measured[0]
+    assert np.isnan(error[0]).all() and np.isfinite(error[50:]).all()
+    assert np.nanmax(np.abs(error[:, 0])) < 0.1 * np.nanstd(forward.measured[0][:, 0])
+
+
+def test_a_shift_of_whole_samples_moves_rows():
+    wave = np.sin(np.arange(60) * 0.2)[:, None]
+    assert shifted(wave, 2.0)[10:-10] == pytest.approx(wave[8:-12], abs=1e-4)
+    assert shifted(wave, 0.5)[10:-10, 0] == pytest.approx(
+        np.sin((np.arange(60) - 0.5) * 0.2)[10:-10], abs=1e-3
+    )
+
+
+def test_a_pickled_one_says_the_same():
+    forward = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)])
+    assert np.array_equal(pickle.loads(pickle.dumps(forward))()[0], forward()[0])
+
+
+def test_a_robot_without_drives_is_refused():
+    record = recorded("servo_pendulum", EXACT)
+    with pytest.raises(ParameterError, match="lists no drives"):
+        Forward(Model("hyq"), [record])
