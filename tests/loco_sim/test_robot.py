@@ -61,9 +61,11 @@ def test_the_joint_limits_of_hyq_are_those_of_the_kinematics(hyq):
     np.testing.assert_allclose([limits[j] for j in JOINTS], np.stack([low, high], axis=1))
 
 
-def test_the_urdf_of_hyq_is_the_one_its_module_writes():
-    file = resources.files("loco_sim") / "assets" / "hyq" / "hyq.urdf"
-    assert file.read_text() == hyq_urdf.write(), "run python -m loco_sim.hyq_urdf"
+def test_the_urdfs_of_hyq_are_those_that_their_module_writes():
+    assets = resources.files("loco_sim") / "assets"
+    for name, written in (("hyq", hyq_urdf.write()), ("hyq_leg", hyq_urdf.write_leg())):
+        file = assets / name / f"{name}.urdf"
+        assert file.read_text() == written, "run python -m loco_sim.hyq_urdf"
 
 
 def test_the_urdf_follows_the_leg_geometry():

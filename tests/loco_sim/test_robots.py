@@ -33,7 +33,7 @@ def name(request):
 
 
 def test_the_benches_and_tigrillo_are_there():
-    benches = {"servo_pendulum", "pendulum", "linear_axis", "spring_mass"}
+    benches = {"servo_pendulum", "pendulum", "linear_axis", "spring_mass", "hyq_leg"}
     assert {"hyq", "tigrillo"} | benches <= set(robot.names())
 
 

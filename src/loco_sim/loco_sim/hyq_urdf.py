@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes ``assets/hyq/hyq.urdf``: frames, masses and limits of HyQ in one short table.
+"""Writes the URDFs of HyQ and of one leg of it: frames, masses and limits in one short table.
 
 The leg geometry comes from `LegGeometry`, so kinematics and plant cannot
 disagree. Run ``python -m loco_sim.hyq_urdf`` after a change here; a test compares
@@ -11,6 +11,7 @@ trunk, the knees and the feet collide: a shank touches flat ground after them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
 from pathlib import Path
 
@@ -37,14 +38,23 @@ BODY, METAL, RUBBER = (0.20, 0.22, 0.26), (0.72, 0.74, 0.77), (0.12, 0.12, 0.13)
 def write(geometry: LegGeometry | None = None) -> str:
     """Text of the URDF for a leg geometry (default: HyQ's)."""
     geometry = geometry or LegGeometry()
+    return _robot("hyq", LEGS, geometry)
+
+
+def write_leg(leg: str = LEGS[0], geometry: LegGeometry | None = None) -> str:
+    """Text of the URDF of the trunk with one leg, for a bench."""
+    return _robot("hyq_leg", (leg,), geometry or LegGeometry())
+
+
+def _robot(name: str, legs: Sequence[str], geometry: LegGeometry) -> str:
     lines = [
         '<?xml version="1.0"?>',
         "<!-- SPDX-License-Identifier: Apache-2.0 -->",
         "<!-- Written by loco_sim.hyq_urdf: edit that module, not this file. -->",
-        '<robot name="hyq">',
+        f'<robot name="{name}">',
         *_trunk(),
     ]
-    for leg in LEGS:
+    for leg in legs:
         lines += _leg(leg, geometry)
     return "\n".join([*lines, "</robot>", ""])
 
@@ -141,4 +151,6 @@ def _joint(name: str, parent: str, child: str, xyz: Vector, rpy: Vector,
 
 
 if __name__ == "__main__":
-    (Path(__file__).parent / "assets" / "hyq" / "hyq.urdf").write_text(write())
+    assets = Path(__file__).parent / "assets"
+    (assets / "hyq" / "hyq.urdf").write_text(write())
+    (assets / "hyq_leg" / "hyq_leg.urdf").write_text(write_leg())

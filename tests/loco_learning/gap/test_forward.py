@@ -48,7 +48,13 @@ def recorded(robot: str, overrides: dict, effects: tuple = (), duration: float =
 
 @pytest.mark.parametrize(
     ("robot", "overrides"),
-    [("servo_pendulum", EXACT), ("pendulum", {}), ("tigrillo", EXACT), ("tigrillo", EXACT | AIR)],
+    [
+        ("servo_pendulum", EXACT),
+        ("pendulum", {}),
+        ("hyq_leg", {}),
+        ("tigrillo", EXACT),
+        ("tigrillo", EXACT | AIR),
+    ],
 )
 def test_a_run_of_the_model_leaves_no_residual(robot, overrides):
     record = recorded(robot, overrides)
