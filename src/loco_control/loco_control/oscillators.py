@@ -21,6 +21,7 @@ with s rising smoothly from 0 to 1 over `ramp` after `start_time`. x_i falls fro
   leads other than half a turn; ours is silent on the locked cycle and so bends neither its
   shape nor its period. There the rates of the halves are blended by s, here the times.
 - ``sine``: x = sin(2 pi (f t + phase)); no duty factor. The excitation of a calibration.
+- ``chirp``, ``triangle``, ``steps``: no duty factor either; see `excitation`.
 """
 
 from __future__ import annotations
@@ -30,10 +31,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import excitation
 from .exceptions import NameUnknownError, ParameterError
 from .params import Params, parameter
 
-KINDS = ("amplitude_phase", "righetti", "sine")
+OSCILLATORS = ("amplitude_phase", "righetti")
+KINDS = (*OSCILLATORS, "sine", *excitation.KINDS)
 PATTERNS = {  # phase of lf rf lh rh [strides]
     "walk": (0.0, 0.5, 0.5, 0.0),  # diagonal legs together, as thesis section 5.3.2.2 has it
     "bound": (0.0, 0.0, 0.5, 0.5),  # the front pair, then the hind pair
@@ -67,6 +70,15 @@ class CpgParams(Params):
     sharpness: float = parameter(50.0, "b, steepness of the duty switch", "-", 1.0, 500.0)
     start_time: float = parameter(0.0, "time of the first movement", "s", low=0.0)
     ramp: float = parameter(1.0, "time in which the movement grows to its full size", "s", low=0.0)
+    end_frequency: float = parameter(
+        5.0, "chirp: where the frequency sweeps to", "Hz", low=0.02, high=100.0
+    )
+    sweep: float = parameter(8.0, "chirp: time from `frequency` to there", "s", 0.1, 1e4)
+    levels: tuple[float, ...] = parameter(
+        (1.0, -1.0), "steps: levels in turn, as a share of the amplitude", "-", -1.0, 1.0,
+        any_length=True,
+    )  # fmt: skip
+    rise: float = parameter(0.2, "steps: time to reach a level; 0 jumps", "s", 0.0, 100.0)
 
 
 def pattern(name: str) -> tuple[float, float, float, float]:
@@ -101,18 +113,18 @@ class Cpg:
         self.rest, self._amplitude, self._offsets = (
             values["offset"], values["amplitude"], 2.0 * np.pi * values["phase"]
         )  # fmt: skip
-        self._periodic = params.kind == "sine"
-        if not self._periodic:
+        self._exact = params.kind not in OSCILLATORS  # a function of time, nothing to integrate
+        if not self._exact:
             # Kernels are imported here so that reading an experiment does not load numba.
             from . import oscillator_kernels as kernels
 
             self._kernels = kernels
             shape = np.array([params.frequency, params.convergence, params.sharpness])
-            self._code = KINDS.index(params.kind)
+            self._code = OSCILLATORS.index(params.kind)
             self._constants = (values["duty_factor"], *coupling(params, self._offsets), shape)
             self._substeps = max(1, math.ceil(self.dt / LONGEST_STEP))
         self.reset()
-        if not self._periodic:  # compile now, not in the first tick
+        if not self._exact:  # compile now, not in the first tick
             self._advance()
             self.reset()
 
@@ -124,7 +136,7 @@ class Cpg:
             radius: Radii to start from instead, in units of the cycle, (m,).
         """
         self._t = 0.0
-        if self._periodic:
+        if self._exact:
             return
         angle = self._offsets if angle is None else np.asarray(angle, dtype=float)
         radius = np.ones_like(angle) if radius is None else np.asarray(radius, dtype=float)
@@ -143,14 +155,14 @@ class Cpg:
             return self.rest.copy(), np.zeros_like(self.rest)
         self._t = t
         size, growth = rise(max(since, 0.0), self.params.ramp)
-        x, dx = self._sines(t) if self._periodic else self._advance()
+        x, dx = self._at(t) if self._exact else self._advance()
         q = self.rest + size * self._amplitude * x
         return q, self._amplitude * (growth * x + size * dx)
 
     @property
     def phase(self) -> np.ndarray:
         """Phase of each joint, even in time, after the last `step` [strides], in [0, 1), (m,)."""
-        if self._periodic:
+        if self._exact:
             return (self.params.frequency * self._t + self._offsets / (2.0 * np.pi)) % 1.0
         angle = self._state[:, 1]
         if self._code == self._kernels.RIGHETTI:
@@ -167,6 +179,17 @@ class Cpg:
         now = self._kernels.output(self._code, self._state, *self._constants)
         self._kernels.advance(self._code, self._state, *self._constants, self.dt, self._substeps)
         return now
+
+    def _at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        p = self.params
+        if p.kind == "sine":
+            return self._sines(t)
+        since, phase = max(t - p.start_time, 0.0), self._offsets / (2.0 * np.pi)
+        if p.kind == "chirp":
+            return excitation.chirp(since, phase, p.frequency, p.end_frequency, p.sweep)
+        if p.kind == "triangle":
+            return excitation.triangle(since, phase, p.frequency)
+        return excitation.steps(since, phase, p.frequency, p.levels, p.rise)
 
     def _sines(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         rate = 2.0 * np.pi * self.params.frequency

@@ -120,8 +120,9 @@ def options_of(job: Job) -> Any:
     Raises:
         LocoError: A value out of range, or a name that is not known.
     """
-    from loco_control.params import from_dict
     from loco_learning.gap.workflow import GapParams
+
+    from loco_control.params import from_dict
 
     return from_dict(GapParams, dict(job.options), "gap")
 

@@ -37,9 +37,9 @@ def parser() -> argparse.ArgumentParser:
                    "a folder of results, with --add")  # fmt: skip
     p.add_argument("--robot", help="robot, robot.yaml or model.yaml to begin with")
     p.add_argument("--mapping", type=Path, metavar="YAML",
-                   help="which column has which role and unit, for files that are no bags")  # fmt: skip
+                   help="role and unit of each column, for files that are no bags")  # fmt: skip
     p.add_argument("--hold-out", nargs="+", default=[], metavar="BAG",
-                   help="recordings that are judged on and never fitted (default: the last)")  # fmt: skip
+                   help="recordings to judge on, never fitted (default: the last)")  # fmt: skip
     p.add_argument("--add", nargs="+", default=[], metavar="BAG",
                    help="more recordings for a folder of results")  # fmt: skip
     p.add_argument("--output", type=Path, metavar="DIR", help="folder (default results/gap_BAG)")
@@ -75,7 +75,7 @@ def _next(arguments: list[str]) -> int:
     p.add_argument("--rank", type=int, default=1, help="1 is the best, then the next (default 1)")
     p.add_argument("--out", type=Path, help="YAML file (default DIR/next_EXPERIMENT.yaml)")
     p.add_argument("--surrogate", metavar="MODEL", default="",
-                   help="robot that runs it: a robot or model.yaml (default: that of DIR)")  # fmt: skip
+                   help="robot or model.yaml that runs it (default: that of DIR)")  # fmt: skip
     return show_next(p.parse_args(arguments))
 
 
