@@ -4,11 +4,12 @@
 Residuals are whitened: predicted minus measured over the channel's floor, 1 = noise.
 Three choices keep the odds honest, because what a wrong model leaves is systematic:
 
-- A sample counts 1 / tau, with tau the integrated autocorrelation of the residual (for an
-  AR(1) residual (1 + phi) / (1 - phi)), the longer of the two models'. Predicting each
-  residual from the one before would instead remove the slow errors by which effects differ.
-- The Student-t density of both models has the scale that the better of them needs, at
-  least the floor: as long as nobody explains the data, small differences are no proof.
+- Noise is what the better of the two models leaves, in each channel: its scale (Student-t
+  density, at least the floor) and its integrated autocorrelation tau are used for both. As
+  long as nobody explains the data, small differences are no proof.
+- A sample counts 1 / tau (for an AR(1) residual tau = (1 + phi) / (1 - phi)). Predicting
+  each residual from the one before would instead remove the slow errors by which effects
+  differ.
 - The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
   those of the one sample at hand: two equally wrong models do not get odds of a million.
 """
@@ -206,17 +207,30 @@ def odds(gain: float, spread: float) -> float:
 def bic(scores: Sequence[Score], counts: Sequence[int]) -> np.ndarray:
     """Bayesian information criterion of several models of the same data, smaller = better.
 
-    ``k log(n_eff) - 2 log L``, all in the scale of the best and the longest correlation.
+    ``k log(n_eff) - 2 log L``, all with the noise that the best of them leaves.
 
     Args:
         scores: What each model leaves on the data it was fitted to.
         counts: Fitted parameters of each.
     """
-    scale = np.min([s.scale for s in scores], axis=0)
-    tau = np.max([s.tau for s in scores], axis=0)
+    scale, tau = _noise(scores)
     n = _count(scores[0].residuals, tau)
     logs = np.array([sum(x.sum() for x in _ticks(s.residuals, scale, tau)) for s in scores])
     return np.asarray(counts) * math.log(max(n, 2.0)) - 2.0 * logs
+
+
+def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
+    """Scale (C,) and correlation time (R, C) that the best model of each channel leaves."""
+    power = np.array([_power(s.residuals) for s in scores])
+    scale = np.min([s.scale for s in scores], axis=0)
+    best = power == power.min(0)  # (models, C)
+    tau = np.max([s.tau * is_best for s, is_best in zip(scores, best, strict=True)], axis=0)
+    return scale, tau
+
+
+def _power(records: Sequence[np.ndarray]) -> np.ndarray:
+    """Sum of squares of each channel, (C,)."""
+    return np.sum([np.nansum(np.square(r), axis=0) for r in records], axis=0)
 
 
 def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
@@ -226,7 +240,7 @@ def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
 
 def _blocks(a: Score, b: Score) -> np.ndarray:
     """Gain of `a` over `b` in each block [nat]; blocks are longer than the correlation."""
-    scale, tau = np.minimum(a.scale, b.scale), np.maximum(a.tau, b.tau)
+    scale, tau = _noise((a, b))
     lengths = np.array([len(r) for r in a.residuals])
     length = np.clip(2.0 * np.median(tau), lengths.sum() / MANY, lengths.sum() / FEW)
     tau = np.minimum(tau, length)
