@@ -128,8 +128,8 @@ ROSDEP = {
     "yaml": "python3-yaml",
 }
 ONLY_PIP = {
-    *("cma", "distributed", "llvmlite", "mcap", "mcap_ros2", "numba", "pybullet"),
-    *("pybullet_data", "rosbags"),
+    *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),
+    *("pybullet_data", "rosbags", "zstandard"),  # lz4 and zstandard come with mcap
 }
 
 

@@ -4,20 +4,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import McapReader, make_reader
 
 from loco_control.exceptions import BagError, MissingFileError, NameUnknownError
 from loco_control.ros.codec import Codec
 
 from .bag_writer import LIBRARY
+from .mcap_chunk import Records, gathered
+from .mcap_file import McapFile, of_channels
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,18 @@ class Bag:
     """
 
     def __init__(self, path: str | Path):
-        self.path = _mcap_file(Path(path))
+        self.path = mcap_path(Path(path))
         self.folder = self.path.parent
-        try:
-            with self._open() as reader:
-                summary = reader.get_summary()
-        except (McapError, EOFError, OSError, ValueError) as error:
-            raise BagError(
-                f"{self.path} is not a readable MCAP file: {error or 'cut short'}"
-            ) from None
-        if summary is None or summary.statistics is None:
-            raise BagError(f"{self.path} has no summary: the recording was cut short")
-        self.summary = summary
-        counts = summary.statistics.channel_message_counts
-        self.topics = {
-            c.topic: TopicInfo(c.topic, summary.schemas[c.schema_id].name, counts.get(i, 0))
-            for i, c in sorted(summary.channels.items())
-        }
+        self.file = McapFile(self.path)
+        self.summary = self.file.summary
+        counts = self.summary.statistics.channel_message_counts
+        self._channels: dict[str, list[int]] = {}
+        self.topics: dict[str, TopicInfo] = {}
+        for i, c in sorted(self.summary.channels.items()):
+            self._channels.setdefault(c.topic, []).append(i)
+            kind = self.summary.schemas[c.schema_id].name if c.schema_id else c.message_encoding
+            count = sum(counts.get(k, 0) for k in self._channels[c.topic])
+            self.topics[c.topic] = TopicInfo(c.topic, kind, count)
 
     @property
     def start(self) -> float:
@@ -72,11 +67,7 @@ class Bag:
     @cached_property
     def metadata(self) -> dict[str, str]:
         """What the run said of itself: experiment, seed, versions, drops."""
-        with self._open() as reader:
-            for record in reader.iter_metadata():
-                if record.name == LIBRARY:
-                    return dict(record.metadata)
-        return {}
+        return self.file.metadata(LIBRARY)
 
     def attachment(self, name: str) -> bytes:
         """Content of a file inside the bag.
@@ -85,22 +76,34 @@ class Bag:
             NameUnknownError: The bag has no attachment of that name.
         """
         names = []
-        with self._open() as reader:
-            for record in reader.iter_attachments():
-                names.append(record.name)
-                if record.name == name:
-                    return record.data
+        for record in self.file.attachments():
+            names.append(record.name)
+            if record.name == name:
+                return record.data
         raise NameUnknownError(f"attachment in {self.path.name}", name, names)
 
     def attachments(self) -> dict[str, int]:
         """Names and sizes [bytes] of the files inside the bag."""
-        with self._open() as reader:
-            return {record.name: len(record.data) for record in reader.iter_attachments()}
+        return {record.name: len(record.data) for record in self.file.attachments()}
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
         """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived."""
-        name = self.resolve(topic)
-        return self._read([name])[name]
+        times, data = [np.empty(0, np.int64)], []
+        for records, rows in self._blocks(self.resolve(topic)):
+            times.append(records.heads["time"][rows])
+            starts, stops = records.starts[rows].tolist(), records.stops[rows].tolist()
+            data += [records.data[a:b] for a, b in zip(starts, stops, strict=True)]
+        return np.concatenate(times), data
+
+    def times(self, topic: str) -> np.ndarray:
+        """Log times [ns] of a topic, shape (n,), as its messages arrived."""
+        blocks = self._blocks(self.resolve(topic))
+        return np.concatenate([np.empty(0, np.int64), *(r.heads["time"][i] for r, i in blocks)])
+
+    def _blocks(self, name: str) -> Iterator[tuple[Records, np.ndarray]]:
+        """The chunks, and which of their messages are of a topic."""
+        for records in self.file.blocks():
+            yield records, of_channels(records, self._channels[name])
 
     def records(self, topic: str) -> np.ndarray:
         """Messages of a topic of constant layout as records, shape (n,), fields by path.
@@ -111,32 +114,17 @@ class Bag:
         return self.records_of([topic])[topic]
 
     def records_of(self, topics: Iterable[str]) -> dict[str, np.ndarray]:
-        """Records of several topics, by the names given, in one pass over the file."""
-        from rclpy.serialization import deserialize_message
+        """Records of several topics, by the names given, in one pass over the file.
 
+        Raises:
+            BagError: A topic is empty or its messages differ in layout.
+        """
         names = {topic: self.resolve(topic) for topic in topics}
-        read, records = self._read(list(names.values())), {}
-        for topic, name in names.items():
-            _, data = read[name]
-            if not data:
-                raise BagError(f"{self.path.name} has no message on {name}")
-            codec = Codec(deserialize_message(data[0], message_class(self.topics[name].type)))
-            records[topic] = codec.decode_many(data)
-        return records
-
-    def _read(self, names: list[str]) -> dict[str, tuple[np.ndarray, list[bytes]]]:
-        times: dict[str, list[int]] = {name: [] for name in names}
-        data: dict[str, list[bytes]] = {name: [] for name in names}
-        try:
-            with self._open() as reader:
-                for _, channel, message in reader.iter_messages(names, log_time_order=False):
-                    times[channel.topic].append(message.log_time)
-                    data[channel.topic].append(message.data)
-        except (McapError, EOFError, ValueError) as error:
-            raise BagError(
-                f"{self.path}: cannot be read to its end: {error or 'cut short'}"
-            ) from None
-        return {name: (np.array(times[name], dtype=np.int64), data[name]) for name in names}
+        columns = {name: _Columns(self, name) for name in names.values()}
+        for records in self.file.blocks():
+            for name, column in columns.items():
+                column.add(records, of_channels(records, self._channels[name]))
+        return {topic: columns[name].joined() for topic, name in names.items()}
 
     def messages(self, topic: str) -> list[Any]:
         """Messages of a topic as ROS objects, in log order."""
@@ -159,22 +147,43 @@ class Bag:
             raise NameUnknownError(f"topic in {self.path.name}", topic, self.topics)
         return found[0]
 
-    def _open(self) -> _Reader:
-        return _Reader(self.path)
 
+class _Columns:
+    """Messages of one topic, all of one layout, gathered chunk by chunk."""
 
-class _Reader:
-    """Context manager: an mcap reader over an open file."""
+    def __init__(self, bag: Bag, name: str):
+        self._bag, self._name = bag, name
+        self._codec: Codec | None = None
+        self._parts: list[np.ndarray] = []
 
-    def __init__(self, path: Path):
-        self._path = path
+    def add(self, records: Records, rows: np.ndarray) -> None:
+        """Copy these messages of a chunk."""
+        if not len(rows):
+            return
+        starts = records.starts[rows]
+        if self._codec is None:
+            self._codec = self._layout(records.data[starts[0] : records.stops[rows[0]]])
+        size = self._codec.dtype.itemsize
+        wrong = np.flatnonzero(records.stops[rows] - starts != size)
+        if len(wrong):
+            other = int((records.stops[rows] - starts)[wrong[0]])
+            raise BagError(
+                f"{self._bag.path.name}: messages on {self._name} differ in layout: "
+                f"{size} bytes, then {other}"
+            )
+        self._parts.append(gathered(records.bytes, starts, size))
 
-    def __enter__(self) -> McapReader:
-        self._file = open(self._path, "rb")  # noqa: SIM115 (closed in __exit__)
-        return make_reader(self._file)
+    def _layout(self, first: bytes) -> Codec:
+        from rclpy.serialization import deserialize_message
 
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+        kind = message_class(self._bag.topics[self._name].type)
+        return Codec(deserialize_message(first, kind))
+
+    def joined(self) -> np.ndarray:
+        """Records, shape (n,)."""
+        if self._codec is None:
+            raise BagError(f"{self._bag.path.name} has no message on {self._name}")
+        return np.concatenate(self._parts).view(self._codec.dtype).reshape(-1)
 
 
 def message_class(name: str) -> type:
@@ -195,7 +204,12 @@ def message_class(name: str) -> type:
         raise NameUnknownError("installed message type", name, []) from None
 
 
-def _mcap_file(path: Path) -> Path:
+def mcap_path(path: Path) -> Path:
+    """The ``.mcap`` file of a bag folder, or the file itself.
+
+    Raises:
+        MissingFileError: There is no such folder or file.
+    """
     if path.is_dir():
         files = sorted(path.glob("*.mcap"))
         if len(files) != 1:

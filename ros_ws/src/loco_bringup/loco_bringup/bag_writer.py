@@ -7,18 +7,20 @@ Log and publish time of a message are simulated time, as ``ros2 bag record
 
 from __future__ import annotations
 
-import os
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from loco_control.exceptions import BagError
 from loco_control.ros.topics import Topic
 
+from .bag_progress import Progress
 from .interfaces import definition, type_hash, type_name
+from .mcap_writer import McapWriter
 
 CHUNK_SIZE = 256 * 1024
 LIBRARY = "loco"
@@ -28,35 +30,44 @@ LIBRARY = "loco"
 class _Channel:
     id: int
     meta: dict[str, Any]
-    count: int = 0
 
 
 class BagWriter:
     """One bag folder being written.
 
+    A full disk ends the recording, not the program: what came before stays, as a whole bag,
+    and `failed` says why.
+
     Args:
         folder: New folder of the bag; its name is the name of the bag.
         custom_data: Texts kept in the bag's metadata (experiment, seed, versions).
 
+    Attributes:
+        written: Messages given to the writer so far.
+        failed: Why nothing more is written; empty while all is well.
+
     Raises:
-        BagError: The folder holds a bag already.
+        BagError: The folder holds a bag already, or cannot be written.
     """
 
     def __init__(self, folder: Path, custom_data: dict[str, str] | None = None):
         self.folder = Path(folder)
-        self.folder.mkdir(parents=True, exist_ok=True)
         self._path = self.folder / f"{self.folder.name}_0.mcap"
-        if self._path.exists():
-            raise BagError(f"{self._path} exists already; choose another folder")
         self.custom = custom_data or {}
-        self._file = open(self._path, "wb")  # noqa: SIM115 (closed in close)
-        self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD)
-        self._writer.start("ros2", LIBRARY)
+        self.written, self.failed = 0, ""
         self._channels: dict[str, _Channel] = {}
         self._schemas: dict[str, int] = {}
-        self._start: int | None = None
         self._end = 0
-        self._write_metadata()
+        self._open = True
+        if self._path.exists():
+            raise BagError(f"{self._path} exists already; choose another folder")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._writer = McapWriter(self._path, CHUNK_SIZE, LIBRARY)
+            self._write_metadata()
+        except OSError as error:
+            raise BagError(f"no bag can be written in {self.folder}: {error}") from None
+        self._progress = Progress(self.folder)
 
     def add_topic(self, name: str, kind: str, text: str, hash_: str, qos: list[dict]) -> None:
         """Announce a topic.
@@ -68,13 +79,8 @@ class BagWriter:
             hash_: RIHS01 hash of the type.
             qos: Offered profiles, as `qos_dict` makes them.
         """
-        if kind not in self._schemas:
-            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text.encode())
         profiles = yaml.safe_dump(qos, sort_keys=False)
-        channel = self._writer.register_channel(
-            name, "cdr", self._schemas[kind],
-            {"offered_qos_profiles": profiles, "topic_type_hash": hash_},
-        )  # fmt: skip
+        about = {"offered_qos_profiles": profiles, "topic_type_hash": hash_}
         meta = {
             "name": name,
             "type": kind,
@@ -82,7 +88,11 @@ class BagWriter:
             "offered_qos_profiles": qos,
             "type_description_hash": hash_,
         }
-        self._channels[name] = _Channel(channel, meta)
+        self._channels[name] = _Channel(len(self._channels) + 1, meta)
+        with self._until_full():
+            if kind not in self._schemas:
+                self._schemas[kind] = self._writer.schema(kind, "ros2msg", text.encode())
+            self._writer.channel(name, "cdr", self._schemas[kind], about)
 
     def add_row(self, name: str, row: Topic) -> None:
         """Announce a topic of the table under the name `name`."""
@@ -92,57 +102,91 @@ class BagWriter:
 
     def write(self, topic: str, data: bytes, t: int, sequence: int = 0) -> None:
         """Append a serialised message with its simulated time [ns]."""
-        channel = self._channels[topic]
-        channel.count += 1
-        self._start = t if self._start is None else min(self._start, t)
+        self.written += 1
+        if self.failed:
+            return
         self._end = max(self._end, t)
-        self._writer.add_message(channel.id, t, data, t, sequence)
-
-    @property
-    def written(self) -> int:
-        """Messages given to the writer so far."""
-        return sum(channel.count for channel in self._channels.values())
+        self._progress.tell(self.written, self._end)
+        try:
+            self._writer.message(self._channels[topic].id, t, data, t, sequence)
+        except OSError as error:
+            self._fail(error)
 
     def attach(self, name: str, data: bytes, media_type: str = "text/yaml") -> None:
         """Put a file (configuration, weights) inside the bag."""
-        self._writer.add_attachment(self._end, self._end, name, media_type, data)
+        self._writer.attachment(self._end, name, media_type, data)
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the system: what a crash cannot take."""
-        self._writer.flush()
+        with self._until_full():
+            self._writer.flush()
+
+    @contextlib.contextmanager
+    def _until_full(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: OSError) -> None:
+        if not self.failed:
+            self.failed = f"{error.strerror or error} ({self._path})"
+            self.custom["recording_stopped"] = self.failed
 
     def close(self) -> None:
-        """Write index, statistics and the final ``metadata.yaml``."""
-        if self._file.closed:
+        """Write index, statistics and the final ``metadata.yaml``.
+
+        Raises:
+            BagError: There is no room even for this; ``loco recover`` makes a bag of the file.
+        """
+        if not self._open:
             return
-        info = yaml.safe_dump(self._information(), sort_keys=False)
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": info})
-        self._writer.add_metadata(LIBRARY, self.custom)
-        self._writer.finish()
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        self._write_metadata()
+        self._open = False
+        if not self.failed:
+            self.flush()
+        self._writer.metadata("rosbag2", self._serialized)
+        self._writer.metadata(LIBRARY, lambda: self.custom)
+        try:
+            self._writer.finish(self._write_metadata, make_room=True)
+        except OSError as error:
+            raise BagError(
+                f"{self._path} could not be closed: {error.strerror or error}; "
+                f"`loco recover {self.folder}` makes a bag of what is there"
+            ) from None
+        self._progress.done()
+
+    @property
+    def kept(self) -> tuple[int, float]:
+        """Messages in the file, and simulated time of the newest [s]."""
+        return self._writer.messages, self._writer.span[1] / 1e9
+
+    def _serialized(self) -> dict[str, str]:
+        return {"serialized_metadata": yaml.safe_dump(self._information(), sort_keys=False)}
 
     def _write_metadata(self) -> None:
         path = self.folder / "metadata.yaml"
         partial = path.with_suffix(".partial")
         content = {"rosbag2_bagfile_information": self._information()}
-        partial.write_text(yaml.safe_dump(content, sort_keys=False))
-        partial.replace(path)
+        try:
+            partial.write_text(yaml.safe_dump(content, sort_keys=False))
+            partial.replace(path)
+        except OSError:
+            partial.unlink(missing_ok=True)
+            raise
 
     def _information(self) -> dict[str, Any]:
-        start = self._start or 0
-        length = {"nanoseconds": max(0, self._end - start)}
+        start, end = self._writer.span
+        counts = self._writer.counts()
+        length = {"nanoseconds": end - start}
         begin = {"nanoseconds_since_epoch": start}
         return {
             "version": 9,
             "storage_identifier": "mcap",
             "duration": length,
             "starting_time": begin,
-            "message_count": self.written,
+            "message_count": self._writer.messages,
             "topics_with_message_count": [
-                {"topic_metadata": c.meta, "message_count": c.count}
+                {"topic_metadata": c.meta, "message_count": counts.get(c.id, 0)}
                 for c in self._channels.values()
             ],
             "compression_format": "",
@@ -153,7 +197,7 @@ class BagWriter:
                     "path": self._path.name,
                     "starting_time": begin,
                     "duration": length,
-                    "message_count": self.written,
+                    "message_count": self._writer.messages,
                 }
             ],
             "custom_data": self.custom,

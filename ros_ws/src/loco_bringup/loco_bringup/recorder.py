@@ -2,7 +2,8 @@
 """Node `recorder`: every topic of the table into one bag, in a process of its own.
 
 It tells the plant how far it is (`recorder_status`), so that a lockstep run
-waits for the disk and loses nothing; ticks that are missing are counted.
+waits for the disk and loses nothing; ticks that are missing are counted. A full
+disk ends the recording with the event `recording stopped`; the run goes on.
 Several robots, each in a namespace, can go into the same bag; each plant then
 hears of its own ticks.
 """
@@ -11,12 +12,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_control.ros.convert import TICK
 from loco_control.ros.joint_topics import TABLES
 from loco_control.ros.node import LocoNode, run_nodes
@@ -24,6 +26,8 @@ from loco_control.ros.topics import Topic, to_stamp
 from loco_msgs.msg import Event, RecorderStatus
 
 from .bag_writer import BagWriter
+
+log = logging.getLogger(__name__)
 
 _STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
@@ -47,7 +51,7 @@ class RecorderNode(LocoNode):
         self.table = {**self.table, **_merged(graphs)}
         chosen = {space: _chosen(wanted, TABLES[table]) for space, table in graphs}
         self.writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
-        self._received, self._dropped = 0, 0
+        self._received, self._dropped, self._stopped = 0, 0, False
         self._next_tick: dict[str, int] = {}
         self.robots = [_Robot(self, space, table) for space, table in graphs]
         for robot in self.robots:
@@ -117,6 +121,12 @@ class RecorderNode(LocoNode):
         self._next_tick[key] = tick + 1
 
     def _tell_if_new(self) -> None:
+        if self.writer.failed and not self._stopped:
+            self._stopped = True
+            count, end = self.writer.kept
+            text = f"{self.writer.failed}; kept {count} messages up to {end:.3f} s"
+            self.get_logger().error(f"recording stopped: {text}")
+            self.event("recording stopped", text, max(r.tick for r in self.robots))
         for robot in self.robots:
             if robot.tick > robot.told:
                 robot.tell()
@@ -149,7 +159,10 @@ class RecorderNode(LocoNode):
                 self.writer.attach(path.name, path.read_bytes(), "application/octet-stream")
         self.writer.custom["received"] = str(self._received)
         self.writer.custom["dropped"] = str(self._dropped)
-        self.writer.close()
+        try:
+            self.writer.close()
+        except BagError as error:
+            log.error("%s", error)
 
 
 class _Robot:

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chunks of an MCAP file: unpacked, checked, and their messages found by one compiled pass."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.opcode import Opcode
+from numba import njit
+
+from loco_control.exceptions import BagError
+
+from .mcap_scan import Piece
+
+_HEAD = struct.Struct("<QQQI")  # start and end time [ns], unpacked size, CRC
+_MAX_SIZE = 1 << 31  # an unpacked chunk beyond 2 GiB is a damaged length
+MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("publish", "<i8")])
+
+
+@dataclass(frozen=True)
+class ChunkHead:
+    """What a chunk says of itself: times [ns], unpacked size, where its packed bytes are."""
+
+    first: int
+    last: int
+    size: int
+    crc: int
+    compression: str
+    start: int
+    stop: int
+
+
+def chunk_head(data: bytes, piece: Piece) -> ChunkHead:
+    """Head of a chunk; `piece` may be cut off behind it."""
+    first, last, size, crc = _HEAD.unpack_from(data, piece.start)
+    at = piece.start + _HEAD.size
+    length = int.from_bytes(data[at : at + 4], "little")
+    name = bytes(data[at + 4 : at + 4 + length]).decode("ascii", "replace")
+    return ChunkHead(first, last, size, crc, name, at + 12 + length, piece.stop)
+
+
+def unpack(data: bytes, piece: Piece) -> bytes:
+    """Records inside a chunk.
+
+    Raises:
+        BagError: It is damaged, or packed by a method that is not known.
+    """
+    head = chunk_head(data, piece)
+    packed = data[head.start : head.stop]
+    try:
+        records = _unpacked(head, packed)
+    except BagError:
+        raise
+    except Exception as error:  # each library has its own
+        raise BagError(f"chunk at byte {piece.start} is damaged: {error}") from None
+    if len(records) != head.size:
+        raise BagError(f"chunk at byte {piece.start} is damaged: its length is wrong")
+    if head.crc and zlib.crc32(records) != head.crc:
+        raise BagError(f"chunk at byte {piece.start} is damaged: its check sum is wrong")
+    return records
+
+
+def _unpacked(head: ChunkHead, packed: bytes) -> bytes:
+    if head.size > _MAX_SIZE:
+        raise BagError(f"chunk says it has {head.size} bytes; at most {_MAX_SIZE} are believed")
+    if head.compression == "":
+        return bytes(packed)
+    if head.compression == "lz4":
+        return lz4.frame.decompress(packed)
+    if head.compression == "zstd":
+        said = zstandard.get_frame_parameters(packed).content_size
+        if said not in (head.size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise BagError("its length is wrong")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=head.size)
+    raise BagError(f"chunks packed with {head.compression!r} cannot be read: only zstd, lz4, none")
+
+
+class Records:
+    """Records of one unpacked chunk.
+
+    Args:
+        data: Its bytes.
+
+    Attributes:
+        ok: The lengths of its records add up.
+
+    Raises:
+        BagError: They do not.
+    """
+
+    def __init__(self, data: bytes):
+        self.data = data
+        self.bytes = np.frombuffer(data, np.uint8)
+        ok, opcodes, starts, stops = _find(self.bytes)
+        if not ok:
+            raise BagError("records in a chunk do not add up")
+        self._opcodes, self._starts, self._stops = opcodes, starts, stops
+        chosen = opcodes == Opcode.MESSAGE
+        self.starts, self.stops = starts[chosen] + MESSAGE.itemsize, stops[chosen]
+
+    def pieces(self, opcode: int) -> list[Piece]:
+        """Records of one kind."""
+        return [
+            Piece(opcode, int(self._starts[i]), int(self._stops[i]))
+            for i in np.flatnonzero(self._opcodes == opcode)
+        ]
+
+    @cached_property
+    def heads(self) -> np.ndarray:
+        """Channel, sequence and times of each message, dtype `MESSAGE`."""
+        rows = gathered(self.bytes, self.starts - MESSAGE.itemsize, MESSAGE.itemsize)
+        return rows.view(MESSAGE).reshape(-1)
+
+
+@njit(cache=True)
+def _length(data, at):
+    value = np.int64(0)
+    for k in range(7, -1, -1):
+        value = (value << 8) | data[at + k]
+    return value
+
+
+@njit(cache=True)
+def _find(data):
+    size, at, count = len(data), 0, 0
+    ok = True
+    while at < size:
+        if size - at < 9:
+            ok = False
+            break
+        length = _length(data, at + 1)
+        if length < 0 or length > size - at - 9 or (data[at] == 5 and length < 22):
+            ok = False
+            break
+        at += 9 + length
+        count += 1
+    opcodes = np.empty(count, np.uint8)
+    starts, stops = np.empty(count, np.int64), np.empty(count, np.int64)
+    at = 0
+    for i in range(count):
+        opcodes[i] = data[at]
+        starts[i] = at + 9
+        at += 9 + _length(data, at + 1)
+        stops[i] = at
+    return ok, opcodes, starts, stops
+
+
+@njit(cache=True)
+def gathered(data: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
+    """Stretches of `size` bytes from each start on, shape (len(starts), size)."""
+    out = np.empty((len(starts), size), np.uint8)
+    for i in range(len(starts)):
+        out[i] = data[starts[i] : starts[i] + size]
+    return out

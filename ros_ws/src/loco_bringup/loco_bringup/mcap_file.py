@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An MCAP file as a whole: its definitions, statistics, chunks, attachments and messages."""
+
+from __future__ import annotations
+
+import mmap
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statistics
+
+from loco_control.exceptions import BagError
+
+from .mcap_chunk import MESSAGE, Records, unpack
+from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
+
+
+@dataclass
+class Summary:
+    """What stands at the end of a file."""
+
+    statistics: Statistics
+    channels: dict[int, Channel]
+    schemas: dict[int, Schema]
+
+
+def mapped(path: Path) -> bytes | mmap.mmap:
+    """Bytes of a file, read when they are touched."""
+    with open(path, "rb") as stream:
+        if path.stat().st_size == 0:
+            return b""
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+class McapFile:
+    """A complete MCAP file. Every check sum is checked when its bytes are read.
+
+    Args:
+        path: The file.
+
+    Raises:
+        BagError: It is cut short, damaged, or no MCAP file.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.data = mapped(path)
+        if bytes(self.data[: len(MAGIC)]) != MAGIC:
+            raise self._error("it does not begin as MCAP files do")
+        if len(self.data) < 2 * len(MAGIC) or bytes(self.data[-len(MAGIC) :]) != MAGIC:
+            raise self._error("cut short")
+        self.pieces = list(walk(self.data))
+        damage = next((p for p in self.pieces if p.opcode == DAMAGE), None)
+        if damage:
+            raise self._error(f"bytes {damage.start} to {damage.stop} are damaged")
+        try:
+            self.summary = self._summary()
+        except BagError as error:
+            raise self._error(str(error)) from None
+
+    def _error(self, why: str) -> BagError:
+        return BagError(
+            f"{self.path} is not a readable MCAP file: {why}; "
+            f"`loco recover {self.path}` restores what is whole"
+        )
+
+    def _summary(self) -> Summary:
+        footers = [p for p in self.pieces if p.opcode == Opcode.FOOTER]
+        if len(footers) != 1:
+            raise BagError("it has no footer")
+        footer = parsed(self.data, footers[0], Footer)
+        self._check_summary(footer, footers[0])
+        last = [p for p in self.pieces if p.start > footer.summary_start > 0]
+        found = [p for p in last if p.opcode == Opcode.STATISTICS]
+        if not found:
+            raise BagError("it has no summary")
+        channels = [parsed(self.data, p, Channel) for p in last if p.opcode == Opcode.CHANNEL]
+        schemas = [parsed(self.data, p, Schema) for p in last if p.opcode == Opcode.SCHEMA]
+        summary = Summary(
+            parsed(self.data, found[0], Statistics),
+            {c.id: c for c in channels},
+            {s.id: s for s in schemas},
+        )
+        missing = {c.schema_id for c in channels} - set(summary.schemas) - {0}
+        if missing:
+            raise BagError(f"schema {min(missing)} is missing")
+        return summary
+
+    def _check_summary(self, footer: Footer, piece: Piece) -> None:
+        """Its check sum covers the summary and the footer but for the sum itself."""
+        if not footer.summary_crc:
+            return
+        begin = footer.summary_start or piece.start - HEAD.size
+        if zlib.crc32(self.data[begin : piece.stop - 4]) != footer.summary_crc:
+            raise BagError("the check sum of its summary is wrong")
+
+    def attachments(self) -> Iterator[Attachment]:
+        """Files inside the file.
+
+        Raises:
+            BagError: One is damaged.
+        """
+        for piece in self.pieces:
+            if piece.opcode == Opcode.ATTACHMENT:
+                if not attachment_whole(self.data, piece):
+                    raise self._error(f"the attachment at byte {piece.start} is damaged")
+                yield parsed(self.data, piece, Attachment)
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """Metadata record of a name; empty if there is none."""
+        for piece in self.pieces:
+            if piece.opcode == Opcode.METADATA:
+                record = parsed(self.data, piece, Metadata)
+                if record.name == name:
+                    return dict(record.metadata)
+        return {}
+
+    @property
+    def chunks(self) -> list[Piece]:
+        """Where the chunks are."""
+        return [p for p in self.pieces if p.opcode == Opcode.CHUNK]
+
+    def records(self, chunk: Piece) -> Records:
+        """Messages of one chunk.
+
+        Raises:
+            BagError: It is damaged.
+        """
+        try:
+            return Records(unpack(self.data, chunk))
+        except BagError as error:
+            raise self._error(str(error)) from None
+
+    def loose(self) -> Records | None:
+        """Messages that stand in the file itself, None in a file of chunks."""
+        if self.chunks or not any(p.opcode == Opcode.MESSAGE for p in self.pieces):
+            return None
+        pieces = [p for p in self.pieces if p.opcode == Opcode.MESSAGE]
+        return Records(b"".join(self.data[p.start - HEAD.size : p.stop] for p in pieces))
+
+    def blocks(self) -> Iterator[Records]:
+        """All messages, a chunk at a time, as they stand in the file.
+
+        Raises:
+            BagError: A chunk is damaged.
+        """
+        loose = self.loose()
+        if loose is not None:
+            yield loose
+        for chunk in self.chunks:
+            yield self.records(chunk)
+
+
+def attachment_whole(data: bytes, piece: Piece) -> bool:
+    """The check sum of an attachment is right, or it has none."""
+    said = int.from_bytes(data[piece.stop - 4 : piece.stop], "little")
+    return said in (0, zlib.crc32(data[piece.start : piece.stop - 4]))
+
+
+def of_channels(records: Records, channels: list[int]) -> np.ndarray:
+    """Rows of `records.heads` that are of some channels."""
+    return np.flatnonzero(np.isin(records.heads["channel"], channels))
+
+
+__all__ = [
+    "MESSAGE", "McapFile", "Records", "Summary", "attachment_whole", "mapped", "of_channels",
+]  # fmt: skip
