@@ -35,7 +35,7 @@ ROS = {
 BRINGUP = {
     *ROS,
     *("loco_control", "loco_sim", "loco_learning", "numpy", "yaml", "rich", "psutil"),
-    *("mcap", "zstandard", "lz4", "mcap_ros2", "rosbags", "matplotlib", "PIL"),
+    *("numba", "mcap", "zstandard", "lz4", "mcap_ros2", "rosbags", "matplotlib", "PIL"),
 }
 PYBULLET_DOOR = Path("loco_sim/engine.py")
 TERMINAL = ("loco_bringup/cli", "loco_bringup/console")
