@@ -131,6 +131,30 @@ def score(residuals: Sequence[np.ndarray]) -> Score:
     return Score(records, scale, tau, rms(records), log_likelihood, _count(records, tau))
 
 
+def levels(a: Score, trials: int = 1) -> np.ndarray:
+    """Rms of each channel with a 95 % interval from its blocks, (C, 3): value, low, high.
+
+    Args:
+        a: What a model leaves [floors].
+        trials: Number of channels that are looked at together; widens the interval.
+    """
+    parts = []
+    for r in a.residuals:
+        parts += np.array_split(r, max(1, round(MANY * len(r) / sum(map(len, a.residuals)))))
+    found = np.full((len(a.scale), 3), np.nan)
+    for c in range(len(a.scale)):
+        power = np.array([np.nansum(p[:, c] ** 2) for p in parts])
+        count = np.array([np.isfinite(p[:, c]).sum() for p in parts])
+        power, count = power[count > 0], count[count > 0]
+        if len(count) < 2:
+            continue
+        mean = power.sum() / count.sum()
+        error = math.sqrt(np.square(power - mean * count).sum() / (1.0 - 1.0 / len(count)))
+        half = stats.t.ppf(1.0 - 0.025 / max(trials, 1), len(count) - 1) * error / count.sum()
+        found[c] = np.sqrt(np.maximum([mean, mean - half, mean + half], 0.0))
+    return found
+
+
 def correlation_time(x: np.ndarray) -> float:
     """Integrated autocorrelation time about zero [samples], 1 for white noise.
 

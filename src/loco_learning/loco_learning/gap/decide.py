@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Named, ambiguous, unknown or no gap: the rules, and one sentence of evidence for each.
+
+An effect is named when all of this holds on data that it was not fitted to: without it the
+model is worse beyond chance, every rival of another name is improbable, its parameters are
+physical and exclude "absent", most blocks agree, and it closes a good share of the gap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_control.params import Params, parameter
+
+from . import evidence
+from .evidence import Comparison, Score
+
+NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
+
+
+@dataclass(frozen=True)
+class Limits(Params):
+    """What it takes to get a name."""
+
+    gap: float = parameter(
+        1.15, "rms of a channel [floors] that its interval must exceed to be a gap", low=1.0
+    )
+    odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
+    blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
+    closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
+    adequate_rms: float = parameter(
+        1.5, "rms [floors] over all channels at which the model explains the data", low=1.0
+    )
+    adequate_closed: float = parameter(
+        0.9, "share of the gap whose closing also counts as explaining the data", high=1.0
+    )
+    edge: float = parameter(
+        0.01, "share of a parameter's range next to a bound that counts as on it", low=0.0, high=0.5
+    )
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter with its 95 % interval, all in `unit`.
+
+    Attributes:
+        name: As in the registry.
+        value: Best value.
+        low: Lower end of the interval.
+        high: Upper end.
+        unit: SI unit, - without one.
+        least: Smallest value the fit may take, -inf without bound.
+        most: Largest.
+        absent: Value at which the effect is not there; None for a shape such as a velocity scale.
+        sign: +1 or -1 where only this sign is physical, 0 where both are.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str = "-"
+    least: float = -math.inf
+    most: float = math.inf
+    absent: float | None = 0.0
+    sign: int = 0
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect in the place of a candidate, everything else refitted.
+
+    Attributes:
+        name: Its name.
+        place: Where it sits.
+        over: Evidence for the candidate over this one.
+        closed: Share of the gap that it closes.
+    """
+
+    name: str
+    place: str
+    over: Comparison
+    closed: float = math.nan
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term of the selected model, with what speaks for it on held-out data.
+
+    Attributes:
+        name: Name of the effect.
+        place: Where it sits.
+        estimates: Its parameters.
+        gain: Evidence for the model over the same model without the term, refitted.
+        closed: Share of the gap that comes back without it.
+        rivals: The same model with another effect instead, refitted.
+    """
+
+    name: str
+    place: str
+    estimates: tuple[Estimate, ...]
+    gain: Comparison
+    closed: float
+    rivals: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ruling:
+    """What is said about one candidate.
+
+    Attributes:
+        name: Name of the effect.
+        place: Where it sits.
+        verdict: `NAMED`, `AMBIGUOUS` or `UNKNOWN`.
+        odds: Against the best rival of another name; against its absence without any.
+        look_alikes: Names that cannot be excluded.
+        places: Other places of the same effect that cannot be excluded.
+        alarms: Parameters that are not to be believed.
+        evidence: One sentence.
+    """
+
+    name: str
+    place: str
+    verdict: str
+    odds: float
+    look_alikes: tuple[str, ...]
+    places: tuple[str, ...]
+    alarms: tuple[str, ...]
+    evidence: str
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict.
+
+    Attributes:
+        verdict: `NAMED`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
+        names: Effects that are named, sorted.
+        ambiguous: Groups of names of which the data cannot choose one.
+        rulings: One per candidate, in the order given.
+        alarms: Of all candidates.
+        adequate: The model explains the data.
+        evidence: One sentence.
+    """
+
+    verdict: str
+    names: tuple[str, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
+    rulings: tuple[Ruling, ...]
+    alarms: tuple[str, ...]
+    adequate: bool
+    evidence: str
+
+
+def has_gap(before: Score, limits: Limits = LIMITS) -> bool:
+    """Some channel's residual is above its floor beyond chance."""
+    low = evidence.levels(before, trials=len(before.scale))[:, 1]
+    return bool(np.any(low > limits.gap))
+
+
+def decide(
+    candidates: Sequence[Candidate],
+    before: Score,
+    after: Score,
+    limits: Limits = LIMITS,
+) -> Decision:
+    """Say what the gap is.
+
+    Args:
+        candidates: Terms of the selected model; none if nothing was selected.
+        before: What the model as it came leaves on held-out data, nuisance refitted.
+        after: What the selected model leaves on it.
+        limits: What it takes to get a name.
+    """
+    if not has_gap(before, limits):
+        text = f"The model explains the data: {before.rms:.2f} times the noise floor."
+        return Decision(NO_GAP, (), (), (), (), True, text)
+    rulings = tuple(_rule(c, limits) for c in candidates)
+    closed = evidence.closed(before.rms, after.rms)
+    adequate = after.rms <= limits.adequate_rms or closed >= limits.adequate_closed
+    verdict = _overall(rulings, adequate)
+    names = tuple(sorted({r.name for r in rulings if r.verdict == NAMED}))
+    groups = {tuple(sorted({r.name, *r.look_alikes})) for r in rulings if r.verdict == AMBIGUOUS}
+    return Decision(
+        verdict,
+        names,
+        tuple(sorted(groups)),
+        rulings,
+        tuple(alarm for r in rulings for alarm in r.alarms),
+        adequate,
+        _summary(verdict, names, sorted(groups), before.rms, after.rms, closed),
+    )
+
+
+def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
+    """Parameters on a bound, of unphysical sign or without an interval, one line each."""
+    found = []
+    for e in candidate.estimates:
+        where = f"{candidate.name} {candidate.place}".strip() + f": {e.name} = {e.value:.3g}"
+        where = f"{where} {e.unit}" if e.unit != "-" else where
+        if _on_bound(e, limits.edge):
+            found.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
+        if e.sign * e.value < 0.0:
+            kind = "negative" if e.value < 0.0 else "positive"
+            found.append(f"{where} is {kind}, which is not physical")
+        if not (math.isfinite(e.low) and math.isfinite(e.high)):
+            found.append(f"{where} has no interval: the data do not determine it")
+    return tuple(found)
+
+
+def _rule(c: Candidate, limits: Limits) -> Ruling:
+    found = alarms(c, limits)
+    close = [r for r in c.rivals if r.over.odds <= limits.odds]
+    others = tuple(sorted({r.name for r in close} - {c.name}))
+    places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
+    lacks = _lacks(c, found, limits)
+    verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
+    named_else = [r for r in c.rivals if r.name != c.name]
+    odds = min((r.over.odds for r in named_else), default=c.gain.odds)
+    text = _sentence(c, verdict, lacks, others, places)
+    return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
+
+
+def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
+    """What keeps a candidate from being considered at all."""
+    lacks = []
+    if not c.gain.low > 0.0:
+        lacks.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
+    if c.gain.blocks_improved < limits.blocks:
+        lacks.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
+    if c.closed < limits.closed:
+        lacks.append(f"it closes only {c.closed:.0%} of the gap")
+    strengths = [e for e in c.estimates if e.absent is not None]
+    if strengths and not any(e.absent < e.low or e.absent > e.high for e in strengths):
+        lacks.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
+    return lacks + [alarm.split(": ", 1)[1] for alarm in found]
+
+
+def _sentence(
+    c: Candidate, verdict: str, lacks: list[str], others: Sequence[str], places: Sequence[str]
+) -> str:
+    what = f"{c.name} {c.place}".strip()
+    if verdict == UNKNOWN:
+        return f"{what} is not established: {'; '.join(lacks)}."
+    text = (
+        f"without {what} the held-out likelihood falls by {c.gain.gain:.3g} nat (95 % interval "
+        f"{c.gain.low:.3g} to {c.gain.high:.3g}), in {c.gain.blocks_improved:.0%} of the blocks; "
+        f"it closes {c.closed:.0%} of the gap"
+    )
+    rivals = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
+    if verdict == AMBIGUOUS:
+        text += f"; {' and '.join(others)} cannot be excluded (odds {rivals[0].over.odds:.2g} to 1)"
+    elif rivals:
+        text += f"; odds {rivals[0].over.odds:.2g} to 1 against the next name, {rivals[0].name}"
+    if places:
+        text += f"; it may also sit at {', '.join(places)}"
+    return text[0].upper() + text[1:] + "."
+
+
+def _overall(rulings: Sequence[Ruling], adequate: bool) -> str:
+    """Unknown unless the model explains the data; named when nothing is left in doubt."""
+    verdicts = {r.verdict for r in rulings}
+    if not adequate or not verdicts & {NAMED, AMBIGUOUS}:
+        return UNKNOWN
+    return AMBIGUOUS if AMBIGUOUS in verdicts else NAMED
+
+
+def _summary(
+    verdict: str,
+    names: Sequence[str],
+    groups: Sequence[tuple[str, ...]],
+    before: float,
+    after: float,
+    closed: float,
+) -> str:
+    gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
+    if verdict == NAMED:
+        return f"With {' and '.join(names)} {gap}."
+    if verdict == AMBIGUOUS:
+        sets = "; ".join("{" + ", ".join(group) + "}" for group in groups)
+        return f"The data cannot tell {sets} apart; {gap}."
+    best = [*names, *("{" + ", ".join(group) + "}" for group in groups)]
+    part = f"; {' and '.join(best)} explains part of it" if best else ""
+    return f"No known effect explains the data: {gap}{part}."
+
+
+def _on_bound(e: Estimate, edge: float) -> bool:
+    """Next to a bound that is not "absent": there the interval speaks."""
+    width = e.most - e.least
+    margin = edge * width if math.isfinite(width) else 1e-9 * max(abs(e.value), 1e-9)
+    bounds = [b for b in (e.least, e.most) if math.isfinite(b) and b != e.absent]
+    return any(abs(e.value - b) <= margin for b in bounds)

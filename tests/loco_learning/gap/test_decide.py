@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each rule alone takes the name away, and the sentence says which."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from loco_learning.gap import decide, evidence
+from loco_learning.gap.decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Candidate, Estimate, Rival
+
+STRONG = evidence.Comparison(80.0, 50.0, 110.0, 0.95, 1e6, 30)
+CLOSE = dataclasses.replace(STRONG, gain=1.0, low=-3.0, high=5.0, odds=2.0)
+FRICTION = Estimate("coulomb", 0.4, 0.35, 0.45, "N·m", least=0.0, most=5.0, sign=1)
+GOOD = Candidate("friction", "knee", (FRICTION,), STRONG, 0.9, (Rival("backlash", "knee", STRONG),))
+
+
+def score(size: float) -> evidence.Score:
+    rng = np.random.default_rng(0)
+    return evidence.score([size * rng.normal(size=(800, 2))])
+
+
+BEFORE, AFTER = score(10.0), score(1.0)
+
+
+def verdict(*candidates: Candidate, after=AFTER, before=BEFORE) -> decide.Decision:
+    return decide.decide(candidates, before, after)
+
+
+def test_all_rules_kept_gives_the_name():
+    found = verdict(GOOD)
+    assert found.verdict == NAMED
+    assert found.names == ("friction",)
+    assert found.alarms == ()
+    assert "backlash" in found.rulings[0].evidence
+    assert "friction" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"gain": dataclasses.replace(STRONG, low=-1.0)}, "chance"),
+        ({"gain": dataclasses.replace(STRONG, blocks_improved=0.6)}, "blocks"),
+        ({"closed": 0.2}, "closes only"),
+        ({"estimates": (dataclasses.replace(FRICTION, low=-0.1),)}, "absent"),
+        ({"estimates": (dataclasses.replace(FRICTION, value=5.0),)}, "bound"),
+        ({"estimates": (dataclasses.replace(FRICTION, value=-0.4, least=-9),)}, "not physical"),
+        ({"estimates": (dataclasses.replace(FRICTION, high=np.inf),)}, "no interval"),
+    ],
+)
+def test_each_rule_alone_takes_the_name_away(change, word):
+    found = verdict(dataclasses.replace(GOOD, **change))
+    assert found.verdict == UNKNOWN
+    assert found.names == ()
+    assert word in found.rulings[0].evidence
+
+
+def test_a_rival_within_the_odds_makes_it_ambiguous():
+    rivals = (Rival("backlash", "knee", CLOSE), Rival("delay", "", STRONG))
+    found = verdict(dataclasses.replace(GOOD, rivals=rivals))
+    assert found.verdict == AMBIGUOUS
+    assert found.ambiguous == (("backlash", "friction"),)
+    assert found.rulings[0].odds == 2.0
+    assert found.names == ()
+
+
+def test_the_same_name_elsewhere_is_a_question_of_place():
+    found = verdict(dataclasses.replace(GOOD, rivals=(Rival("friction", "hip", CLOSE),)))
+    assert found.verdict == NAMED
+    assert found.rulings[0].places == ("hip",)
+    assert "hip" in found.rulings[0].evidence
+
+
+def test_data_at_the_floor_have_no_gap_whatever_was_fitted():
+    found = verdict(GOOD, before=AFTER)
+    assert (found.verdict, found.names) == (NO_GAP, ())
+
+
+def test_one_channel_of_many_is_a_gap():
+    rng = np.random.default_rng(1)
+    r = rng.normal(size=(800, 20))
+    assert not decide.has_gap(evidence.score([r]))
+    r[:, 7] *= 1.5
+    assert decide.has_gap(evidence.score([r]))
+
+
+def test_noise_alone_is_rarely_a_gap():
+    rng = np.random.default_rng(2)
+    hits = [decide.has_gap(evidence.score([1.05 * rng.normal(size=(500, 8))])) for _ in range(60)]
+    assert np.mean(hits) <= 0.05
+
+
+def test_what_explains_only_a_part_gets_no_verdict_by_name():
+    found = verdict(GOOD, after=score(6.0))
+    assert found.verdict == UNKNOWN
+    assert not found.adequate
+    assert found.rulings[0].verdict == NAMED
+    assert "part" in found.evidence
+
+
+def test_nothing_selected_is_unknown():
+    assert verdict(after=BEFORE).verdict == UNKNOWN
+
+
+def test_two_effects_one_of_them_in_doubt():
+    doubt = dataclasses.replace(GOOD, name="delay", rivals=(Rival("lag", "", CLOSE),))
+    found = verdict(GOOD, doubt)
+    assert found.verdict == AMBIGUOUS
+    assert found.names == ("friction",)
+    assert found.ambiguous == (("delay", "lag"),)
+
+
+def test_negative_damping_raises_an_alarm():
+    damping = Estimate("damping", -0.2, -0.3, -0.1, "N·m·s/rad", sign=1)
+    (alarm,) = decide.alarms(dataclasses.replace(GOOD, estimates=(damping,)))
+    assert "damping = -0.2 N·m·s/rad is negative" in alarm
+    assert verdict(dataclasses.replace(GOOD, estimates=(damping,))).alarms == (alarm,)
+
+
+def test_shapes_need_not_exclude_zero_and_zero_is_no_bound():
+    shape = Estimate("speed", 0.1, -0.1, 0.3, absent=None)
+    other = Estimate("viscous", 0.0, -0.01, 0.01, least=0.0, most=1.0)
+    found = verdict(dataclasses.replace(GOOD, estimates=(FRICTION, shape, other)))
+    assert found.verdict == NAMED
