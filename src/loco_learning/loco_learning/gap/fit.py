@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fit hypotheses, one or several together, with the nominal parameters refitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import evidence
+from .case import Case
+from .hypotheses import Hypothesis, Term
+from .params import GapParams
+from .solve import minimise, soft
+
+STEP = 0.12  # difference for a Jacobian, in units of a coordinate
+SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model with effects whose parameters were fitted.
+
+    Attributes:
+        parts: Hypotheses with their coordinates.
+        overrides: Nominal values that were refitted.
+        fit_rms: Whitened rms on what was fitted.
+        held: What is left on the data that judges.
+        whole: Residual of whole records, (T, C) each.
+        cost: Robust cost of the fit.
+    """
+
+    parts: tuple[tuple[Hypothesis, tuple[float, ...]], ...]
+    overrides: dict[str, Any]
+    fit_rms: float
+    held: evidence.Score
+    whole: tuple[np.ndarray, ...]
+    cost: float
+
+    @property
+    def terms(self) -> list[Term]:
+        """The effects with their parameters."""
+        return [hypothesis.term(x) for hypothesis, x in self.parts]
+
+    @property
+    def specs(self) -> list[dict[str, Any]]:
+        """The effects as in an experiment's list."""
+        return [term.spec for term in self.terms]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects, sorted, each once."""
+        return tuple(sorted({hypothesis.effect for hypothesis, _ in self.parts}))
+
+    @property
+    def key(self) -> str:
+        """What was fitted, for sorting."""
+        return " + ".join(sorted(hypothesis.key for hypothesis, _ in self.parts))
+
+    @property
+    def count(self) -> int:
+        """Fitted parameters."""
+        return sum(len(hypothesis.coordinates) for hypothesis, _ in self.parts)
+
+
+class Problem:
+    """Residual of a case as a function of all free numbers: effects, then nominal values."""
+
+    def __init__(
+        self,
+        case: Case,
+        parts: Sequence[tuple[Hypothesis, Sequence[float]]],
+        free: Mapping[str, float],
+        nominal: Mapping[str, float],
+        spread: float,
+        scale: float,
+    ):
+        """Lay out coordinates.
+
+        Args:
+            case: Model and data.
+            parts: Hypotheses with the coordinates to start from.
+            free: Nominal values that are refitted, and where they start.
+            nominal: What the model says they are.
+            spread: Standard deviation of their logarithm.
+            scale: Of the robust loss [floors].
+        """
+        self.case, self.parts, self.scale = case, list(parts), scale
+        self.free, self.nominal, self.spread = dict(free), dict(nominal), spread
+        self.units = np.concatenate(
+            [_units(h, x) for h, x in self.parts] + [np.full(len(self.free), 0.3)]
+        )
+        flat = [v for _, x in self.parts for v in x]
+        logs = [math.log(self.free[n] / self.nominal[n]) for n in self.free]
+        self.start = np.array([*flat, *logs]) / self.units
+        bounds = [b for h, _ in self.parts for b in map(_bounds, h.coordinates)]
+        bounds += [(-3.0, 3.0)] * len(self.free)
+        low, high = np.array(bounds).T.reshape(2, -1)
+        self.bounds = low / self.units, high / self.units
+
+    def split(self, z: np.ndarray) -> tuple[list, dict[str, Any]]:
+        """Parts with their coordinates, and nominal values, at a point."""
+        x, parts, at = z * self.units, [], 0
+        for hypothesis, _ in self.parts:
+            count = len(hypothesis.coordinates)
+            parts.append((hypothesis, tuple(float(v) for v in x[at : at + count])))
+            at += count
+        logs = zip(self.free, x[at:], strict=True)
+        return parts, {n: self.nominal[n] * math.exp(v) for n, v in logs}
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        """Robust residual of all fitted values, then what the priors say, (N + P,)."""
+        parts, overrides = self.split(z)
+        specs = [hypothesis.term(x).spec for hypothesis, x in parts]
+        residual = soft(self.case.vector(specs, overrides), self.scale)
+        priors = [
+            v / _width(c)
+            for hypothesis, x in parts
+            for c, v in zip(hypothesis.coordinates, x, strict=True)
+            if not c.strength and c.logarithmic
+        ]
+        logs = [math.log(overrides[n] / self.nominal[n]) / self.spread for n in self.free]
+        return np.concatenate([residual, priors, logs])
+
+
+def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
+    """One unit of each coordinate: the size at the start, a factor of two, or a small angle."""
+    return np.array(
+        [
+            SHAPE_UNIT if c.logarithmic else max(abs(v), 0.1 if c.strength else 0.3)
+            for c, v in zip(hypothesis.coordinates, x, strict=True)
+        ]
+    )
+
+
+def _width(coordinate: Any) -> float:
+    """Prior deviation of a logarithmic shape."""
+    return max(max(map(abs, coordinate.start)), 0.7)
+
+
+def _bounds(coordinate: Any) -> tuple[float, float]:
+    """Bounds of a coordinate."""
+    if coordinate.logarithmic:
+        low = coordinate.inverse(max(coordinate.low, 1e-6 * coordinate.size))
+        high = coordinate.inverse(min(coordinate.high, 1e6 * coordinate.size))
+        return low, high
+    return tuple(sorted((coordinate.inverse(coordinate.low), coordinate.inverse(coordinate.high))))
+
+
+def fit(
+    case: Case,
+    parts: Sequence[tuple[Hypothesis, Sequence[float]]],
+    params: GapParams,
+    free: Mapping[str, float],
+    nominal: Mapping[str, float],
+    scale: float,
+    budget: int = 0,
+) -> Fitted:
+    """Fit hypotheses together and weigh what they leave on the data that judges.
+
+    Args:
+        case: Model and data.
+        parts: Hypotheses with the coordinates to start from; none is the model as it came.
+        params: Settings.
+        free: Nominal values that are refitted, and where they start.
+        nominal: What the model says they are.
+        scale: Of the robust loss [floors].
+        budget: Most simulations; default by the number of parameters.
+    """
+    problem = Problem(case, parts, free, nominal, params.free_spread, scale)
+    if len(problem.start):
+        limit = budget or params.evaluations + 6 * (len(problem.start) - 1)
+        found = minimise(problem, problem.start, problem.bounds, STEP, limit)
+        z, cost = found.z, found.cost
+    else:
+        z, cost = problem.start, 0.0
+    parts, overrides = problem.split(z)
+    return weigh(case, parts, overrides, cost)
+
+
+def weigh(case: Case, parts: Sequence, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
+    """Residuals of a model on everything."""
+    specs = [hypothesis.term(x).spec for hypothesis, x in parts]
+    whole = case.whitened(specs, overrides)
+    every = range(len(case.records))
+    held = evidence.score(case.masked(whole, every, held=True))
+    rms = evidence.rms(case.masked(whole, every, held=False))
+    return Fitted(tuple(parts), dict(overrides), rms, held, tuple(whole), cost)

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of gap finding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from loco_control.params import Params, parameter
+
+
+@dataclass(frozen=True)
+class GapParams(Params):
+    """How hard to look for a gap, and how sure to be before it gets a name."""
+
+    seed: int = parameter(0, "of the resampling", low=0)
+    effects: tuple[str, ...] = parameter(
+        ("*",), "names or patterns of the effects that may be named", any_length=True
+    )
+    free: tuple[str, ...] = parameter(
+        ("",),
+        "values of robot.yaml that are refitted with every candidate, by dotted name",
+        any_length=True,
+    )
+    free_spread: float = parameter(
+        0.3, "standard deviation of the logarithm of a free value", "-", 0.001, 3.0
+    )
+    screen_share: float = parameter(
+        0.02, "of the residual's energy that a hypothesis must explain to be fitted", "-", 0.0, 1.0
+    )
+    keep: int = parameter(7, "effects that are fitted after screening", low=1, high=40)
+    beam: int = parameter(2, "first effects to which a second one is sought", low=1, high=5)
+    most_terms: int = parameter(3, "effects in one model", low=1, high=6)
+    evaluations: int = parameter(26, "simulations for one fit, times its parameters", low=4)
+    adequate: float = parameter(
+        1.25, "whitened rms below which nothing is left to explain", "-", 1.0, 10.0
+    )
+    closed: float = parameter(
+        0.98, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
+    )
+    screen_seconds: float = parameter(
+        12.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6
+    )

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which effects together explain the data: screening, fits, one effect more at a time."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from loco_sim.effects import EFFECTS
+
+from . import evidence
+from .case import Case
+from .fit import Fitted, fit
+from .hypotheses import Hypothesis
+from .parallel import Tasks
+from .params import GapParams
+from .screen import Screened, screen
+
+log = logging.getLogger(__name__)
+Report = Callable[[float, str, str], Any]
+AT_LEAST = 4  # effects that are fitted beside a first one
+
+
+@dataclass
+class Found:
+    """What a search found.
+
+    Attributes:
+        base: The model as it came, with nominal values refitted.
+        models: All models that were fitted, the best first.
+        screened: What each hypothesis may explain by itself.
+    """
+
+    base: Fitted
+    models: list[Fitted] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+
+    @property
+    def best(self) -> Fitted:
+        """The best model, the one as it came if nothing was fitted."""
+        return self.models[0] if self.models else self.base
+
+
+class Search:
+    """Forward selection with look-alikes, backward elimination and swaps.
+
+    Args:
+        case: Model and data.
+        hypotheses: What may be missing.
+        params: Settings.
+        tasks: Where simulations run.
+        report: Progress: share done, stage, best name so far.
+        nominal: Nominal values that are refitted.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        hypotheses: Sequence[Hypothesis],
+        params: GapParams,
+        tasks: Tasks,
+        report: Report,
+        nominal: Mapping[str, float],
+    ):
+        self.case, self.hypotheses, self.params, self.tasks = case, hypotheses, params, tasks
+        self.report, self.nominal = report, dict(nominal)
+        self.fits: dict[str, Fitted] = {}
+        self.only = self._records_to_screen()
+        self.scale = 3.0
+
+    def _records_to_screen(self) -> list[int]:
+        """Fit records until there is enough of them."""
+        chosen, seconds = [], 0.0
+        for i in self.case.fitted:
+            if chosen and seconds >= self.params.screen_seconds:
+                break
+            chosen.append(i)
+            seconds += self.case.records[i].duration
+        return chosen
+
+    def run(self) -> Found:
+        """Search."""
+        self.report(0.02, "fitting the model as it came", "")
+        base = self._fit([()])[0]
+        found = Found(base)
+        residual = self.case.vector([], base.overrides)
+        self.scale = 3.0 * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        if self.adequate(base):
+            return found
+        found.screened = self._screen(base, 0.05, 0.35)
+        singles = self._fit([((s.hypothesis, s.x),) for s in self._chosen(found.screened)])
+        self.report(0.6, "fitted single effects", "")
+        best = self._ranked(base)
+        look = self._look_alikes(best[:1], found.screened)
+        self._fit([((s.hypothesis, s.x),) for s in look])
+        level = self._ranked(base)
+        for depth in range(2, self.params.most_terms + 1):
+            best = self._ranked(base)
+            if not best or self.enough(best[0], base):
+                break
+            self._deepen(level[: self.params.beam], found.screened, depth)
+            level = [m for m in self._ranked(base) if len(m.parts) == depth]
+            if not level:
+                break
+        found.models = self._ranked(base)
+        self.report(0.95, "weighing", found.best.key)
+        del singles
+        return found
+
+    # ---- judging ---------------------------------------------------------------------
+
+    def adequate(self, model: Fitted) -> bool:
+        """Nothing is left to explain in any channel, neither in what was fitted nor beyond."""
+        worst = 0.0
+        for held in (False, True):
+            rows = self.case.masked(model.whole, range(len(model.whole)), held)
+            stacked = np.concatenate(rows)
+            with np.errstate(invalid="ignore"):
+                each = np.nanmean(np.square(stacked), axis=0)
+            worst = max(worst, math.sqrt(np.nanmax(each)))
+        return worst <= self.params.adequate
+
+    def enough(self, model: Fitted, base: Fitted) -> bool:
+        """Nothing is left that another effect would be worth."""
+        if self.adequate(model):
+            return True
+        return evidence.closed(base.held.rms, model.held.rms) >= self.params.closed and (
+            evidence.closed(base.fit_rms, model.fit_rms) >= self.params.closed
+        )
+
+    def _ranked(self, base: Fitted) -> list[Fitted]:
+        """Models that are better than the one as it came, the best first."""
+        better = [m for m in self.fits.values() if m.held.rms < base.held.rms and m.parts]
+        return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
+
+    def energy(self, model: Fitted) -> float:
+        """What a model leaves, as a logarithm: held-out counts as much as fitted."""
+        return math.log(model.held.rms) + math.log(model.fit_rms)
+
+    # ---- steps -----------------------------------------------------------------------
+
+    def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
+        """Fit models, each a tuple of (hypothesis, start), that were not fitted before."""
+        keys = [" + ".join(sorted(h.key for h, _ in parts)) for parts in wanted]
+        new = [i for i, key in enumerate(keys) if key not in self.fits]
+        free = self.fits[""].overrides if "" in self.fits else self.nominal
+        tasks = [(wanted[i], self.params, free, self.nominal, self.scale) for i in new]
+        for i, fitted in zip(new, self.tasks.each(fit, tasks), strict=True):
+            self.fits[keys[i]] = fitted
+            log.info("%-50s fit %8.3f held %8.3f", keys[i], fitted.fit_rms, fitted.held.rms)
+        return [self.fits[key] for key in keys]
+
+    def _screen(
+        self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
+    ) -> list[Screened]:
+        """Try every hypothesis on top of a model."""
+        specs, overrides = model.specs, model.overrides
+        residual = self.case.vector(specs, overrides, self.only)
+        tangent = self._tangent(model, residual)
+        hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
+        there = {h.key for h, _ in model.parts}
+        hypotheses = [h for h in hypotheses if h.key not in there]
+        tasks = [(h, specs, overrides, self.only, residual, tangent) for h in hypotheses]
+        found = []
+        for i, one in enumerate(self.tasks.each(screen, tasks)):
+            found.append(one)
+            share = start + (stop - start) * (i + 1) / len(tasks)
+            self.report(share, f"screening {one.hypothesis.key}", model.key)
+            log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
+        return found
+
+    def _tangent(self, model: Fitted, residual: np.ndarray) -> np.ndarray | None:
+        """Orthonormal columns of what the model's own parameters can do."""
+        columns = []
+        for i, (hypothesis, x) in enumerate(model.parts):
+            for j in range(len(x)):
+                moved = list(x)
+                moved[j] += 0.1 if hypothesis.coordinates[j].logarithmic else 0.05 * (x[j] or 1.0)
+                parts = [*model.parts]
+                parts[i] = (hypothesis, tuple(moved))
+                specs = [h.term(v).spec for h, v in parts]
+                columns.append(self.case.vector(specs, model.overrides, self.only) - residual)
+        live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
+        return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
+
+    def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
+        """Best hypothesis of each effect, those effects that explain most."""
+        least = self.params.screen_share
+        ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
+        chosen: dict[str, Screened] = {}
+        for one in ordered:
+            name = f"{one.hypothesis.effect} {one.hypothesis.variant}"
+            if one.share >= least and name not in chosen:
+                chosen[name] = one
+        return list(chosen.values())[: count or self.params.keep]
+
+    def _look_alikes(self, models: Sequence[Fitted], screened: Sequence[Screened]) -> list:
+        """Hypotheses that the effects of models may be mistaken for, at the same places."""
+        names = {
+            alike.name
+            for model in models
+            for hypothesis, _ in model.parts
+            for alike in EFFECTS[hypothesis.effect].identity.look_alikes
+        }
+        alike = [s for s in screened if s.hypothesis.effect in names and s.share > 0.0]
+        return self._chosen(alike, 20)
+
+    def _deepen(self, level: Sequence[Fitted], screened: Sequence[Screened], depth: int) -> None:
+        """One effect more on each of some models, the look-alikes of all tried as well."""
+        for i, model in enumerate(level):
+            at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
+            more = self._screen(model, at, at + 0.05, screened)
+            chosen = self._chosen(more, AT_LEAST)
+            self._fit([(*model.parts, (s.hypothesis, s.x)) for s in chosen])
