@@ -19,7 +19,7 @@ from loco_sim.effects.base import EFFECTS, turning
 from loco_sim.robot import Robot
 
 from .coordinates import Coordinate
-from .places import centre, joint_places, links
+from .places import joint_places, links
 
 AXES = np.eye(3).tolist()
 Entry = tuple[str, tuple[tuple[str, Any], ...], tuple[Coordinate, ...], str]
