@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the data can tell of the fitted parameters, and what they cannot.
+
+All from the sensitivities: columns of the derivative of the whitened prediction with
+respect to each parameter in units of its typical size. Parameters that are refitted with
+every candidate (nuisance) take part: what they can imitate is not evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from .evidence import Score
+
+ALIKE = 0.95  # cosine above which two effects cannot be told apart in these data
+DEAD = 1e-3  # length of a column [standard deviations per typical size] that counts as none
+DROP = stats.chi2.ppf(0.95, 1) / 2.0  # [nat] likelihood lost at the ends of a 95 % interval
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """How well the parameters are determined, in units of their typical sizes.
+
+    Attributes:
+        names: Parameters, in the order of the columns.
+        errors: Standard error with all others free, (P,); inf where not determined.
+        errors_alone: Standard error if all others were known, (P,).
+        dead: Names of parameters that do not change the prediction.
+        weak: Names whose standard error is above 1: the data say less than the prior.
+        alike: Pairs with the cosine of their columns, above `ALIKE` after projecting out
+            the nuisance columns.
+        cosines: All of these cosines, (F, F) over the parameters that are no nuisance.
+        worst: Direction in parameter space that the data determine least, in words.
+        worst_error: Standard error along it.
+        condition: Ratio of the largest to the smallest standard error of any direction.
+    """
+
+    names: tuple[str, ...]
+    errors: np.ndarray
+    errors_alone: np.ndarray
+    dead: tuple[str, ...]
+    weak: tuple[str, ...]
+    alike: tuple[tuple[str, str, float], ...]
+    cosines: np.ndarray
+    worst: str
+    worst_error: float
+    condition: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Likelihood over one parameter, all others refitted.
+
+    Attributes:
+        low: Lower end of the 95 % interval.
+        high: Upper end.
+        open_low: The data do not bound it below: `low` is only as far as was looked.
+        open_high: Likewise above.
+        points: Values tried with the likelihood lost there [nat], in rising order.
+    """
+
+    low: float
+    high: float
+    open_low: bool
+    open_high: bool
+    points: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Whether all parts of the data want the same parameters.
+
+    Attributes:
+        shifts: What each part wants added to the joint fit, (G, P); nan where it cannot tell.
+        errors: Standard errors of these, (G, P).
+        spread: Deviation of the parameter between parts that errors do not explain, (P,).
+        probability: Of shifts at least as large if the parameter is one and the same, (P,).
+    """
+
+    shifts: np.ndarray
+    errors: np.ndarray
+    spread: np.ndarray
+    probability: np.ndarray
+
+
+def flat(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """Residuals or one parameter's sensitivities of all records in one row, (N,)."""
+    return np.concatenate([np.ravel(r) for r in residuals])
+
+
+def weights(score: Score) -> np.ndarray:
+    """Information of each value of `flat` [1/floor²]: 1 / (tau scale²), 0 where not measured."""
+    rows = []
+    for r, tau in zip(score.residuals, score.tau, strict=True):
+        rows.append(np.where(np.isfinite(r), 1.0 / (tau * score.scale**2), 0.0).ravel())
+    return np.concatenate(rows)
+
+
+def analyse(
+    columns: np.ndarray,
+    names: Sequence[str],
+    nuisance: Sequence[str] = (),
+    weight: np.ndarray | float = 1.0,
+) -> Identifiability:
+    """Fisher information of sensitivities, in numbers and words.
+
+    Args:
+        columns: (N, P) [floors per typical size]; rows with NaN are left out.
+        names: One per column.
+        nuisance: Which of them are refitted with every candidate.
+        weight: Information per row (`weights`), (N,) or one for all.
+    """
+    j = _weighted(columns, weight)
+    lengths = np.linalg.norm(j, axis=0)
+    alive = lengths > DEAD
+    errors, errors_alone = np.full(len(names), np.inf), np.full(len(names), np.inf)
+    errors_alone[alive] = 1.0 / lengths[alive]
+    if alive.any():
+        errors[alive] = np.sqrt(np.diag(_covariance(j[:, alive])))
+    kept = [name for name, lives in zip(names, alive, strict=True) if lives]
+    worst, worst_error, condition = _worst(j[:, alive], kept)
+    free = [i for i, name in enumerate(names) if name not in set(nuisance)]
+    cosines = _cosines(j, free, [i for i in range(len(names)) if i not in free])
+    return Identifiability(
+        tuple(names),
+        errors,
+        errors_alone,
+        tuple(name for name, lives in zip(names, alive, strict=True) if not lives),
+        tuple(n for n, e, lives in zip(names, errors, alive, strict=True) if lives and e > 1.0),
+        _pairs(cosines, [names[i] for i in free]),
+        cosines,
+        worst,
+        worst_error,
+        condition,
+    )
+
+
+def profile(
+    cost: Callable[[float], float],
+    best: float,
+    error: float,
+    low: float = -math.inf,
+    high: float = math.inf,
+    evaluations: int = 12,
+) -> Profile:
+    """95 % interval of a parameter by profile likelihood.
+
+    Args:
+        cost: Negative log-likelihood [nat] at a value of the parameter, all others refitted.
+        best: Value that fits best.
+        error: Standard error there, sets the first step; any positive number will do.
+        low: Smallest legal value.
+        high: Largest legal value.
+        evaluations: Calls of `cost` at most for each end.
+    """
+    floor = cost(best)
+    points = {best: 0.0}
+    ends, opens = [], []
+    for sign, bound in ((-1.0, low), (1.0, high)):
+        end, is_open = _end(cost, best, floor, sign * abs(error), bound, evaluations, points)
+        ends.append(end)
+        opens.append(is_open)
+    return Profile(*ends, *opens, tuple(sorted(points.items())))
+
+
+def stability(
+    columns: np.ndarray,
+    residual: np.ndarray,
+    groups: np.ndarray,
+    weight: np.ndarray | float = 1.0,
+) -> Stability:
+    """Ask each part of the data, e.g. each record, how it would change the joint fit.
+
+    One Gauss-Newton step per part with all columns free. A true effect has the same
+    parameters everywhere; what merely imitates one has not.
+
+    Args:
+        columns: (N, P) [floors per typical size], at the joint fit.
+        residual: (N,) predicted minus measured [floors].
+        groups: (N,) whole numbers, the part that each row belongs to.
+        weight: As in `analyse`.
+    """
+    j, r = _weighted(columns, weight, groups), _weighted(residual[:, None], weight, groups)[:, 0]
+    keys = np.unique(groups)
+    shifts, errors = np.full((2, len(keys), columns.shape[1]), np.nan)
+    for g, key in enumerate(keys):
+        rows = groups == key
+        alive = np.linalg.norm(j[rows], axis=0) > DEAD
+        if not alive.any():
+            continue
+        covariance = _covariance(j[rows][:, alive])
+        shifts[g, alive] = -covariance @ (j[rows][:, alive].T @ r[rows])
+        errors[g, alive] = np.sqrt(np.diag(covariance))
+    spread, probability = np.zeros(columns.shape[1]), np.ones(columns.shape[1])
+    for p in range(columns.shape[1]):
+        spread[p], probability[p] = _heterogeneity(shifts[:, p], errors[:, p])
+    return Stability(shifts, errors, spread, probability)
+
+
+def _weighted(
+    columns: np.ndarray, weight: np.ndarray | float, keep: np.ndarray | None = None
+) -> np.ndarray:
+    """Columns times the root of the weight; incomplete rows are dropped or (with `keep`) zero."""
+    whole = np.isfinite(columns).all(1)
+    root = np.sqrt(np.broadcast_to(weight, whole.shape))
+    if keep is None:
+        return columns[whole] * root[whole, None]
+    return np.where(whole[:, None], columns, 0.0) * root[:, None]
+
+
+def _covariance(j: np.ndarray) -> np.ndarray:
+    """Inverse Fisher matrix; directions without any information get a huge variance."""
+    _, s, vt = np.linalg.svd(j, full_matrices=False)
+    s = np.maximum(s, 1e-9 * max(s.max(initial=0.0), DEAD))
+    return (vt.T / s**2) @ vt
+
+
+def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
+    """Least determined direction in words, its standard error, and the condition."""
+    if not names:
+        return "no parameter changes the prediction", math.inf, math.inf
+    _, s, vt = np.linalg.svd(j, full_matrices=False)
+    s = np.maximum(s, 1e-9 * s[0])
+    direction = vt[-1] * np.sign(vt[-1][np.abs(vt[-1]).argmax()])
+    order = np.argsort(-np.abs(direction), kind="stable")
+    told = [i for i in order if abs(direction[i]) >= 0.3 * abs(direction[order[0]])][:4]
+    words = [f"{_words(names[i])} {'up' if direction[i] > 0 else 'down'}" for i in told]
+    return (
+        " with ".join([words[0], " and ".join(words[1:])] if words[1:] else words),
+        float(1.0 / s[-1]),
+        float(s[0] / s[-1]),
+    )
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").replace(".", " ")
+
+
+def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.ndarray:
+    """Cosines of columns after projecting out the nuisance ones; 0 with a dead column."""
+    columns = j[:, list(free)]
+    if nuisance and len(j):
+        u, s, _ = np.linalg.svd(j[:, list(nuisance)], full_matrices=False)
+        u = u[:, s > 1e-9 * max(s.max(initial=0.0), DEAD)]
+        columns = columns - u @ (u.T @ columns)
+    lengths = np.linalg.norm(columns, axis=0)
+    unit = np.where(lengths > DEAD, columns / np.maximum(lengths, DEAD), 0.0)
+    return unit.T @ unit
+
+
+def _pairs(cosines: np.ndarray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
+    found = []
+    for a in range(len(names)):
+        for b in range(a + 1, len(names)):
+            if abs(cosines[a, b]) > ALIKE:
+                found.append((names[a], names[b], float(cosines[a, b])))
+    return tuple(found)
+
+
+def _end(
+    cost: Callable[[float], float],
+    best: float,
+    floor: float,
+    step: float,
+    bound: float,
+    evaluations: int,
+    points: dict[float, float],
+) -> tuple[float, bool]:
+    """End of an interval on one side: double the step until it is passed, then close in."""
+    inside, outside, lost_in = best, None, 0.0
+    reach = 2.0 * step
+    for _ in range(evaluations):
+        if outside is None:
+            at = best + reach
+            at = max(at, bound) if step < 0 else min(at, bound)
+            reach *= 2.0
+        else:  # the root of the loss grows about in proportion to the distance
+            share = (math.sqrt(DROP) - math.sqrt(lost_in)) / (
+                math.sqrt(lost_out) - math.sqrt(lost_in)
+            )
+            at = inside + min(max(share, 0.1), 0.9) * (outside - inside)
+        lost = max(cost(at) - floor, 0.0)
+        lost = lost if math.isfinite(lost) else 1e9
+        points[at] = lost
+        if abs(lost - DROP) < 0.1:
+            return at, False
+        if lost > DROP:
+            outside, lost_out = at, lost
+        else:
+            inside, lost_in = at, lost
+            if at == bound:
+                return bound, True
+    if outside is None:
+        return inside, True
+    return inside + (outside - inside) * (DROP - lost_in) / (lost_out - lost_in), False
+
+
+def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
+    """Spread of estimates beyond their errors, and the probability of theirs by chance."""
+    known = np.isfinite(shifts) & np.isfinite(errors) & (errors < 1e6)
+    if known.sum() < 2:
+        return 0.0, 1.0
+    x, w = shifts[known], 1.0 / errors[known] ** 2
+    mean = (w * x).sum() / w.sum()
+    q = float((w * (x - mean) ** 2).sum())
+    freedom = len(x) - 1
+    scale = w.sum() - (w**2).sum() / w.sum()
+    return math.sqrt(max(q - freedom, 0.0) / scale), float(stats.chi2.sf(q, freedom))
