@@ -230,11 +230,8 @@ def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
     order = np.argsort(-np.abs(direction), kind="stable")
     told = [i for i in order if abs(direction[i]) >= 0.3 * abs(direction[order[0]])][:4]
     words = [f"{_words(names[i])} {'up' if direction[i] > 0 else 'down'}" for i in told]
-    return (
-        " with ".join([words[0], " and ".join(words[1:])] if words[1:] else words),
-        float(1.0 / s[-1]),
-        float(s[0] / s[-1]),
-    )
+    text = " with ".join([words[0], " and ".join(words[1:])] if words[1:] else words)
+    return text, float(1.0 / s[-1]), float(s[0] / s[-1])
 
 
 def _words(name: str) -> str:
@@ -272,32 +269,28 @@ def _end(
     points: dict[float, float],
 ) -> tuple[float, bool]:
     """End of an interval on one side: double the step until it is passed, then close in."""
-    inside, outside, lost_in = best, None, 0.0
-    reach = 2.0 * step
-    for _ in range(evaluations):
-        if outside is None:
-            at = best + reach
-            at = max(at, bound) if step < 0 else min(at, bound)
-            reach *= 2.0
-        else:  # the root of the loss grows about in proportion to the distance
-            share = (math.sqrt(DROP) - math.sqrt(lost_in)) / (
-                math.sqrt(lost_out) - math.sqrt(lost_in)
-            )
-            at = inside + min(max(share, 0.1), 0.9) * (outside - inside)
+    inside, outside = (best, 0.0), None  # value and loss on both sides of the end
+    for attempt in range(evaluations):
+        at = _between(inside, outside) if outside else best + step * 2.0 ** (attempt + 1)
+        at = max(at, bound) if step < 0.0 else min(at, bound)
         lost = max(cost(at) - floor, 0.0)
-        lost = lost if math.isfinite(lost) else 1e9
-        points[at] = lost
+        points[at] = lost = lost if math.isfinite(lost) else 1e9
         if abs(lost - DROP) < 0.1:
             return at, False
         if lost > DROP:
-            outside, lost_out = at, lost
+            outside = (at, lost)
         else:
-            inside, lost_in = at, lost
+            inside = (at, lost)
             if at == bound:
                 return bound, True
-    if outside is None:
-        return inside, True
-    return inside + (outside - inside) * (DROP - lost_in) / (lost_out - lost_in), False
+    return (_between(inside, outside), False) if outside else (inside[0], True)
+
+
+def _between(inside: tuple[float, float], outside: tuple[float, float]) -> float:
+    """Where the loss reaches `DROP`; its root grows about in proportion to the distance."""
+    near, far = math.sqrt(inside[1]), math.sqrt(outside[1])
+    share = (math.sqrt(DROP) - near) / (far - near)
+    return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
 
 def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
