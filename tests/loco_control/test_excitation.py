@@ -81,3 +81,12 @@ def test_oscillators_of_these_kinds_swing_about_the_offset(kind):
     q = np.array([cpg.step(0.01 * k)[0] for k in range(1000)])
     np.testing.assert_array_equal(q[:50], np.tile([0.5, -0.5], (50, 1)))
     assert np.abs(q - [0.5, -0.5]).max(axis=0) == pytest.approx([0.3, 0.1], rel=0.02)
+
+
+def test_a_bias_grows_with_the_movement_and_stays():
+    cpg = Cpg(
+        CpgParams(kind="sine", amplitude=(0.0,), bias=(0.4,), offset=(0.1,), ramp=1.0), 1, 0.01
+    )
+    q, dq = (np.array(x)[:, 0] for x in zip(*(cpg.step(0.01 * k) for k in range(200)), strict=True))
+    assert (q[0], q[-1], dq[-1]) == (0.1, pytest.approx(0.5), 0.0)
+    np.testing.assert_allclose(np.gradient(q, 0.01)[1:-1], dq[1:-1], atol=0.01)

@@ -3,7 +3,7 @@
 
 Every driven joint i has one oscillator; its output is
 
-    q_i = offset_i + s(t) amplitude_i x_i(t)
+    q_i = offset_i + s(t) (bias_i + amplitude_i x_i(t))
 
 with s rising smoothly from 0 to 1 over `ramp` after `start_time`. x_i falls from +1 to
 -1 during the share `duty_factor` d_i of the period and rises during the rest, in all kinds:
@@ -42,7 +42,7 @@ PATTERNS = {  # phase of lf rf lh rh [strides]
     "bound": (0.0, 0.0, 0.5, 0.5),  # the front pair, then the hind pair
 }
 LONGEST_STEP = 2e-3  # of the integration [s]
-PER_JOINT = ("amplitude", "offset", "duty_factor", "phase")
+PER_JOINT = ("amplitude", "offset", "duty_factor", "phase", "bias")
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,10 @@ class CpgParams(Params):
     sweep: float = parameter(8.0, "chirp: time from `frequency` to there", "s", 0.1, 1e4)
     levels: tuple[float, ...] = parameter(
         (1.0, -1.0), "steps: levels in turn, as a share of the amplitude", "-", -1.0, 1.0,
+        any_length=True,
+    )  # fmt: skip
+    bias: tuple[float, ...] = parameter(
+        (0.0,), "constant part of the movement, which grows with it", "rad", -math.pi, math.pi,
         any_length=True,
     )  # fmt: skip
     rise: float = parameter(0.2, "steps: time to reach a level; 0 jumps", "s", 0.0, 100.0)
@@ -113,6 +117,7 @@ class Cpg:
         self.rest, self._amplitude, self._offsets = (
             values["offset"], values["amplitude"], 2.0 * np.pi * values["phase"]
         )  # fmt: skip
+        self._bias, self._biased = values["bias"], bool(values["bias"].any())
         self._exact = params.kind not in OSCILLATORS  # a function of time, nothing to integrate
         if not self._exact:
             # Kernels are imported here so that reading an experiment does not load numba.
@@ -156,8 +161,11 @@ class Cpg:
         self._t = t
         size, growth = rise(max(since, 0.0), self.params.ramp)
         x, dx = self._at(t) if self._exact else self._advance()
-        q = self.rest + size * self._amplitude * x
-        return q, self._amplitude * (growth * x + size * dx)
+        if not self._biased:
+            q = self.rest + size * self._amplitude * x
+            return q, self._amplitude * (growth * x + size * dx)
+        swing = self._bias + self._amplitude * x
+        return self.rest + size * swing, growth * swing + size * self._amplitude * dx
 
     @property
     def phase(self) -> np.ndarray:

@@ -84,3 +84,13 @@ def show_next(a: argparse.Namespace) -> int:
     console.print(f"  run it:  loco run {path} --out bags/{path.stem}")
     console.print(f"  then:    loco gap {a.folder} --add bags/{path.stem}")
     return 0
+
+
+def show_library(a: argparse.Namespace) -> int:
+    """Write the experiments of a robot."""
+    from .gap_next import write_library
+
+    folder = a.output or Path("experiments") / Path(a.robot).stem
+    for path in write_library(a.robot, folder):
+        console.print(f"  {path}")
+    return 0

@@ -120,7 +120,7 @@ def options_of(job: Job) -> Any:
     Raises:
         LocoError: A value out of range, or a name that is not known.
     """
-    from loco_learning.gap.workflow import GapParams
+    from loco_learning.gap.params import GapParams
 
     from loco_control.params import from_dict
 

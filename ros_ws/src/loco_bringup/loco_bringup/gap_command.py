@@ -15,6 +15,7 @@ find where a model and a recording differ, name the cause, add it to the model
   loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
   loco gap DIR --add BAG...     search again with more recordings
   loco gap next DIR             write the experiment that would tell most as a file
+  loco gap experiments ROBOT    write experiments that excite a robot, as files
   loco gap battery              many hidden effects: how often the name is right
 
 Verdicts: named, ambiguous, unknown, no gap."""
@@ -22,7 +23,7 @@ Verdicts: named, ambiguous, unknown, no gap."""
 
 def from_arguments(arguments: Sequence[str]) -> int:
     """Run `loco gap` with what follows it on the command line; returns the exit code."""
-    commands = {"next": _next, "battery": _battery}
+    commands = {"next": _next, "experiments": _experiments, "battery": _battery}
     if arguments and arguments[0] in commands:
         return commands[arguments[0]](list(arguments[1:]))
     return _search(list(arguments))
@@ -77,6 +78,18 @@ def _next(arguments: list[str]) -> int:
     p.add_argument("--surrogate", metavar="MODEL", default="",
                    help="robot or model.yaml that runs it (default: that of DIR)")  # fmt: skip
     return show_next(p.parse_args(arguments))
+
+
+def _experiments(arguments: list[str]) -> int:
+    from .console_gap import show_library
+
+    p = argparse.ArgumentParser(
+        prog="loco gap experiments",
+        description="Write experiments that excite a robot, within its limits, as files.",
+    )
+    p.add_argument("robot", help="robot, robot.yaml or model.yaml")
+    p.add_argument("--output", type=Path, metavar="DIR", help="folder (default experiments/ROBOT)")
+    return show_library(p.parse_args(arguments))
 
 
 def _battery(arguments: list[str]) -> int:

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pool of experiments to choose the next one from, and what a model says in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, NameUnknownError, ParameterError
+from loco_sim.model import Model
+
+from ..joint_experiment import JointExperiment
+from ..joint_log import JointLog
+from ..joint_rollout import rollout
+from .excitation import joints_of, library
+from .record import Record
+
+SHRINK, TRIES = 0.7, 6  # of a motion that is beyond a limit
+
+
+def pool(model: Model) -> list[JointExperiment]:
+    """All experiments for the robot of a model."""
+    return library(model)
+
+
+def choose(experiments: Sequence[JointExperiment], name: str) -> JointExperiment:
+    """An experiment by its name.
+
+    Raises:
+        NameUnknownError: It is not in the pool.
+    """
+    for experiment in experiments:
+        if experiment.name == name:
+            return experiment
+    raise NameUnknownError("experiment", name, [e.name for e in experiments])
+
+
+def records(model: Model, experiments: Sequence[JointExperiment]) -> list[Record]:
+    """What the model's sensors say in each experiment, as if it had been measured."""
+    return [record_of(rollout(_with(model, e)), e.name) for e in experiments]
+
+
+def _with(model: Model, experiment: JointExperiment) -> JointExperiment:
+    """The experiment with a model's effects, and its values under those of the experiment."""
+    return experiment.replace(
+        overrides={**model.overrides, **experiment.overrides},
+        effects=tuple(dict(e) for e in model.effects),
+    )
+
+
+def record_of(log: JointLog, name: str = "") -> Record:
+    """A run as a `Record`: commands, joints and IMU."""
+    robot = log.experiment.plant
+    driven = tuple(robot.joints[i] for i in robot.driven)
+    torque = not np.isfinite(joints_of(robot).speed).any()
+    kind = "torque" if torque else "position"
+    signals = {"q": log.q, "dq": log.dq, "tau": log.tau}
+    signals |= {"gyro": log.gyro, "acceleration": log.acceleration}
+    known = {k: v for k, v in log.experiment.overrides.items() if k in ("fixed_base", "height")}
+    command = {kind: log.command} if torque else {kind: log.command, "velocity": log.command_dq}
+    return Record(
+        name or log.experiment.name, log.t - log.t[0], command, driven,
+        {k: np.array(v) for k, v in signals.items()}, robot.joints, overrides=known,
+    )  # fmt: skip
+
+
+def beyond(log: JointLog) -> str:
+    """What a run has beyond a limit of the robot; empty for nothing."""
+    from loco_sim.description import Description
+
+    from .excitation import velocities
+
+    robot = log.experiment.plant
+    description, fastest = Description(robot.urdf), velocities(robot.urdf)
+    if log.fall:
+        return log.fall
+    for i in robot.driven:
+        name = robot.joints[i]
+        low, high = description.limits(name)
+        if log.q[:, i].min() < low or log.q[:, i].max() > high:
+            return f"{name} reaches its stop"
+        if np.abs(log.dq[:, i]).max() > fastest.get(name, np.inf):
+            return f"{name} is faster than {fastest[name]:g} rad/s"
+        geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # limits its motor
+        if not geared and np.abs(log.tau[:, i]).max() > 0.98 * robot.effort[i]:
+            return f"{name} meets its torque limit"
+    return ""
+
+
+def within_limits(experiment: JointExperiment) -> JointExperiment:
+    """The experiment, its motion made smaller until the model keeps within the robot's limits.
+
+    Raises:
+        ParameterError: The smallest one does not.
+    """
+    why = ""
+    for _ in range(TRIES):
+        try:
+            why = beyond(rollout(experiment))
+        except DivergedError as error:
+            why = str(error)
+        if not why:
+            return experiment
+        target = experiment.target
+        smaller = tuple(round(SHRINK * a, 5) for a in target.amplitude)
+        experiment = experiment.replace(target=target.replace(amplitude=smaller))
+    raise ParameterError(f"{experiment.name} is not possible within the robot's limits: {why}")
