@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables and their mapping to records; bags are read by ``loco_bringup.gap_import``."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_sim.robot import Robot
+
+from . import align, tables, tracks
+from .mapping import Column, Mapping, Rule
+from .record import Record
+
+
+class TableSource:
+    """Columns of a file, and of others in its folder.
+
+    Raises:
+        LocoError: The file cannot be read.
+    """
+
+    def __init__(self, path: Path, mapping: Mapping):
+        self._table = tables.read(path, mapping.samples)
+        self._folder, self._mapping = path.parent, mapping
+        self._tables: dict[str, tables.Table] = {"": self._table}
+        self._times: dict[tuple[str, str], np.ndarray] = {}
+        self.name = _stem(path)
+        self.header = self._table.header
+
+    def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
+        """Stamps [s] and raw values of a column, each (K,)."""
+        if column.file not in self._tables:
+            self._tables[column.file] = tables.read(
+                self._folder / column.file, self._mapping.samples
+            )
+        table = self._tables[column.file]
+        time = column.time or self._mapping.time
+        if (column.file, time) not in self._times:
+            self._times[column.file, time] = self._clock(table, time)
+        t, raw = self._times[column.file, time], table.column(column.column)
+        if column.time:  # columns with times of their own end where those do
+            t, raw = t[np.isfinite(t)], raw[np.isfinite(t)]
+        return t, raw
+
+    def _clock(self, table: tables.Table, time: str) -> np.ndarray:
+        if time:
+            return table.column(time) * self._mapping.time_unit
+        if not self._mapping.time_rate:
+            raise ParameterError(
+                f"{self._mapping.path.name} must say time: {{column: ...}} or time: {{rate: ...}}; "
+                f"{table.path.name} has {', '.join(table.columns)}"
+            )
+        return np.arange(len(table)) / self._mapping.time_rate
+
+
+def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
+    """Records of a table, or of the mapped files of a folder.
+
+    Args:
+        path: File, or folder with the files that the mapping names.
+        robot: Whose joints the columns are of.
+        mapping: What the columns mean.
+
+    Raises:
+        MissingFileError: There is no such file, or none fits the mapping.
+        LocoError: The data cannot be what they are said to be.
+    """
+    path = Path(path)
+    if path.is_dir():
+        found = {p for pattern in mapping.files for p in path.glob(pattern) if tables.is_table(p)}
+        if not found:
+            raise MissingFileError(f"{path} has no file like {' or '.join(mapping.files)}")
+    elif path.is_file():
+        found = {path}
+    else:
+        raise MissingFileError(f"there is no recording at {path}")
+    made = [
+        r for p in sorted(found) for r in records(TableSource(p, mapping), robot, mapping, p.name)
+    ]
+    if not made:
+        raise ParameterError(f"no record of {mapping.path} fits {path}; see its 'records'")
+    return made
+
+
+def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) -> list[Record]:
+    """Records of a file or bag, one for each rule that fits.
+
+    Args:
+        source: Where the columns are read from.
+        robot: Whose joints they are of.
+        mapping: What the columns mean.
+        file: Name that the rules' patterns are held against.
+
+    Raises:
+        LocoError: As `load`.
+    """
+    rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
+    return [
+        align.record(
+            rule.name or (f"{source.name} {i + 1}" if len(rules) > 1 else source.name),
+            tracks.from_source(source, mapping, rule, robot),
+            robot,
+            rate=mapping.rate,
+            role=rule.role,
+            overrides=overrides(mapping, rule, source.header),
+            trust_units=mapping.trust_units,
+        )
+        for i, rule in enumerate(rules)
+    ]
+
+
+def fits(rule: Rule, file: str, header: dict[str, Any]) -> bool:
+    """The rule is for this file."""
+    return fnmatchcase(file, rule.file) and all(
+        header.get(field) in wanted for field, wanted in rule.where.items()
+    )
+
+
+def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str, Any]:
+    """Values of robot.yaml that mapping, rule and header know for a record.
+
+    Raises:
+        ParameterError: The header lacks a field, or it is no number.
+    """
+    known = mapping.overrides | rule.overrides
+    for field, entry in mapping.header.items():
+        value = header.get(field)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ParameterError(
+                f"header field {field!r} must be a number, got {value!r}; the header has "
+                f"{', '.join(header) or 'nothing'}"
+            )
+        known[entry.override] = entry.scale * value + entry.offset
+    return known
+
+
+def _stem(path: Path) -> str:
+    return path.name.removesuffix(".gz").rsplit(".", 1)[0]
