@@ -15,6 +15,8 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import to_dict
 from loco_learning.experiment import Experiment
 
+from .processes import NEVER, Restart
+
 if TYPE_CHECKING:
     from loco_learning.joint_experiment import JointExperiment
 
@@ -31,6 +33,7 @@ class NodeSpec:
     cls: str
     parameters: tuple[str, ...]
     executable: str  # for ``ros2 run``, in the package of the class
+    restart: Restart = NEVER  # what happens when its process dies
 
 
 def load(name: str) -> list[NodeSpec]:
@@ -65,6 +68,7 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
                 r["class"],
                 tuple(r.get("parameters", ())),
                 r.get("executable", r["name"]),
+                _restart(r["name"], r.get("restart", "never"), r.get("restarts_per_minute")),
             )
             for r in rows
         ]
@@ -80,6 +84,20 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
     if table not in TABLES:
         raise NameUnknownError("topic table", str(table), TABLES)
     return table, specs
+
+
+def _restart(node: str, policy: Any, per_minute: Any) -> Restart:
+    """Policy of a node: ``never``, or ``on_failure`` at most so often a minute (default 3)."""
+    if policy not in ("never", "on_failure"):
+        raise ParameterError(f"restart of {node} must be never or on_failure, got {policy!r}")
+    if policy == "never":
+        return NEVER
+    per_minute = 3 if per_minute is None else per_minute
+    if type(per_minute) is not int or not 1 <= per_minute <= 60:
+        raise ParameterError(
+            f"restarts_per_minute of {node} must be a whole number in [1, 60], got {per_minute!r}"
+        )
+    return Restart(per_minute)
 
 
 def parameter_file(

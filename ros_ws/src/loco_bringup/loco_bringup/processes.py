@@ -1,19 +1,85 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes of a run: started with a log each, stopped in order, never orphaned."""
+"""Child processes of a run: started with a log each, stopped in order, never orphaned.
+
+Three things see to the last: `stop_all` on every way out, a signal from the kernel when
+the supervisor dies, and the `guard`, which also ends those that do not heed the signal.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+from . import shm
+from .guard import PATIENCE, send, start_of
+
+_LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
-# How long a process may take to end after each signal [s].
-_PATIENCE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
+_MINUTE = 60.0  # [s]
+
+
+@dataclass(frozen=True)
+class Restart:
+    """When a process that died is started again: at most so often a minute, 0 for never."""
+
+    per_minute: int = 0
+
+    def allows(self, code: int, times: Sequence[float], now: float) -> bool:
+        """Whether a process may start again.
+
+        Args:
+            code: Its exit code; after 0 it is not started again.
+            times: When it was started again before [s].
+            now: The time [s].
+        """
+        recent = [t for t in times if now - t < _MINUTE]
+        return code != 0 and len(recent) < self.per_minute
+
+
+NEVER = Restart()
+
+
+class Guard:
+    """The process that ends the nodes when this one is killed.
+
+    Args:
+        share: Of the usual patience with them.
+    """
+
+    def __init__(self, share: float = 1.0) -> None:
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", "loco_bringup.guard", str(share)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=_environment(),
+            start_new_session=True,
+            text=True,
+        )
+
+    def watch(self, pid: int) -> None:
+        """Look after a process, too."""
+        self._tell(f"{pid} {start_of(pid)}")
+
+    def dismiss(self) -> None:
+        """All processes have ended."""
+        self._tell("done")
+        with contextlib.suppress(OSError):
+            self._popen.stdin.close()
+        self._popen.wait()
+
+    def _tell(self, line: str) -> None:
+        with contextlib.suppress(OSError):  # it was killed: the kernel's signal must do
+            self._popen.stdin.write(line + "\n")
+            self._popen.stdin.flush()
 
 
 class Process:
@@ -23,22 +89,42 @@ class Process:
         name: Name for messages and for the log file.
         command: Arguments after the Python interpreter.
         log: File that gets stdout and stderr.
+        restart: What to do when it dies.
+        guard: Is told of it.
+
+    Attributes:
+        restarts: When it was started again, `time.monotonic` [s].
     """
 
-    def __init__(self, name: str, command: list[str], log: Path):
-        self.name = name
-        self.log = log
+    def __init__(
+        self,
+        name: str,
+        command: list[str],
+        log: Path,
+        restart: Restart = NEVER,
+        guard: Guard | None = None,
+    ):
+        self.name, self.log, self.restart = name, log, restart
+        self.restarts: list[float] = []
+        self._command, self._guard = command, guard
         log.parent.mkdir(parents=True, exist_ok=True)
-        with open(log, "wb") as stream:
+        log.write_bytes(b"")
+        self._start()
+
+    def _start(self) -> None:
+        parent = os.getpid()
+        with open(self.log, "ab") as stream:
             self._popen = subprocess.Popen(
-                [sys.executable, *command],
+                [sys.executable, *self._command],
                 stdout=stream,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 env=_environment(),
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
+                preexec_fn=lambda: _die_with(parent),
             )
+        if self._guard:
+            self._guard.watch(self.pid)
 
     @property
     def pid(self) -> int:
@@ -47,15 +133,24 @@ class Process:
 
     @property
     def code(self) -> int | None:
-        """Exit code, None while it runs."""
+        """Exit code, None while it runs; minus the signal that killed it."""
         return self._popen.poll()
+
+    def revive(self) -> bool:
+        """Start a process that died again, if its policy allows."""
+        now = time.monotonic()
+        if self.code is None or not self.restart.allows(self.code, self.restarts, now):
+            return False
+        self.restarts.append(now)
+        self._start()
+        return True
 
     def stop(self) -> int:
         """End the process: SIGINT, then SIGTERM, then SIGKILL. Returns its exit code."""
-        for number, patience in _PATIENCE:
+        for number, patience in PATIENCE:
             if self.code is not None:
                 break
-            self._popen.send_signal(number)
+            send(self.pid, number)
             try:
                 self._popen.wait(patience)
             except subprocess.TimeoutExpired:
@@ -67,15 +162,20 @@ class Process:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
-def stop_all(processes: list[Process]) -> dict[str, int]:
-    """Interrupt all at once, then wait for each; exit code by name."""
+def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, int]:
+    """Interrupt all at once, wait for each, remove what they left; exit code by name."""
     for process in processes:
         if process.code is None:
-            os.kill(process.pid, signal.SIGINT)
-    deadline = time.monotonic() + _PATIENCE[0][1]
+            send(process.pid, signal.SIGINT)
+    deadline = time.monotonic() + PATIENCE[0][1]
     while time.monotonic() < deadline and any(p.code is None for p in processes):
         time.sleep(0.01)
-    return {p.name: p.stop() for p in processes}
+    codes = {p.name: p.stop() for p in processes}
+    if any(p.restarts for p in processes) or any(code < 0 for code in codes.values()):
+        shm.clean()  # a killed process could not
+    if guard:
+        guard.dismiss()
+    return codes
 
 
 def _environment() -> dict[str, str]:
@@ -89,5 +189,7 @@ def _environment() -> dict[str, str]:
     return env
 
 
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def _die_with(parent: int) -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before we asked
+        os._exit(1)

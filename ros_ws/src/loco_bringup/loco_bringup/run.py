@@ -21,7 +21,7 @@ from loco_control.params import to_dict
 from loco_learning.experiment import Experiment
 
 from . import node_set
-from .processes import Process
+from .processes import NEVER, Guard, Process, Restart
 from .watch import Outcome, Progress, Watch
 
 if TYPE_CHECKING:
@@ -117,7 +117,9 @@ def run_robots(
         plan = _Plan(robots, folder, layout, tick, nodes, helpers)
         plan.write()
         duration = max(map(duration_of, robots.values()))
-        return Watch(plan.start(), folder, duration, on_progress, list(robots)).run()
+        guard = Guard()
+        processes = plan.start(guard)
+        return Watch(processes, folder, duration, on_progress, list(robots), guard).run()
 
 
 def default_folder(experiment: AnyExperiment, root: Path = Path("bags")) -> Path:
@@ -217,26 +219,32 @@ class _Plan:
             "tables": list(tables.values()),
         }
 
-    def start(self) -> list[Process]:
+    def start(self, guard: Guard) -> list[Process]:
         """Start every node, the recorder last."""
-        started = []
+        self._guard, started = guard, []
         for space, specs in self._specs.items():
-            groups = {"nodes": [s.cls for s in specs]} if self._layout == "composed" else {
-                s.name: [s.cls] for s in specs
+            groups = {"nodes": specs} if self._layout == "composed" else {
+                s.name: [s] for s in specs
             }  # fmt: skip
-            for name, classes in groups.items():
-                started.append(self._process(name, classes, space, self._tags[space]))
+            for name, group in groups.items():
+                # A process starts again only if all its nodes may.
+                restart = min((s.restart for s in group), key=lambda r: r.per_minute)
+                classes = [s.cls for s in group]
+                started.append(self._process(name, classes, space, self._tags[space], restart))
         for helper in self._helpers:
             started.append(self._process(helper.name, [helper.cls], "", helper.name))
         return [*started, self._process("recorder", ["loco_bringup.recorder:RecorderNode"], "", "")]
 
-    def _process(self, name: str, classes: list[str], space: str, params: str) -> Process:
+    def _process(
+        self, name: str, classes: list[str], space: str, params: str, restart: Restart = NEVER
+    ) -> Process:
         """A process of nodes in a namespace, with a parameter file."""
         ros = ["--ros-args", "--params-file", str(self._path("params", params, ".yaml"))]
         ros += ["-r", f"__ns:=/{space}"] if space else []
         name = f"{space}/{name}" if space else name
         log = self._folder / "logs" / f"{name.replace('/', '_')}.log"
-        return Process(name, ["-m", "loco_bringup.composed", *classes, *ros], log)
+        command = ["-m", "loco_bringup.composed", *classes, *ros]
+        return Process(name, command, log, restart, self._guard)
 
 
 class _domain_lock:  # noqa: N801 (a context manager, used like a function)

@@ -11,7 +11,7 @@ from typing import Any
 
 from loco_control.exceptions import GraphError
 
-from .processes import Process, stop_all
+from .processes import Guard, Process, stop_all
 
 START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
 STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
@@ -38,6 +38,7 @@ class Outcome:
     real_time_factor: float = 0.0
     dropped: int = 0
     exit_codes: dict[str, int] = field(default_factory=dict)
+    restarts: dict[str, int] = field(default_factory=dict)
 
     @property
     def exit_code(self) -> int:
@@ -72,6 +73,7 @@ class Watch:
         duration: Simulated time that the run will take [s].
         on_progress: Called about ten times a second; a true answer ends the run.
         namespaces: Of the robots; "" is a robot without.
+        guard: Is dismissed when all processes have ended.
     """
 
     def __init__(
@@ -81,8 +83,9 @@ class Watch:
         duration: float,
         on_progress: Callable[[Progress], Any],
         namespaces: Sequence[str] = ("",),
+        guard: Guard | None = None,
     ):
-        self._processes = processes
+        self._processes, self._guard = processes, guard
         self._on_progress = on_progress
         self._progress = Progress(duration=duration)
         self.outcome = Outcome(folder)
@@ -104,18 +107,16 @@ class Watch:
             self.outcome.interrupted = True
             self.outcome.text = "interrupted"
         finally:
-            self.outcome.exit_codes = stop_all(self._processes)
+            self.outcome.exit_codes = stop_all(self._processes, self._guard)
+            self.outcome.restarts = {p.name: len(p.restarts) for p in self._processes if p.restarts}
         return self.outcome
 
     def _check(self) -> None:
         if self._error:
             raise GraphError(self._error)
         for process in self._processes:
-            if process.code is not None:
-                raise GraphError(
-                    f"{process.name} died with exit code {process.code}; last lines of "
-                    f"{process.log}:\n{process.tail()}"
-                )
+            if process.code is not None and not process.revive():
+                raise GraphError(_died(process))
         idle = time.monotonic() - self._moved
         if not all(g.started for g in self._graphs.values()) and idle > START_TIMEOUT:
             waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
@@ -172,6 +173,15 @@ class Watch:
         """The recorder says how far it is with a graph."""
         self._graphs[namespace].recorder_tick = status.tick
         self.outcome.dropped = status.dropped
+
+
+def _died(process: Process) -> str:
+    times = len(process.restarts)
+    again = f" after {times} restart{'s' * (times > 1)}" if times else ""
+    return (
+        f"{process.name} died with exit code {process.code}{again}; last lines of "
+        f"{process.log}:\n{process.tail()}"
+    )
 
 
 def _join(namespace: str, name: str) -> str:

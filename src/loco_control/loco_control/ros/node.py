@@ -8,7 +8,6 @@ because ``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores s
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -23,7 +22,12 @@ from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
 from .convert import TICK, Converter
+from .endpoints import living, own_host
+from .health import WARN, HealthParams, PeriodMeter, UsageMeter, judge
+from .parameters import declare
 from .topics import TOPICS, Topic, to_stamp, topic
+
+__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "run_nodes"]
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +53,10 @@ class LocoNode(Node):
         self.recorded = self.declare_parameter("recorded", False).value
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
-        self._periods = PeriodMeter()
+        self._health = declare(self, HealthParams(), "diagnostics.")
+        self._periods, self._usage = PeriodMeter(), UsageMeter()
+        self._joins: list[TickJoin] = []
+        self._stale = 0  # at the last report
         self._events = self.output("events")
         self._diagnostics = self.output("/diagnostics")
         self._ready_timer = None
@@ -97,6 +104,7 @@ class LocoNode(Node):
             tick_of: Number in the bytes of a message that all messages of a tick share.
         """
         join = TickJoin(readers, step, self._periods, tick_of)
+        self._joins.append(join)
         for name in readers:
             self.input(name, join.receiver(name), raw=True)
         return join
@@ -134,10 +142,17 @@ class LocoNode(Node):
         """A second writer of a control topic would answer our ticks with its own."""
         for name, subscription in self._inputs.items():
             if _paced(self.row(name)) and subscription.get_publisher_count() > 1:
-                raise GraphError(
-                    f"{name} has {subscription.get_publisher_count()} writers; another graph runs "
-                    "on this ROS domain and namespace"
-                )
+                count = len(self._writers(subscription.topic_name))
+                if count > 1:
+                    raise GraphError(
+                        f"{name} has {count} writers; another graph runs on this ROS domain and "
+                        "namespace"
+                    )
+
+    def _writers(self, name: str) -> list[Any]:
+        """Writers of a topic whose processes live."""
+        host = own_host(self.get_publishers_info_by_topic(self._events.topic_name))
+        return living(self.get_publishers_info_by_topic(name), host)
 
     def _check_ready(self) -> None:
         self._refuse_strangers()
@@ -149,19 +164,34 @@ class LocoNode(Node):
     def publish_diagnostics(self) -> None:
         """Publish the figures since the last call; a timer does it at 1 Hz."""
         self._refuse_strangers()
-        values = {**self._periods.summary(), **self.diagnose()}
+        values = {**self._periods.summary(), **self._usage.summary(), **self._inputs_report()}
+        values |= self.diagnose()
+        level, text = judge(self._health, values)
         if self._ready_timer is not None:
             values["waiting for"] = ", ".join(self.unmatched())
+            level, text = max(level, WARN), "waiting for endpoints"
         status = DiagnosticStatus(
-            level=DiagnosticStatus.OK if self._ready_timer is None else DiagnosticStatus.WARN,
+            level=level,
             name=self.get_fully_qualified_name().lstrip("/"),
-            message="waiting for endpoints" if self._ready_timer is not None else "running",
+            message=text,
             hardware_id="loco",
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+    def _inputs_report(self) -> dict[str, Any]:
+        """What came too late, how long ago the last tick was, and what the next one lacks."""
+        if not self._joins:
+            return {}
+        stale = sum(join.stale for join in self._joins)
+        values: dict[str, Any] = {"stale": stale - self._stale}
+        self._stale = stale
+        if self._periods.silence is not None:
+            values["silence"] = self._periods.silence
+        values["missing"] = ", ".join(n for join in self._joins for n in join.missing())
+        return values
 
 
 class TickJoin:
@@ -205,43 +235,16 @@ class TickJoin:
 
         return receive
 
+    def missing(self) -> list[str]:
+        """Topics that the next step still waits for."""
+        old = self._tick <= self.done
+        return [name for name in self._converters if old or name not in self._waiting]
+
     def _answer(self, tick: int) -> None:
         self.done = tick
         self._meter.mark()
         waiting = self._waiting
         self._step(*[converter.read(waiting[name]) for name, converter in self._converters.items()])
-
-
-class PeriodMeter:
-    """Mean and largest wall time between ticks since the last summary."""
-
-    def __init__(self) -> None:
-        self._last = 0.0
-        self._reset()
-
-    def _reset(self) -> None:
-        self._count, self._sum, self._max = 0, 0.0, 0.0
-
-    def mark(self) -> None:
-        """A tick happens now."""
-        now = time.perf_counter()
-        if self._last:
-            period = now - self._last
-            self._count += 1
-            self._sum += period
-            self._max = max(self._max, period)
-        self._last = now
-
-    def summary(self) -> dict[str, Any]:
-        """Figures since the last call."""
-        mean = self._sum / self._count if self._count else 0.0
-        values = {
-            "ticks": self._count,
-            "period_mean_ms": mean * 1e3,
-            "period_max_ms": self._max * 1e3,
-        }
-        self._reset()
-        return values
 
 
 def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None = None) -> int:

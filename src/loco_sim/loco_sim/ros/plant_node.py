@@ -19,6 +19,7 @@ from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim.simulation import Simulation
 
+NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
 CLOCKS = ("lockstep", "asap", "realtime")
 
 
@@ -73,6 +74,8 @@ class PlantNode(LocoNode):
         self._recorder_tick = -1
         self._held: RobotState | None = None
         self.started = self._finished = False
+        self._nudges: Any = None  # timer, while a controller comes back
+        self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
         self.input("events", self._on_event)
         self.input("recorder_status", self._on_recorder)
 
@@ -92,7 +95,11 @@ class PlantNode(LocoNode):
     # ---- start
 
     def _on_event(self, event: Event) -> None:
-        if event.kind != "ready" or not self._waiting_for:
+        if event.kind != "ready":
+            return
+        if self.started and event.node in self.controllers:
+            self._resume(event.node)
+        if not self._waiting_for:
             return
         self._waiting_for.discard(event.node)
         if not self._waiting_for:
@@ -107,6 +114,25 @@ class PlantNode(LocoNode):
         if self.tick.clock == "realtime":
             self.create_timer(1.0 / self.rate, self._on_deadline)
         self._publish(self.state)
+
+    def _resume(self, node: str) -> None:
+        """A controller was started again: it has not seen the tick that we wait for.
+
+        That tick is stepped in the safe state, after a while in which the endpoints meet,
+        and again until the commands come.
+        """
+        self.event("resumed", f"{node} is back", self.state.tick, self.state.t)
+        if self.tick.clock != "realtime" and self._nudges is None:
+            self._stuck_at = self.state.tick
+            self._nudges = self.create_timer(NUDGE, self._nudge)
+
+    def _nudge(self) -> None:
+        if self._finished or self.state.tick > self._stuck_at + 1:
+            self._nudges.cancel()
+            self._nudges = None
+        elif self._held is None:
+            self._stuck_at = self.state.tick
+            self._advance(*self._damping())
 
     # ---- one tick
 
@@ -193,13 +219,20 @@ class PlantNode(LocoNode):
         if self._waiting_for:
             return {"waiting for nodes": ", ".join(sorted(self._waiting_for))}
         wall = time.perf_counter() - self._began
-        return {
+        now = (self.state.tick, self._late, self.sim.rejected)
+        ticks, late, rejected = (a - b for a, b in zip(now, self._reported, strict=True))
+        self._reported = now
+        values = {"silence": 0.0} if self._finished else {}
+        return values | {
             "tick": self.state.tick,
             "sim_time": self.state.t,
             "real_time_factor": self.state.t / wall if wall > 0 else 0.0,
             "late_ticks": self._late,
             "stale_commands": self.stale,
             "rejected_commands": self.sim.rejected,
+            "late_share": late / ticks if ticks else 0.0,
+            "rejected": rejected,
+            "clock": self.tick.clock,
         }
 
     def close(self) -> None:
