@@ -35,6 +35,10 @@ class Bag:
     Args:
         path: Folder that holds one ``*.mcap``, or the file itself.
 
+    Attributes:
+        topics: By name.
+        channels: Numbers that the file uses for each topic.
+
     Raises:
         MissingFileError: There is no such folder or file.
         BagError: The file is not a complete MCAP file.
@@ -46,12 +50,12 @@ class Bag:
         self.file = McapFile(self.path)
         self.summary = self.file.summary
         counts = self.summary.statistics.channel_message_counts
-        self._channels: dict[str, list[int]] = {}
+        self.channels: dict[str, list[int]] = {}
         self.topics: dict[str, TopicInfo] = {}
         for i, c in sorted(self.summary.channels.items()):
-            self._channels.setdefault(c.topic, []).append(i)
+            self.channels.setdefault(c.topic, []).append(i)
             kind = self.summary.schemas[c.schema_id].name if c.schema_id else c.message_encoding
-            count = sum(counts.get(k, 0) for k in self._channels[c.topic])
+            count = sum(counts.get(k, 0) for k in self.channels[c.topic])
             self.topics[c.topic] = TopicInfo(c.topic, kind, count)
 
     @property
@@ -100,10 +104,15 @@ class Bag:
         blocks = self._blocks(self.resolve(topic))
         return np.concatenate([np.empty(0, np.int64), *(r.heads["time"][i] for r, i in blocks)])
 
+    def offered(self, topic: str) -> str:
+        """YAML text of the QoS profiles that the writers of a topic offered."""
+        channel = self.summary.channels[self.channels[self.resolve(topic)][0]]
+        return channel.metadata.get("offered_qos_profiles", "[]")
+
     def _blocks(self, name: str) -> Iterator[tuple[Records, np.ndarray]]:
         """The chunks, and which of their messages are of a topic."""
         for records in self.file.blocks():
-            yield records, of_channels(records, self._channels[name])
+            yield records, of_channels(records, self.channels[name])
 
     def records(self, topic: str) -> np.ndarray:
         """Messages of a topic of constant layout as records, shape (n,), fields by path.
@@ -123,7 +132,7 @@ class Bag:
         columns = {name: _Columns(self, name) for name in names.values()}
         for records in self.file.blocks():
             for name, column in columns.items():
-                column.add(records, of_channels(records, self._channels[name]))
+                column.add(records, of_channels(records, self.channels[name]))
         return {topic: columns[name].joined() for topic, name in names.items()}
 
     def messages(self, topic: str) -> list[Any]:

@@ -41,6 +41,7 @@ class BagWriter:
     Args:
         folder: New folder of the bag; its name is the name of the bag.
         custom_data: Texts kept in the bag's metadata (experiment, seed, versions).
+        chunk_size: Bytes of messages after which a chunk is written.
 
     Attributes:
         written: Messages given to the writer so far.
@@ -50,7 +51,12 @@ class BagWriter:
         BagError: The folder holds a bag already, or cannot be written.
     """
 
-    def __init__(self, folder: Path, custom_data: dict[str, str] | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        custom_data: dict[str, str] | None = None,
+        chunk_size: int = CHUNK_SIZE,
+    ):
         self.folder = Path(folder)
         self._path = self.folder / f"{self.folder.name}_0.mcap"
         self.custom = custom_data or {}
@@ -63,7 +69,7 @@ class BagWriter:
             raise BagError(f"{self._path} exists already; choose another folder")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._writer = McapWriter(self._path, CHUNK_SIZE, LIBRARY)
+            self._writer = McapWriter(self._path, chunk_size, LIBRARY)
             self._write_metadata()
         except OSError as error:
             raise BagError(f"no bag can be written in {self.folder}: {error}") from None
@@ -100,15 +106,18 @@ class BagWriter:
         qos = qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)
         self.add_topic(name, kind, definition(kind), type_hash(kind), [qos])
 
-    def write(self, topic: str, data: bytes, t: int, sequence: int = 0) -> None:
-        """Append a serialised message with its simulated time [ns]."""
+    def write(
+        self, topic: str, data: bytes, t: int, sequence: int = 0, publish: int | None = None
+    ) -> None:
+        """Append a serialised message with its simulated time [ns]; it is the publish time too."""
         self.written += 1
         if self.failed:
             return
         self._end = max(self._end, t)
         self._progress.tell(self.written, self._end)
         try:
-            self._writer.message(self._channels[topic].id, t, data, t, sequence)
+            sent = t if publish is None else publish
+            self._writer.message(self._channels[topic].id, t, data, sent, sequence)
         except OSError as error:
             self._fail(error)
 

@@ -191,11 +191,19 @@ def bench_effects() -> Rows:
     return run()
 
 
+def bench_damage() -> Rows:
+    """What comes back of a bag that was cut off or had a byte changed."""
+    from .bench_damage import bench_damage as run
+
+    return run()
+
+
 BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", bench_rls),
     "graph": ("Lockstep with recorder, network and RLS", bench_graph),
     "messages": ("One message [µs]", bench_messages),
     "msd": ("One step of one mass-spring-damper network", bench_msd),
     "population": ("Evaluations per second, 7 parameters", bench_population),
+    "damage": ("A bag cut off or with a byte changed, read and recovered", bench_damage),
     "effects": ("Effects, in shares of a physics step", bench_effects),
 }

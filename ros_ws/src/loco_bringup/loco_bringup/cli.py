@@ -103,8 +103,9 @@ def _add_run(commands) -> None:
 def _add_reading(commands) -> None:
     p = _command(commands, "list", list_, "show experiments, studies, effects, topics and bags")
     p.add_argument("what", nargs="?", help="experiments, studies, effects, topics or bags")
-    p = _command(commands, "info", info, "show what a bag holds")
-    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
+    from .console_logs import add_arguments
+
+    add_arguments(commands, _command)
     p = _command(commands, "report", report, "write one self-contained HTML page about a bag")
     p.add_argument("bag", type=Path, help="bag folder or .mcap file")
     p.add_argument("--out", type=Path, help="HTML file (default report.html in the bag folder)")
@@ -114,10 +115,6 @@ def _add_reading(commands) -> None:
     p.add_argument("out", type=Path, help="new bag folder")
     p.add_argument("--topics", nargs="+", required=True, metavar="TOPIC[:N]",
                    help="names; with N each N-th message")  # fmt: skip
-    p = _command(commands, "replay", replay, "publish a bag's topics again")
-    p.add_argument("bag", type=Path, help="bag folder or .mcap file")
-    p.add_argument("--speed", type=float, default=1.0, help="x real time, 0 as fast as possible")
-    p.add_argument("--topics", nargs="*", help="only these topics")
 
 
 def _add_studies(commands) -> None:
@@ -143,7 +140,7 @@ def _add_studies(commands) -> None:
     p.add_argument("--scheduler", default="", help="dask scheduler to use instead, tcp://HOST:PORT")
     p.add_argument("--out", type=Path, help="results folder (default results/msd_PRESET_PLAN)")
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
-    p.add_argument("what", help="rls, graph, messages, msd, population or effects")
+    p.add_argument("what", help="rls, graph, messages, bag, damage, msd, population or effects")
     p.add_argument("--json", type=Path, help="write the rows to this file too")
 
 
@@ -284,14 +281,6 @@ def list_(a: argparse.Namespace) -> int:
     return 0
 
 
-def info(a: argparse.Namespace) -> int:
-    """`loco info`."""
-    from .listing import show_bag
-
-    show_bag(a.bag)
-    return 0
-
-
 def report(a: argparse.Namespace) -> int:
     """`loco report`."""
     from .report import write_report
@@ -306,13 +295,6 @@ def extract(a: argparse.Namespace) -> int:
 
     sys.stdout.write(f"{copy(a.bag, a.out, a.topics)}\n")
     return 0
-
-
-def replay(a: argparse.Namespace) -> int:
-    """`loco replay`."""
-    from .replayer import replay_bag
-
-    return replay_bag(a.bag, a.speed, a.topics)
 
 
 def study(a: argparse.Namespace) -> int:

@@ -3,15 +3,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from loco_control.exceptions import LocoError, NameUnknownError
 
 from .console import console
+
+if TYPE_CHECKING:
+    from .bag import Bag
 
 
 def show(what: str | None) -> None:
@@ -94,13 +99,35 @@ _LISTS: dict[str, Callable[[], tuple[str, tuple, list]]] = {
 }
 
 
-def show_bag(path: Path) -> None:
-    """Print the topics, files and metadata of a bag."""
+def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
+    """Print the topics, files and metadata of a bag.
+
+    Args:
+        path: Bag folder or ``.mcap`` file.
+        check: Read every chunk and check every sum.
+        as_json: Print JSON instead.
+
+    Raises:
+        BagError: The bag is damaged.
+    """
     from .bag import Bag
 
     bag = Bag(path)
+    if check:
+        for _ in bag.file.blocks():
+            pass
+        list(bag.file.attachments())
+    if as_json:
+        console.print_json(json.dumps(_about(bag)))
+        return
     length = bag.end - bag.start
     console.print(f"{bag.path}: {length:.2f} s, {bag.path.stat().st_size / 1e6:.1f} MB")
+    chunks, size, packed = _packing(bag)
+    console.print(
+        f"  {chunks} chunks of {size / max(chunks, 1) / 1e3:.0f} kB, packed to {packed} %"
+    )
+    if check:
+        console.print("  every chunk and file is whole")
     for key, value in bag.metadata.items():
         if key == "versions":
             value = ", ".join(f"{name} {v}" for name, v in json.loads(value).items())
@@ -112,6 +139,29 @@ def show_bag(path: Path) -> None:
     console.print(_table("Topics", ("name", "type", "messages", "rate"), rows))
     files = [(name, f"{size} bytes") for name, size in bag.attachments().items()]
     console.print(_table("Files inside", ("name", "size"), files))
+
+
+def _packing(bag: Bag) -> tuple[int, int, int]:
+    """Number of chunks, their unpacked size [bytes] and packed share [%]."""
+    from .mcap_chunk import chunk_head
+
+    heads = [chunk_head(bag.file.data, chunk) for chunk in bag.file.chunks]
+    size = sum(head.size for head in heads)
+    packed = sum(head.stop - head.start for head in heads)
+    return len(heads), size, round(100 * packed / max(size, 1))
+
+
+def _about(bag: Bag) -> dict[str, Any]:
+    """The same as data: times [s], sizes [bytes]."""
+    return {
+        "path": str(bag.path),
+        "start": bag.start,
+        "end": bag.end,
+        "size": bag.path.stat().st_size,
+        "metadata": bag.metadata,
+        "topics": [dataclasses.asdict(t) for t in bag.topics.values()],
+        "files": bag.attachments(),
+    }
 
 
 def _first_line(thing: type) -> str:

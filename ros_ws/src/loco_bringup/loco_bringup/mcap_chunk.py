@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -23,8 +23,7 @@ _MAX_SIZE = 1 << 31  # an unpacked chunk beyond 2 GiB is a damaged length
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("publish", "<i8")])
 
 
-@dataclass(frozen=True)
-class ChunkHead:
+class ChunkHead(NamedTuple):
     """What a chunk says of itself: times [ns], unpacked size, where its packed bytes are."""
 
     first: int

@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statisti
 
 from loco_control.exceptions import BagError
 
-from .mcap_chunk import MESSAGE, Records, unpack
+from .mcap_chunk import Records, unpack
 from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
 
 
@@ -73,7 +73,8 @@ class McapFile:
         if len(footers) != 1:
             raise BagError("it has no footer")
         footer = parsed(self.data, footers[0], Footer)
-        self._check_summary(footer, footers[0])
+        if not summary_whole(self.data, footers[0]):
+            raise BagError("the check sum of its summary is wrong")
         last = [p for p in self.pieces if p.start > footer.summary_start > 0]
         found = [p for p in last if p.opcode == Opcode.STATISTICS]
         if not found:
@@ -89,14 +90,6 @@ class McapFile:
         if missing:
             raise BagError(f"schema {min(missing)} is missing")
         return summary
-
-    def _check_summary(self, footer: Footer, piece: Piece) -> None:
-        """Its check sum covers the summary and the footer but for the sum itself."""
-        if not footer.summary_crc:
-            return
-        begin = footer.summary_start or piece.start - HEAD.size
-        if zlib.crc32(self.data[begin : piece.stop - 4]) != footer.summary_crc:
-            raise BagError("the check sum of its summary is wrong")
 
     def attachments(self) -> Iterator[Attachment]:
         """Files inside the file.
@@ -161,11 +154,14 @@ def attachment_whole(data: bytes, piece: Piece) -> bool:
     return said in (0, zlib.crc32(data[piece.start : piece.stop - 4]))
 
 
+def summary_whole(data: bytes, footer: Piece) -> bool:
+    """The check sum of summary and footer is right, or there is none."""
+    record = parsed(data, footer, Footer)
+    begin = record.summary_start or footer.start - HEAD.size
+    said = record.summary_crc
+    return begin < footer.stop and said in (0, zlib.crc32(data[begin : footer.stop - 4]))
+
+
 def of_channels(records: Records, channels: list[int]) -> np.ndarray:
     """Rows of `records.heads` that are of some channels."""
     return np.flatnonzero(np.isin(records.heads["channel"], channels))
-
-
-__all__ = [
-    "MESSAGE", "McapFile", "Records", "Summary", "attachment_whole", "mapped", "of_channels",
-]  # fmt: skip
