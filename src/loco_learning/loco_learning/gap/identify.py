@@ -185,7 +185,9 @@ def stability(
         groups: (N,) whole numbers, the part that each row belongs to.
         weight: As in `analyse`.
     """
-    j, r = _weighted(columns, weight, groups), _weighted(residual[:, None], weight, groups)[:, 0]
+    whole = np.isfinite(columns).all(1) & np.isfinite(residual)
+    root = np.sqrt(np.broadcast_to(weight, whole.shape))[whole]
+    j, r, groups = columns[whole] * root[:, None], residual[whole] * root, groups[whole]
     keys = np.unique(groups)
     shifts, errors = np.full((2, len(keys), columns.shape[1]), np.nan)
     for g, key in enumerate(keys):
@@ -202,15 +204,10 @@ def stability(
     return Stability(shifts, errors, spread, probability)
 
 
-def _weighted(
-    columns: np.ndarray, weight: np.ndarray | float, keep: np.ndarray | None = None
-) -> np.ndarray:
-    """Columns times the root of the weight; incomplete rows are dropped or (with `keep`) zero."""
+def _weighted(columns: np.ndarray, weight: np.ndarray | float) -> np.ndarray:
+    """Columns times the root of the weight, without rows that are not complete."""
     whole = np.isfinite(columns).all(1)
-    root = np.sqrt(np.broadcast_to(weight, whole.shape))
-    if keep is None:
-        return columns[whole] * root[whole, None]
-    return np.where(whole[:, None], columns, 0.0) * root[:, None]
+    return columns[whole] * np.sqrt(np.broadcast_to(weight, whole.shape))[whole, None]
 
 
 def _covariance(j: np.ndarray) -> np.ndarray:
