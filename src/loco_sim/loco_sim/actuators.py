@@ -30,6 +30,8 @@ def joint_torques(
     springs: np.ndarray,
     rotors: np.ndarray,
     dt: float,
+    supply: float,
+    on: float,
 ) -> np.ndarray:
     """Torque of drive and spring of every joint [N·m], (n,).
 
@@ -40,18 +42,20 @@ def joint_torques(
         springs: A row per joint, (n, 7).
         rotors: Position and speed of each servo's rotor, (n, 2); changed in place.
         dt: Physics step [s].
+        supply: Voltage of the servos over the nominal one.
+        on: 1, or 0 for drives that are switched off.
     """
     n = len(drives)
     tau = np.zeros(n)
     for i in range(n):
         q, dq, row = state[i], state[n + i], drives[i]
         if row[0] == SERVO:
-            tau[i] = servo_torque(q, dq, command[0, i], row, rotors[i], dt)
+            tau[i] = servo_torque(q, dq, command[0, i], row, rotors[i], dt, supply, on)
         elif row[0] == IMPEDANCE:
             wanted = row[1] * (command[0, i] - q) + row[2] * (command[1, i] - dq)
-            tau[i] = clipped(wanted + command[2, i], row[8])
+            tau[i] = on * clipped(wanted + command[2, i], row[8])
         elif row[0] == TORQUE:
-            tau[i] = clipped(command[2, i], row[8])
+            tau[i] = on * clipped(command[2, i], row[8])
         if springs[i, 0] > 0.0:
             tau[i] += spring_torque(q, dq, springs[i])
     return tau
@@ -63,6 +67,8 @@ class Actuators:
     Attributes:
         q: Desired joint positions in force [rad], (n,).
         dq: Desired joint velocities in force [rad/s], (n,).
+        supply: Voltage of the servos over the nominal one.
+        on: 1, or 0 while all drives are switched off; springs remain.
     """
 
     def __init__(self, robot: Robot, dt: float):
@@ -83,11 +89,16 @@ class Actuators:
         self.q, self.dq = np.array(q, dtype=float), np.zeros(len(q))
         self._command[:] = 0.0
         self._command[0] = q
+        self.supply = self.on = 1.0
 
     def start(self, q: np.ndarray, dq: np.ndarray) -> None:
         """As `reset`, in motion: the rotors turn with the joints [rad/s], (n,)."""
         self.reset(q)
         self._rotors[:, 1] = dq
+
+    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Drives, springs and rotors, as `joint_torques` takes them."""
+        return self._drives, self._springs, self._rotors
 
     def accept(self, command: MotionCommand, trunk: TrunkTorque) -> bool:
         """Take a command over; False, and nothing changes, if it is not finite."""
@@ -110,7 +121,14 @@ class Actuators:
         """
         state = np.array([s[0] for s in joints] + [s[1] for s in joints])
         tau = joint_torques(
-            state, self._command, self._drives, self._springs, self._rotors, self._dt
+            state,
+            self._command,
+            self._drives,
+            self._springs,
+            self._rotors,
+            self._dt,
+            self.supply,
+            self.on,
         )
         return tau.tolist()
 

@@ -60,6 +60,10 @@ class Description:
         """Names of the links, in the order of the file."""
         return [link.get("name", "") for link in self._root.iter("link")]
 
+    def elements(self, tag: str) -> list[ET.Element]:
+        """All links or joints of the robot, not to be changed."""
+        return self._root.findall(tag)
+
     def root_link(self) -> str:
         """Name of the link that is nobody's child."""
         children = {child.get("link") for child in self._root.iter("child")}

@@ -55,9 +55,9 @@ class HallSensor:
         exact = below + (at - i) * (self._counts[i + 1] - below)
         return min(max(round(exact + noise), 0), self.top)
 
-    def reached(self, angle: float) -> float:
+    def reached(self, angle: float | np.ndarray) -> float | np.ndarray:
         """The angle itself, or the end of the table that it is beyond [rad]."""
-        return min(max(angle, self._first), self._last)
+        return np.clip(angle, self._first, self._last)
 
     def angle(self, counts: int) -> float:
         """Angle that the robot takes from a reading [rad]."""

@@ -21,7 +21,14 @@ def clipped(x: float, limit: float) -> float:
 
 @njit(cache=True)
 def servo_torque(
-    q: float, dq: float, target: float, row: np.ndarray, rotor: np.ndarray, dt: float
+    q: float,
+    dq: float,
+    target: float,
+    row: np.ndarray,
+    rotor: np.ndarray,
+    dt: float,
+    supply: float = 1.0,
+    on: float = 1.0,
 ) -> float:
     """Torque of a servo on its joint [N·m] for the next physics step.
 
@@ -34,8 +41,10 @@ def servo_torque(
         row: `ServoParams.row`.
         rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
         dt: Physics step [s].
+        supply: Voltage over the nominal one; 0 short-circuits the motor.
+        on: 1, or 0 for a motor that is disconnected.
     """
-    stall, slope, kp, step = row[1], row[2], row[3], row[4]
+    stall, slope, kp, step = row[1] * supply * on, row[2] * on, row[3], row[4]
     inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
     push = stall * clipped(kp * (rounded(target, step) - rounded(q, step)), 1.0)
     if inertia <= 0.0:

@@ -227,6 +227,15 @@ class Simulation:
         self._base = world.base()
         return self._sense(tau, grf, before)
 
+    def power(self, supply: float = 1.0, on: float = 1.0) -> None:
+        """Change what feeds the drives of a robot that lists drives, until the next reset.
+
+        Args:
+            supply: Voltage of the servos over the nominal one.
+            on: 1, or 0 to switch all drives off.
+        """
+        self._drive.supply, self._drive.on = supply, on
+
     def _reject(self) -> None:
         t = self._tick * self.dt
         if not self._params.safety:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,25 @@ GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
 CONSTANTS, MEMORY = 9, 5  # per row
 NEVER = np.iinfo(np.int64).max
+
+
+class Laws(NamedTuple):
+    """What `chain_kernels` run: r rows of m laws."""
+
+    plan: np.ndarray  # law, first row, row after the last, first step, step after the last, (m, 5)
+    joint: np.ndarray  # of each row, (r,)
+    const: np.ndarray  # (r, CONSTANTS)
+    memory: np.ndarray  # (r, MEMORY)
+    line: np.ndarray  # delay lines of all rows
+
+
+NO_LAWS = Laws(
+    np.zeros((0, 5), dtype=np.int64),
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, CONSTANTS)),
+    np.zeros((0, MEMORY)),
+    np.zeros(0),
+)
 
 
 class Chain:
@@ -66,6 +85,10 @@ class Chain:
                 row[1] = length
                 length += int(row[0])
         return length
+
+    def laws(self) -> Laws:
+        """Its arrays, which its kernels change as they run."""
+        return Laws(self._plan, self._joint, self._const, self._memory, self._line)
 
     def torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bolted robot that touches nothing, run along commands that are known beforehand.
+
+Tells what `Simulation` would, many times faster: no engine, one compiled loop. For
+predictions; robots that walk, and experiments with a controller in the loop, need the engine.
+
+    plant = Bolted(robot, effects)
+    run = plant.run(q_wanted, dq_wanted)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.types import RobotState
+
+from . import bolted_kernels as loop
+from . import braking, tree
+from . import tree_kernels as kernels
+from .actuators import Actuators
+from .description import Description
+from .drive import substeps
+from .effects.actuator import JointOffset, SeriesElasticity
+from .effects.base import Effect, overrides, streams, windows
+from .effects.chain import NO_LAWS, Chain, Laws
+from .params import SimParams
+from .robot import Robot, joint_index
+from .simulation import periods
+
+
+class Run(NamedTuple):
+    """What the sensors said before each command; NaN from where the state is not finite."""
+
+    q: np.ndarray  # positions [rad or m], (T, n)
+    dq: np.ndarray  # velocities, (T, n)
+    tau: np.ndarray  # torques, mean over the period before [N·m or N], (T, n)
+
+
+class Setting:
+    """What effects may change before a run: the part of `World` that `configure` sees."""
+
+    def __init__(self, robot: Robot, params: SimParams, dt: float):
+        self.robot, self.params, self.dt = robot, params, dt
+        self.description = Description(robot.urdf)
+        self.friction, self.contact = dict(robot.friction), dict(robot.contact)
+        self.gravity = (0.0, 0.0, -params.gravity)
+        self.hinges: dict[str, tuple[float, float]] = {}
+        self.driven = robot.driven
+
+    def joint_index(self, pattern: str) -> np.ndarray:
+        """Indices of the robot's joints that a name or fnmatch pattern names."""
+        return joint_index(self.robot.joints, pattern)
+
+
+class Bolted:
+    """A bolted robot with its drives, sensors and effects.
+
+    Attributes:
+        robot: The robot simulated.
+        dt: Control period [s].
+        physics_dt: Physics step [s].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        effects: Sequence[Effect] = (),
+        seed: int = 0,
+        dt: float | None = None,
+    ):
+        """Prepare; arguments as of `Simulation`.
+
+        Raises:
+            ParameterError: The robot or an effect needs the engine: see `needs_engine`; or
+                the period does not fit the physics.
+        """
+        if reason := needs_engine(robot, effects):
+            raise ParameterError(f"robot {robot.name!r} needs the engine: {reason}")
+        self.robot, self._effects, self._seed = robot, list(effects), seed
+        self.dt = 1.0 / robot.control_rate if dt is None else dt
+        self._steps = periods(self.dt, robot.sim.physics_rate)
+        self._configure()
+        count = self._substeps()
+        if count > 1:
+            self._steps *= count
+            self._configure()
+        self.physics_dt = self.dt / self._steps
+
+    def _configure(self) -> None:
+        setting = Setting(self.robot, self.robot.sim, self.dt / self._steps)
+        for effect in self._effects:
+            if overrides(effect, "configure"):
+                effect.configure(setting)
+        self._tree, self._order = tree.build(setting.description, self.robot.joints)
+        self._gravity, self._description = np.array(setting.gravity), setting.description
+
+    def _substeps(self) -> int:
+        """Parts of a physics step until explicit damping is harmless: `drive.substeps`."""
+        robot, dt = self.robot, self.dt / self._steps
+        damping = np.array([self._description.damping(joint) for joint in robot.joints])
+        inertia = self._inertia(robot.standing)
+        return substeps(robot.damping, inertia, damping, len(robot.feet), dt, robot.sim)
+
+    def _inertia(self, q: np.ndarray) -> np.ndarray:
+        """What the joints feel [kg·m²], (n, n), in the robot's order."""
+        n = len(q)
+        matrix, bias = np.zeros((n, n)), np.empty(n)
+        at = np.asarray(q, dtype=float)[self._order]
+        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), matrix, bias)
+        back = np.argsort(self._order)
+        return matrix[np.ix_(back, back)]
+
+    def run(
+        self,
+        q_wanted: np.ndarray,
+        dq_wanted: np.ndarray | None = None,
+        tau_wanted: np.ndarray | None = None,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+        power: np.ndarray | None = None,
+    ) -> Run:
+        """Run along commands, each held for a control period.
+
+        Args:
+            q_wanted: Positions wanted of all joints [rad], (T, n).
+            dq_wanted: Velocities wanted, (T, n); None is none.
+            tau_wanted: Torques wanted, (T, n); None is none.
+            start: Positions and velocities at the start, (n,) each; None is standing at rest.
+            power: Supply and switch of the drives (`Simulation.power`), (T, 2); None is on.
+        """
+        rows, n = q_wanted.shape
+        none = np.zeros((rows, n))
+        targets = [none if w is None else w for w in (q_wanted, dq_wanted, tau_wanted)]
+        for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
+            effect.reset(rng)
+        said, which = self._heard(np.stack(targets, axis=1).astype(float))
+        change, brakes = self._chain("on_torque"), self._chain("on_brake")
+        drive = Actuators(self.robot, self.physics_dt)
+        q, dq = (self.robot.standing, np.zeros(n)) if start is None else start
+        drive.start(q, dq)
+        state = np.array([q, dq], dtype=float)[:, self._order]
+        slow = np.zeros(n)
+        if len(brakes.plan):
+            slow = braking.stopped_per_torque(self._inertia(q), self.physics_dt)
+        measures = windows(self._effects, "on_measurement", self.physics_dt)
+        out = np.full((rows, 3, n), np.nan)
+        memories = np.zeros((rows if measures else 0, *change.memory.shape))
+        power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
+        loop.run(
+            self._tree, self._order, self._gravity, state, said, which, power, *drive.rows(),
+            change, brakes, slow, self.physics_dt, out, memories,
+        )  # fmt: skip
+        return self._measured(out, measures, change, memories)
+
+    def _chain(self, hook: str) -> Laws:
+        """Laws of the effects that have a hook."""
+        acting = [e for e in self._effects if overrides(e, hook) and not e.absent()]
+        return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
+
+    def _heard(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Commands as the drives get them, (k, 3, n), and which of them in each physics step.
+
+        What a spring before the joint does to them is left to the loop.
+        """
+        which = np.repeat(np.arange(len(targets)), self._steps)
+        changes = [
+            (first, last, change)
+            for first, last, change in windows(self._effects, "on_command", self.physics_dt)
+            if not isinstance(change.__self__, SeriesElasticity)
+        ]
+        if not changes:
+            return targets, which
+        # Effects tell a new command from an old one by identity: so one object per command.
+        rows = [(target[0], target[1]) for target in targets]
+        heard: dict[tuple[int, int, int], int] = {}
+        made, found, alive = [], np.empty_like(which), []
+        for step, row in enumerate(which):
+            q, dq = rows[row]
+            for first, last, change in changes:
+                if first <= step < last:
+                    q, dq = change(q, dq, step * self.physics_dt)
+            key = id(q), id(dq), int(row)
+            if key not in heard:
+                heard[key] = len(made)
+                made.append(np.stack([q, dq, targets[row, 2]]))
+                alive.append((q, dq))
+            found[step] = heard[key]
+        return np.array(made), found
+
+    def _measured(self, out: np.ndarray, measures: list, change: Laws, memories: Any) -> Run:
+        """Readings of what happened, (T, 3, n)."""
+        q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
+        if self.robot.sensors:
+            q, dq = self._read(q)
+        for row in range(len(q) if measures else 0):
+            if not np.all(np.isfinite(out[row])):
+                break
+            change.memory[:] = memories[row]
+            state = self._state(row, q[row], dq[row], tau[row])
+            for first, last, measure in measures:
+                if first <= row * self._steps < last:
+                    state = measure(state)
+            q[row], dq[row], tau[row] = state.q, state.dq, state.tau
+        return Run(q, dq, tau)
+
+    def _read(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities as `Sensors` that are exact form them, (T, n) each."""
+        sensors, q = self.robot.sensors, q.copy()
+        for i, joint in enumerate(self.robot.joints):
+            if joint in self.robot.hall:
+                q[:, i] = self.robot.hall[joint].reached(q[:, i])
+        every = max(1, round(1.0 / (sensors.rate * self.dt))) if sensors.rate > 0.0 else 1
+        rows = np.arange(len(q)) // every * every
+        dq = (q[rows] - q[np.maximum(rows - every, 0)]) / (every * self.dt)
+        return q[rows], dq
+
+    def _state(self, row: int, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> RobotState:
+        feet = len(self.robot.feet)
+        return RobotState(
+            tick=row,
+            t=row * self.dt,
+            q=q,
+            dq=dq,
+            tau=tau,
+            grf=np.zeros((feet, 3)),
+            orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+            angular_velocity=np.zeros(3),
+            linear_acceleration=-self._gravity,
+            contact=np.zeros(feet, dtype=bool),
+        )
+
+
+def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
+    """Why a robot with effects cannot be run without the engine; empty if it can."""
+    if not robot.fixed_base or not robot.equipped or robot.height is None:
+        return "it has no drives in its robot.yaml, or is not bolted at a height"
+    if robot.sensors and not robot.sensors.exact:
+        return "its sensors round and rustle"
+    acting = [effect for effect in effects if not effect.absent()]
+    for effect in acting:
+        if overrides(effect, "on_step"):
+            return f"{effect.name} acts on the world"
+    spring = False
+    for effect in (e for e in acting if overrides(e, "on_command")):
+        if spring and not isinstance(effect, (JointOffset, SeriesElasticity)):
+            return f"{effect.name} comes after series_elasticity"
+        spring |= isinstance(effect, SeriesElasticity)
+    return _touches(robot.urdf, robot.joints, robot.height)
+
+
+@lru_cache(maxsize=64)
+def _touches(urdf: str, joints: tuple[str, ...], height: float) -> str:
+    description = Description(urdf)
+    try:
+        tree.build(description, joints)
+    except ParameterError as error:
+        return str(error)
+    low = tree.clearance(description, height)
+    return "" if low > 0.0 else f"it may touch the ground ({low:.3g} m)"

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of `bolted.Bolted`, compiled: drives, springs, laws of effects and motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .actuators import joint_torques
+from .braking import split
+from .effects.chain import SERIES
+from .effects.chain_kernels import budgets, torques
+from .tree_kernels import advance
+
+
+@njit(cache=True)
+def run(
+    tree,
+    order,
+    gravity,
+    state,
+    targets,
+    which,
+    power,
+    drives,
+    springs,
+    rotors,
+    change,
+    brakes,
+    slow,
+    dt,
+    out,
+    memories,
+):
+    """Run along commands; rows before the state is no longer finite.
+
+    Args:
+        tree: `tree.Tree` of n joints.
+        order: For each joint of the tree its index among the robot's, (n,).
+        gravity: Acceleration of gravity [m/s²], (3,).
+        state: Positions and velocities in the order of the tree, (2, n); changed.
+        targets: Positions, velocities and torques wanted, in the robot's order, (k, 3, n).
+        which: Of `targets`, for each physics step, (T * steps,).
+        power: Supply and switch of each row, (T, 2).
+        drives: As in `actuators.joint_torques`, (n, 9).
+        springs: As there, (n, 7).
+        rotors: As there, (n, 2); changed.
+        change: `effects.chain.Laws` of the effects on torques.
+        brakes: The same of the effects that brake.
+        slow: From `braking.stopped_per_torque`, in the robot's order, (n,).
+        dt: Physics step [s].
+        out: Filled in: positions, velocities and mean torques before each row, (T, 3, n).
+        memories: Filled in: memory of the effects before each row, (T, rows, MEMORY), or empty.
+
+    Returns:
+        Rows that are filled in.
+    """
+    plan, joint, const, memory, line = change
+    brake_plan, brake_joint, brake_const = brakes[:3]
+    rows, n = out.shape[0], out.shape[2]
+    steps = len(which) // rows
+    q, dq = state[0], state[1]  # of the tree
+    known, mean = np.empty(2 * n), np.zeros(n)
+    command, budget, tau = np.empty((3, n)), np.zeros(n), np.empty(n)
+    push, motor = np.empty(n), np.zeros(n)  # of the tree
+    step, braked = 0, len(brake_plan) > 0
+    for row in range(rows):
+        for i in range(n):
+            if not (np.isfinite(q[i]) and np.isfinite(dq[i])):
+                return row
+            out[row, 0, order[i]], out[row, 1, order[i]] = q[i], dq[i]
+            out[row, 2, i] = mean[i]
+        if len(memories):
+            memories[row] = memory
+        mean[:] = 0.0
+        for _ in range(steps):
+            command[:] = targets[which[step]]
+            for i in range(n):
+                known[order[i]], known[n + order[i]] = q[i], dq[i]
+            bend(step, plan, joint, memory, command)
+            tau[:] = joint_torques(
+                known, command, drives, springs, rotors, dt, power[row, 0], power[row, 1]
+            )
+            torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
+            mean += tau
+            for i in range(n):
+                push[i] = tau[order[i]]
+            if braked:
+                budget[:] = 0.0
+                budgets(step, brake_plan, brake_joint, brake_const, budget, tau, known[n:])
+                held, drag = split(budget, known[n:], slow)
+                for i in range(n):
+                    push[i] += drag[order[i]]
+                    motor[i] = held[order[i]]
+            advance(tree, gravity, push, motor, q, dq, dt)
+            step += 1
+        mean /= steps
+    return rows
+
+
+@njit(cache=True)
+def bend(step, plan, joint, memory, command):
+    """Commands as motors behind springs see them: see `effects.reading_laws.move_back`."""
+    for k in range(plan.shape[0]):
+        if plan[k, 0] == SERIES and plan[k, 3] <= step < plan[k, 4]:
+            for r in range(plan[k, 1], plan[k, 2]):
+                command[0, joint[r]] -= memory[r, 2]
+                command[1, joint[r]] -= memory[r, 3]

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The moving links of a bolted robot as arrays, for `tree_kernels`.
+
+Links that are fixed to others become part of them. A joint's frame is that of its child
+link at position 0; all vectors of a link are in that frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from .description import TENSOR, Description, add_point_mass
+
+SLIDES = "prismatic"
+MOVES = ("revolute", "continuous", SLIDES)
+
+
+class Tree(NamedTuple):
+    """Joints from the base outwards, each with the link it moves; n joints."""
+
+    parent: np.ndarray  # index of the joint before it, -1 is the base, (n,)
+    slides: np.ndarray  # it slides and does not turn, (n,) bool
+    place: np.ndarray  # origin in the frame of the link before [m], (n, 3)
+    turn: np.ndarray  # rotation into the frame of the link before, (n, 3, 3)
+    axis: np.ndarray  # of length 1, (n, 3)
+    mass: np.ndarray  # [kg], (n,)
+    com: np.ndarray  # centre of mass [m], (n, 3)
+    inertia: np.ndarray  # about it [kg·m²], (n, 3, 3)
+    damping: np.ndarray  # viscous, of the joint [N·m·s/rad], (n,)
+    low: np.ndarray  # smallest position [rad or m], (n,)
+    high: np.ndarray  # largest position, (n,)
+
+
+def build(description: Description, joints: tuple[str, ...]) -> tuple[Tree, np.ndarray]:
+    """Tree of a robot whose joints are all its moving ones.
+
+    Returns:
+        The tree, and for each of its joints the index in `joints`, (n,).
+
+    Raises:
+        ParameterError: A moving link has no inertia that a body can have, or another joint
+            moves.
+    """
+    found = _Walk(description)
+    if sorted(found.names) != sorted(joints):
+        raise ParameterError("the robot has moving joints that are not listed")
+    order = np.array([joints.index(name) for name in found.names], dtype=np.int64)
+    for name, mass, inertia in zip(found.names, found.mass, found.inertia, strict=True):
+        moments = np.linalg.eigvalsh(inertia)
+        if not mass > 0.0 or moments[0] <= 0.0 or moments[2] > moments[0] + moments[1] + 1e-9:
+            raise ParameterError(f"what joint {name} moves has no inertia that a body can have")
+    limits = [description.limits(name) for name in found.names]
+    tree = Tree(
+        parent=np.array(found.parent, dtype=np.int64),
+        slides=np.array(found.slides, dtype=np.bool_),
+        place=np.array(found.place).reshape(-1, 3),
+        turn=np.array(found.turn).reshape(-1, 3, 3),
+        axis=np.array(found.axis).reshape(-1, 3),
+        mass=np.array(found.mass),
+        com=np.array(found.com).reshape(-1, 3),
+        inertia=np.array(found.inertia).reshape(-1, 3, 3),
+        damping=np.array([description.damping(name) for name in found.names]),
+        low=np.array([low for low, _ in limits]),
+        high=np.array([high for _, high in limits]),
+    )
+    return tree, order
+
+
+class _Walk:
+    """Goes through a description from the root outwards."""
+
+    def __init__(self, description: Description):
+        self._links = {e.get("name"): e for e in description.elements("link")}
+        self._children: dict[str, list[Any]] = {}
+        for joint in description.elements("joint"):
+            self._children.setdefault(joint.find("parent").get("link"), []).append(joint)
+        self.names, self.parent, self.slides = [], [], []
+        self.place, self.turn, self.axis = [], [], []
+        self.mass, self.com, self.inertia = [], [], []
+        self._visit(description.root_link(), -1, np.zeros(3), np.eye(3))
+
+    def _visit(self, link: str, carrier: int, place: np.ndarray, turn: np.ndarray) -> None:
+        """Add a link that is fixed to the link of joint `carrier` there, and what hangs on it."""
+        if carrier >= 0:
+            self._add(self._links[link], carrier, place, turn)
+        for joint in self._children.get(link, ()):
+            offset, rotation = pose(joint.find("origin"))
+            at, facing = place + turn @ offset, turn @ rotation
+            child = joint.find("child").get("link")
+            if joint.get("type") not in MOVES:
+                self._visit(child, carrier, at, facing)
+                continue
+            axis = joint.find("axis")
+            along = numbers("1 0 0" if axis is None else axis.get("xyz"))
+            self.names.append(joint.get("name"))
+            self.parent.append(carrier)
+            self.slides.append(joint.get("type") == SLIDES)
+            self.place.append(at)
+            self.turn.append(facing)
+            self.axis.append(along / np.linalg.norm(along))
+            self.mass.append(0.0)
+            self.com.append(np.zeros(3))
+            self.inertia.append(np.zeros((3, 3)))
+            self._visit(child, len(self.names) - 1, np.zeros(3), np.eye(3))
+
+    def _add(self, link: Any, to: int, place: np.ndarray, turn: np.ndarray) -> None:
+        """Make a link part of the body of a joint."""
+        inertial = link.find("inertial")
+        if inertial is None:
+            raise ParameterError(f"link {link.get('name')!r} has no <inertial>")
+        mass = float(inertial.find("mass").get("value", 0.0))
+        offset, rotation = pose(inertial.find("origin"))
+        values = {key: float(inertial.find("inertia").get(key, 0.0)) for key in TENSOR}
+        own = np.array(
+            [
+                [values["ixx"], values["ixy"], values["ixz"]],
+                [values["ixy"], values["iyy"], values["iyz"]],
+                [values["ixz"], values["iyz"], values["izz"]],
+            ]
+        )
+        facing, at = turn @ rotation, place + turn @ offset
+        if mass <= 0.0:
+            return
+        added = self.mass[to], self.com[to], self.inertia[to]
+        total, com, inertia = add_point_mass(*added, mass, at) if added[0] else (mass, at, 0.0)
+        self.mass[to], self.com[to] = total, com
+        self.inertia[to] = inertia + facing @ own @ facing.T
+
+
+def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Place [m], (3,), and rotation, (3, 3), of a URDF origin; None is none."""
+    if origin is None:
+        return np.zeros(3), np.eye(3)
+    roll, pitch, yaw = numbers(origin.get("rpy", "0 0 0"))
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    turn = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return numbers(origin.get("xyz", "0 0 0")), turn
+
+
+def numbers(text: str) -> np.ndarray:
+    """Numbers of an attribute, (k,)."""
+    return np.array([float(word) for word in text.split()])
+
+
+def clearance(description: Description, height: float) -> float:
+    """How far everything that moves is from the ground at least, wherever it goes [m].
+
+    Behind a joint that turns, all lengths count in full.
+
+    Args:
+        description: The robot, bolted.
+        height: Of its base [m].
+    """
+    children: dict[str, list[Any]] = {}
+    for joint in description.elements("joint"):
+        children.setdefault(joint.find("parent").get("link"), []).append(joint)
+    shapes = {e.get("name"): e.findall("collision") for e in description.elements("link")}
+
+    def lowest(link: str, at: float, down: np.ndarray, swung: bool, moves: bool) -> float:
+        """Height of the lowest point of a link and what hangs on it; `down` is the world's z."""
+        found = min([at - _extent(s) for s in shapes[link]] if moves else [], default=math.inf)
+        for joint in children.get(link, ()):
+            offset, rotation = pose(joint.find("origin"))
+            kind, facing = joint.get("type"), down @ rotation
+            drop = float(np.linalg.norm(offset)) if swung else -float(down @ offset)
+            if kind == SLIDES:
+                axis = numbers(joint.find("axis").get("xyz"))
+                travel = max(map(abs, description.limits(joint.get("name"))))
+                part = 1.0 if swung else abs(float(facing @ axis)) / float(np.linalg.norm(axis))
+                drop += travel * part if part > 1e-9 else 0.0
+            turned = swung or kind in ("revolute", "continuous")
+            child = joint.find("child").get("link")
+            found = min(found, lowest(child, at - drop, facing, turned, moves or kind in MOVES))
+        return found
+
+    return lowest(description.root_link(), height, np.array([0.0, 0.0, 1.0]), False, False)
+
+
+def _extent(collision: Any) -> float:
+    """Largest distance of a shape from the origin of its link [m]; infinite for a mesh."""
+    offset, _ = pose(collision.find("origin"))
+    shape = next(iter(collision.find("geometry")))
+    if shape.tag == "sphere":
+        size = float(shape.get("radius"))
+    elif shape.tag == "box":
+        size = 0.5 * float(np.linalg.norm(numbers(shape.get("size"))))
+    elif shape.tag == "cylinder":
+        size = math.hypot(float(shape.get("radius")), 0.5 * float(shape.get("length")))
+    else:
+        return math.inf
+    return float(np.linalg.norm(offset)) + size
