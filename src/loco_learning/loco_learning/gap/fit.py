@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,7 @@ class Problem:
         nominal: Mapping[str, float],
         spread: float,
         scale: float,
+        only: Sequence[int] | None = None,
     ):
         """Lay out coordinates.
 
@@ -87,8 +88,9 @@ class Problem:
             nominal: What the model says they are.
             spread: Standard deviation of their logarithm.
             scale: Of the robust loss [floors].
+            only: Records that are fitted; default all.
         """
-        self.case, self.parts, self.scale = case, list(parts), scale
+        self.case, self.parts, self.scale, self.only = case, list(parts), scale, only
         self.free, self.nominal, self.spread = dict(free), dict(nominal), spread
         self.units = np.concatenate(
             [_units(h, x) for h, x in self.parts] + [np.full(len(self.free), 0.3)]
@@ -115,7 +117,7 @@ class Problem:
         """Robust residual of all fitted values, then what the priors say, (N + P,)."""
         parts, overrides = self.split(z)
         specs = [hypothesis.term(x).spec for hypothesis, x in parts]
-        residual = soft(self.case.vector(specs, overrides), self.scale)
+        residual = soft(self.case.vector(specs, overrides, self.only), self.scale)
         priors = [
             v / _width(c)
             for hypothesis, x in parts
@@ -150,38 +152,75 @@ def _bounds(coordinate: Any) -> tuple[float, float]:
     return tuple(sorted((coordinate.inverse(coordinate.low), coordinate.inverse(coordinate.high))))
 
 
-def fit(
-    case: Case,
-    parts: Sequence[tuple[Hypothesis, Sequence[float]]],
-    params: GapParams,
-    free: Mapping[str, float],
-    nominal: Mapping[str, float],
-    scale: float,
-    budget: int = 0,
-) -> Fitted:
+Parts = Sequence[tuple[Hypothesis, Sequence[float]]]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all fits of a case share.
+
+    Attributes:
+        params: Settings of the user.
+        nominal: What the model says the nominal values are that are refitted.
+        free: Where they start.
+        scale: Of the robust loss [floors].
+        only: Records of rough fits.
+    """
+
+    params: GapParams
+    nominal: dict[str, float]
+    free: dict[str, float]
+    scale: float
+    only: tuple[int, ...]
+
+
+def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
+    """A few steps on some of the records.
+
+    Returns:
+        Whitened rms there, and the parts with their coordinates.
+    """
+    only, params = list(setting.only), setting.params
+    problem = Problem(
+        case, parts, setting.free, setting.nominal, params.free_spread, setting.scale, only
+    )
+    count = len(problem.start)
+    found = minimise(problem, problem.start, problem.bounds, STEP, params.rough + 2 * count)
+    moved, overrides = problem.split(found.z)
+    residual = soft(case.vector([h.term(x).spec for h, x in moved], overrides, only), setting.scale)
+    return float(np.sqrt(np.mean(np.square(residual)))), tuple(moved)
+
+
+def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
     """Fit hypotheses together and weigh what they leave on the data that judges.
 
     Args:
         case: Model and data.
         parts: Hypotheses with the coordinates to start from; none is the model as it came.
-        params: Settings.
-        free: Nominal values that are refitted, and where they start.
-        nominal: What the model says they are.
-        scale: Of the robust loss [floors].
-        budget: Most simulations; default by the number of parameters.
+        setting: What all fits share.
     """
-    problem = Problem(case, parts, free, nominal, params.free_spread, scale)
-    if len(problem.start):
-        limit = budget or params.evaluations + 6 * (len(problem.start) - 1)
+    params = setting.params
+    problem = Problem(case, parts, setting.free, setting.nominal, params.free_spread, setting.scale)
+    z, cost = problem.start, 0.0
+    if len(z):
+        limit = params.evaluations + 5 * (len(z) - 1)
         found = minimise(problem, problem.start, problem.bounds, STEP, limit)
         z, cost = found.z, found.cost
-    else:
-        z, cost = problem.start, 0.0
     parts, overrides = problem.split(z)
     return weigh(case, parts, overrides, cost)
 
 
-def weigh(case: Case, parts: Sequence, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
+def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
+    """Fit a model again with its own step error; half of the usual simulations do."""
+    exact = case.corrected(model.specs, model.overrides)
+    params = setting.params.replace(evaluations=max(4, setting.params.evaluations // 2))
+    free = model.overrides or setting.free
+    again = fit(exact, model.parts, replace(setting, params=params, free=free))
+    case.count += exact.count
+    return again
+
+
+def weigh(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
     """Residuals of a model on everything."""
     specs = [hypothesis.term(x).spec for hypothesis, x in parts]
     whole = case.whitened(specs, overrides)

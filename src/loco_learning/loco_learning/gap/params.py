@@ -27,10 +27,13 @@ class GapParams(Params):
     screen_share: float = parameter(
         0.02, "of the residual's energy that a hypothesis must explain to be fitted", "-", 0.0, 1.0
     )
-    keep: int = parameter(7, "effects that are fitted after screening", low=1, high=40)
+    keep: int = parameter(9, "effects that are fitted after screening", low=1, high=40)
     beam: int = parameter(2, "first effects to which a second one is sought", low=1, high=5)
     most_terms: int = parameter(3, "effects in one model", low=1, high=6)
-    evaluations: int = parameter(26, "simulations for one fit, times its parameters", low=4)
+    rough: int = parameter(6, "simulations of a first, rough fit, and 2 per parameter", low=2)
+    evaluations: int = parameter(18, "simulations of a fit, and 5 per further parameter", low=4)
+    finalists: int = parameter(4, "effects that are fitted to the end", low=1, high=40)
+    polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
     adequate: float = parameter(
         1.25, "whitened rms below which nothing is left to explain", "-", 1.0, 10.0
     )
@@ -38,5 +41,5 @@ class GapParams(Params):
         0.98, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
     )
     screen_seconds: float = parameter(
-        12.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6
+        4.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6
     )

@@ -50,6 +50,7 @@ def screen(
     only: Sequence[int],
     residual: np.ndarray,
     tangent: np.ndarray | None = None,
+    known: Sequence[float] | None = None,
 ) -> Screened:
     """Try a hypothesis on top of a model.
 
@@ -62,10 +63,11 @@ def screen(
         residual: Of that model there, (N,).
         tangent: Orthonormal columns that the model's own parameters span, (N, k); what they
             explain is not counted.
+        known: The only coordinates to start from, if it was screened before.
     """
     best, cost, wrong, alive = (-np.inf, ()), 0, 0.0, False
     energy = float(residual @ residual)
-    for start in hypothesis.starts():
+    for start in [list(known)] if known else hypothesis.starts():
         x, tried = list(start), []
         for _ in range(TRIES):
             columns, used = _responses(case, hypothesis, x, base, overrides, only, residual)

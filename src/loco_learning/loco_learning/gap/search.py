@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from loco_sim.effects import EFFECTS
-
 from . import evidence
 from .case import Case
-from .fit import Fitted, fit
+from .fit import Fitted, Setting, fit, polish, rough
 from .hypotheses import Hypothesis
 from .parallel import Tasks
 from .params import GapParams
@@ -23,7 +21,7 @@ from .screen import Screened, screen
 
 log = logging.getLogger(__name__)
 Report = Callable[[float, str, str], Any]
-AT_LEAST = 4  # effects that are fitted beside a first one
+AT_LEAST = 6  # effects that are tried beside others
 
 
 @dataclass
@@ -70,46 +68,44 @@ class Search:
         self.case, self.hypotheses, self.params, self.tasks = case, hypotheses, params, tasks
         self.report, self.nominal = report, dict(nominal)
         self.fits: dict[str, Fitted] = {}
-        self.only = self._records_to_screen()
-        self.scale = 3.0
 
-    def _records_to_screen(self) -> list[int]:
-        """Fit records until there is enough of them."""
+    def _records_to_screen(self, base: Fitted) -> list[int]:
+        """Fit records in which the residual is largest, until there is enough of them."""
+        size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
         chosen, seconds = [], 0.0
-        for i in self.case.fitted:
+        for i in sorted(size, key=lambda i: (size[i], i)):
             if chosen and seconds >= self.params.screen_seconds:
                 break
             chosen.append(i)
             seconds += self.case.records[i].duration
-        return chosen
+        return sorted(chosen)
 
     def run(self) -> Found:
         """Search."""
         self.report(0.02, "fitting the model as it came", "")
+        self.setting = Setting(self.params, self.nominal, self.nominal, 3.0, ())
         base = self._fit([()])[0]
         found = Found(base)
         residual = self.case.vector([], base.overrides)
-        self.scale = 3.0 * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        scale = 3.0 * max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        self.only = self._records_to_screen(base)
+        self.setting = Setting(self.params, self.nominal, base.overrides, scale, tuple(self.only))
         if self.adequate(base):
             return found
         found.screened = self._screen(base, 0.05, 0.35)
-        singles = self._fit([((s.hypothesis, s.x),) for s in self._chosen(found.screened)])
-        self.report(0.6, "fitted single effects", "")
-        best = self._ranked(base)
-        look = self._look_alikes(best[:1], found.screened)
-        self._fit([((s.hypothesis, s.x),) for s in look])
-        level = self._ranked(base)
+        self._tournament([((s.hypothesis, s.x),) for s in self._chosen(found.screened)])
+        self.report(0.6, "fitted single effects", self._best(base))
+        level = self._ranked(base)[: self.params.beam]
         for depth in range(2, self.params.most_terms + 1):
-            best = self._ranked(base)
-            if not best or self.enough(best[0], base):
+            ranked = self._ranked(base)
+            if not ranked or self.enough(ranked[0], base):
                 break
-            self._deepen(level[: self.params.beam], found.screened, depth)
-            level = [m for m in self._ranked(base) if len(m.parts) == depth]
+            self._deepen(level, found.screened, depth)
+            level = [m for m in self._ranked(base) if len(m.parts) == depth][: self.params.beam]
             if not level:
                 break
         found.models = self._ranked(base)
-        self.report(0.95, "weighing", found.best.key)
-        del singles
+        self.report(0.95, "weighing", self._best(base))
         return found
 
     # ---- judging ---------------------------------------------------------------------
@@ -144,16 +140,36 @@ class Search:
 
     # ---- steps -----------------------------------------------------------------------
 
+    def _tournament(self, wanted: Sequence[tuple]) -> list[Fitted]:
+        """Fit roughly, and the best of them to the end."""
+        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        tasks = [(parts, self.setting) for parts in new]
+        tried = sorted((rms, _key(parts), parts) for rms, parts in self.tasks.each(rough, tasks))
+        for rms, key, _ in tried:
+            log.info("rough %-50s %8.3f", key, rms)
+        last = [parts for _, _, parts in tried[: self.params.finalists]]
+        fitted = self._fit(last)
+        best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
+        tasks = [(model, self.setting) for model in best]
+        for old, model in zip(best, self.tasks.each(polish, tasks), strict=True):
+            log.info("polished %-45s %8.3f held %8.3f", model.key, model.fit_rms, model.held.rms)
+            if self.energy(model) < self.energy(old):
+                self.fits[model.key] = model
+        return fitted
+
     def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
         """Fit models, each a tuple of (hypothesis, start), that were not fitted before."""
-        keys = [" + ".join(sorted(h.key for h, _ in parts)) for parts in wanted]
-        new = [i for i, key in enumerate(keys) if key not in self.fits]
-        free = self.fits[""].overrides if "" in self.fits else self.nominal
-        tasks = [(wanted[i], self.params, free, self.nominal, self.scale) for i in new]
-        for i, fitted in zip(new, self.tasks.each(fit, tasks), strict=True):
-            self.fits[keys[i]] = fitted
-            log.info("%-50s fit %8.3f held %8.3f", keys[i], fitted.fit_rms, fitted.held.rms)
-        return [self.fits[key] for key in keys]
+        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        tasks = [(parts, self.setting) for parts in new]
+        for parts, fitted in zip(new, self.tasks.each(fit, tasks), strict=True):
+            self.fits[_key(parts)] = fitted
+            log.info("fit %-50s %8.3f held %8.3f", fitted.key, fitted.fit_rms, fitted.held.rms)
+        return [self.fits[_key(parts)] for parts in wanted]
+
+    def _best(self, base: Fitted) -> str:
+        """Name of the best model so far."""
+        ranked = self._ranked(base)
+        return " + ".join(ranked[0].names) if ranked else ""
 
     def _screen(
         self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
@@ -162,10 +178,14 @@ class Search:
         specs, overrides = model.specs, model.overrides
         residual = self.case.vector(specs, overrides, self.only)
         tangent = self._tangent(model, residual)
+        starts = {s.hypothesis.key: s.x for s in before}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
         there = {h.key for h, _ in model.parts}
-        hypotheses = [h for h in hypotheses if h.key not in there]
-        tasks = [(h, specs, overrides, self.only, residual, tangent) for h in hypotheses]
+        tasks = [
+            (h, specs, overrides, self.only, residual, tangent, starts.get(h.key))
+            for h in hypotheses
+            if h.key not in there
+        ]
         found = []
         for i, one in enumerate(self.tasks.each(screen, tasks)):
             found.append(one)
@@ -199,21 +219,15 @@ class Search:
                 chosen[name] = one
         return list(chosen.values())[: count or self.params.keep]
 
-    def _look_alikes(self, models: Sequence[Fitted], screened: Sequence[Screened]) -> list:
-        """Hypotheses that the effects of models may be mistaken for, at the same places."""
-        names = {
-            alike.name
-            for model in models
-            for hypothesis, _ in model.parts
-            for alike in EFFECTS[hypothesis.effect].identity.look_alikes
-        }
-        alike = [s for s in screened if s.hypothesis.effect in names and s.share > 0.0]
-        return self._chosen(alike, 20)
-
     def _deepen(self, level: Sequence[Fitted], screened: Sequence[Screened], depth: int) -> None:
         """One effect more on each of some models, the look-alikes of all tried as well."""
         for i, model in enumerate(level):
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
             more = self._screen(model, at, at + 0.05, screened)
             chosen = self._chosen(more, AT_LEAST)
-            self._fit([(*model.parts, (s.hypothesis, s.x)) for s in chosen])
+            self._tournament([(*model.parts, (s.hypothesis, s.x)) for s in chosen])
+
+
+def _key(parts: Sequence[tuple]) -> str:
+    """What is fitted, whatever its values and order."""
+    return " + ".join(sorted(hypothesis.key for hypothesis, _ in parts))
