@@ -102,7 +102,7 @@ def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) ->
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
     return [
         align.record(
-            rule.name or (f"{source.name} {i + 1}" if len(rules) > 1 else source.name),
+            title(rule, source, i, len(rules)),
             tracks.from_source(source, mapping, rule, robot),
             robot,
             rate=mapping.rate,
@@ -112,6 +112,22 @@ def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) ->
         )
         for i, rule in enumerate(rules)
     ]
+
+
+def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
+    """Name of a record; ``{field}`` in that of the rule stands for a field of the header.
+
+    Raises:
+        ParameterError: The header lacks the field.
+    """
+    plain = f"{source.name} {part + 1}" if parts > 1 else source.name
+    try:
+        return rule.name.format_map(source.header) or plain
+    except (KeyError, ValueError, AttributeError, IndexError):
+        raise ParameterError(
+            f"the name {rule.name!r} of a record may have {{field}} for fields of the header "
+            f"({', '.join(source.header) or 'none'})"
+        ) from None
 
 
 def fits(rule: Rule, file: str, header: dict[str, Any]) -> bool:

@@ -69,14 +69,12 @@ def lag(
     known = np.isfinite(first) & np.isfinite(second)
     if known.sum() < 20:
         return 0.0, 0.0
-    a, b = (np.where(known, x - np.mean(x[known]), 0.0) for x in (first, second))
-    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
-    if size == 0.0:
+    inner = slice(int(np.argmax(known)), len(known) - int(np.argmax(known[::-1])))
+    a, b = (np.where(known, x - np.mean(x[known]), 0.0)[inner] for x in (first, second))
+    if not np.any(a) or not np.any(b):
         return 0.0, 0.0
     reach = min(int(LONGEST / dt), len(a) // 3)
-    width = 1 << (2 * len(a) - 1).bit_length()
-    product = np.fft.irfft(np.fft.rfft(b, width) * np.conj(np.fft.rfft(a, width)), width)
-    score = np.concatenate([product[-reach:], product[: reach + 1]]) / size
+    score = _correlation(a, b, reach)
     best = int(np.argmax(score))
     if not 0 < best < len(score) - 1 or score[reach] > sharp * score[best]:
         return 0.0, 0.0
@@ -84,6 +82,25 @@ def lag(
     bend = left - 2.0 * here + right
     shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     return (best - reach + shift) * dt, float(here)
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
+    """Correlation of a with b shifted by -reach to reach samples, each over what overlaps."""
+    width = 1 << (2 * len(a) - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(b, width) * np.conj(np.fft.rfft(a, width)), width)
+    product = np.concatenate([product[-reach:], product[: reach + 1]])
+    shift = np.arange(-reach, reach + 1)
+    first, stop = np.maximum(-shift, 0), len(a) - np.maximum(shift, 0)
+    count = stop - first
+
+    def sums(x: np.ndarray, by: np.ndarray | int) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(x)])
+        return total[stop + by] - total[first + by]
+
+    mean_a, mean_b = sums(a, 0) / count, sums(b, shift) / count
+    spread_a = sums(a * a, 0) / count - mean_a**2
+    spread_b = sums(b * b, shift) / count - mean_b**2
+    return (product / count - mean_a * mean_b) / np.sqrt(np.maximum(spread_a * spread_b, 1e-300))
 
 
 def _tell(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:

@@ -104,7 +104,8 @@ class Rule:
     """A record to be made of each file that fits.
 
     Attributes:
-        name: Of the record; empty is the name of the file, with the number of the part.
+        name: Of the record, with ``{field}`` for a field of the header; empty is the name of the
+            file, with the number of the part.
         file: Pattern of the file's name.
         where: Fields of the header and the values of which they must have one.
         rows: First row and row to stop before; None is the end.

@@ -96,7 +96,8 @@ def _check_place(column: Column, types: dict[str, str]) -> None:
     if dimension in legal and dimension != legal[slides]:
         raise ParameterError(
             f"column {column.column!r} is in {column.unit}, but {column.place} is a "
-            f"{'sliding' if slides else 'turning'} joint, whose {column.role} is a {legal[slides]}"
+            f"{'sliding' if slides else 'turning'} joint: give {column.role} in a unit of "
+            f"{legal[slides]}"
         )
 
 
