@@ -227,7 +227,7 @@ def run(a: argparse.Namespace) -> int:
     from . import run as runner
     from .console import show_run
 
-    experiment = load(a.experiment, _overrides(a.set, a.seed))
+    experiment = load(a.experiment, overrides(a.set, a.seed))
     folder = a.out or runner.default_folder(experiment)
     if a.layout == "rollout":
         from .rollout_bag import run_rollout
@@ -247,7 +247,7 @@ def run(a: argparse.Namespace) -> int:
     return outcome.exit_code
 
 
-def _overrides(pairs: list[str], seed: int | None) -> dict:
+def overrides(pairs: list[str], seed: int | None) -> dict:
     """Values by dotted name from ``KEY=VALUE`` texts; the value is YAML."""
     import yaml
 

@@ -128,11 +128,13 @@ def replay(a: argparse.Namespace) -> int:
 
 def _verify(a: argparse.Namespace) -> int:
     """Exit code 0: identical, 1: differences."""
-    from .console import show_verify
+    from .cli import overrides
+    from .console_verify import show_verify
     from .replay_verify import verify
 
+    changes = overrides(a.set, None)
     found = show_verify(
-        a.bag, lambda tell: verify(a.bag, a.layout, a.nodes, a.set, a.tolerance, tell)
+        a.bag, lambda tell: verify(a.bag, a.layout, a.nodes, changes, a.tolerance, tell)
     )
     if a.json:
         a.json.write_text(json.dumps(found.to_dict(), indent=1))
