@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the engine does
-SWEEPS, SETTLED = 50, 1e-12  # of the impulses: at most so many, until they change by less
+SWEEPS = 50  # of the impulses, at most
+SETTLED = 1e-5  # they end when no joint's velocity changes by more, as the engine's [rad/s]
 FASTEST = 100.0  # the engine clips joint velocities [rad/s or m/s]
 
 
@@ -256,7 +257,7 @@ def advance(tree, gravity, tau, brake, q, dq, dt):
     held = False
     for i in range(n):
         dq[i] = min(max(dq[i] + dt * x[i], -FASTEST), FASTEST)
-        held |= brake[i] > 0.0 or q[i] < low[i] or q[i] > high[i]
+        held |= brake[i] > 0.0 or q[i] <= low[i] or q[i] >= high[i]
     if held:
         stop(parent, factor, brake, low, high, q, dq, dt)
     for i in range(n):
@@ -267,45 +268,43 @@ def advance(tree, gravity, tau, brake, q, dq, dt):
 def stop(parent, factor, brake, low, high, q, dq, dt):
     """Impulses of stops and brakes, by sweeps to and fro; arguments as of `advance`.
 
-    A brake may work against a stop: then the last sweep decides, as in the engine.
+    A brake may work against a stop, and light legs feel what is left over when the sweeps
+    end: so order and end are those of the engine.
     """
     n = len(parent)
     answer = np.zeros((n, n))  # rows: velocities after an impulse of 1 on a joint
     given = np.zeros(2 * n)  # by stops, then by brakes
     active = np.zeros(2 * n, dtype=np.bool_)
     for i in range(n):
-        active[i], active[n + i] = q[i] < low[i] or q[i] > high[i], brake[i] > 0.0
+        active[i], active[n + i] = q[i] <= low[i] or q[i] >= high[i], brake[i] > 0.0
         if active[i] or active[n + i]:
             answer[i, i] = 1.0
             solve(parent, factor, answer[i])
     for sweep in range(SWEEPS):
         moved = 0.0
         for k in range(2 * n):
-            row = k if sweep % 2 else 2 * n - 1 - k
+            row = (n - 1 - k) % (2 * n) if sweep % 2 == 0 else (n + k) % (2 * n)
             if not active[row]:
                 continue
             i = row % n
             if row >= n:
                 most = brake[i] * dt
                 wanted = min(max(given[row] - dq[i] / answer[i, i], -most), most)
-            elif q[i] < low[i]:
+            elif q[i] <= low[i]:
                 back = STOP_SHARE * (low[i] - q[i]) / dt
                 wanted = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
             else:
                 back = STOP_SHARE * (high[i] - q[i]) / dt
                 wanted = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
-            moved = max(moved, shove(answer[i], wanted - given[row], dq))
+            shove(answer[i], wanted - given[row], dq)
+            moved = max(moved, abs(wanted - given[row]) * answer[i, i])
             given[row] = wanted
-        if moved < SETTLED:
+        if moved <= SETTLED:
             break
 
 
 @njit(cache=True)
 def shove(answer, impulse, dq):
-    """Add what an impulse does to the velocities; the largest change."""
-    most = 0.0
+    """Add what an impulse does to the velocities."""
     for j in range(len(dq)):
-        change = impulse * answer[j]
-        dq[j] += change
-        most = max(most, abs(change))
-    return most
+        dq[j] += impulse * answer[j]
