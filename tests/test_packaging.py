@@ -27,7 +27,7 @@ PYTHON_PACKAGES = {
 MESSAGES = ROOT / "src/loco_msgs/msg"
 
 # The messages that are only for people and tools, and the type that only the simulator has.
-WITHOUT_TYPE = {"CalibrationState", "Event", "Gap", "RecorderStatus"}
+WITHOUT_TYPE = {"CalibrationState", "Event", "Gap", "GapSearch", "RecorderStatus"}
 WITHOUT_MESSAGE = {"GroundTruth"}
 
 
@@ -265,11 +265,13 @@ def test_installed_messages_are_those_of_the_source():
         assert list(built) == list(message_fields(path)), path.stem
 
 
-def test_installed_action_is_that_of_the_source():
-    from loco_msgs.action import Calibrate
+@pytest.mark.parametrize("name", ["Calibrate", "FindGap"])
+def test_installed_action_is_that_of_the_source(name):
+    import loco_msgs.action
 
-    text = (MESSAGES.parent / "action/Calibrate.action").read_text()
-    parts = [Calibrate.Goal, Calibrate.Result, Calibrate.Feedback]
+    text = (MESSAGES.parent / f"action/{name}.action").read_text()
+    action = getattr(loco_msgs.action, name)
+    parts = [action.Goal, action.Result, action.Feedback]
     for part, lines in zip(parts, text.split("---\n"), strict=True):
         named = [line.split("#")[0].split() for line in lines.splitlines()]
         assert list(part.get_fields_and_field_types()) == [line[1] for line in named if line]

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topics of a calibration; the robots that it listens to have tables of their own.
 
-Beside them is the action ``calibrate`` (``loco_msgs/action/Calibrate``).
+Beside them are the actions ``calibrate`` (``loco_msgs/action/Calibrate``) and ``find_gap``
+(``loco_msgs/action/FindGap``).
 """
 
 from __future__ import annotations
 
-from loco_msgs.msg import CalibrationState, Gap
+from loco_msgs.msg import CalibrationState, Gap, GapSearch
 
 from .topics import LATCHED_LOG, STATE, TOPICS, Topic
 
@@ -32,6 +33,15 @@ CALIBRATION_TOPICS = {
             CALIBRATOR,
             (),
             "how far the model is from the measured robot, once per period of the actuation",
+        ),
+        Topic(
+            "gap_search",
+            GapSearch,
+            LATCHED_LOG,
+            0,
+            CALIBRATOR,
+            (),
+            "progress of a search for the cause of the gap, and what was found",
         ),
         TOPICS["/diagnostics"],
         TOPICS["events"],
