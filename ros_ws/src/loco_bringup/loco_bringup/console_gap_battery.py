@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap battery` at the terminal: progress with the time left, then the score."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from . import gap_battery
+from .console import bar, console
+
+
+def show_battery(a: argparse.Namespace, folder: Path) -> int:
+    """Run a battery with a progress bar and print its score; returns the exit code."""
+    with bar("{task.completed}/{task.total} cases", "{task.fields[last]}") as progress:
+        task = progress.add_task("battery", total=a.cases, last="")
+
+        def tell(done: int, name: str, said: str) -> None:
+            progress.update(task, completed=done, last=f"{name} {said}")
+
+        results = gap_battery.run(a, folder, tell)
+    if a.bags_only:
+        console.print(f"bags in {folder}")
+        return 0
+    from .gap_battery_page import write_score
+
+    for line in write_score(folder, results):
+        console.print(line)
+    return 0

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cases of the blind battery as bags: what a robot would record, and nothing else.
+
+The truth is written to a folder of its own, which `loco gap` never opens.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from loco_control.ros.joint_codec import JointCodec
+from loco_control.ros.joint_topics import JOINT_TOPICS
+from loco_learning.gap.battery import cases, machines
+from loco_learning.gap.battery.cases import Case
+from loco_learning.gap.battery.plant import Reading
+
+from .bag_writer import BagWriter
+
+BAGS, TRUTH, RESULTS = "bags", "truth", "results"
+
+
+def write(folder: Path, case: Case) -> None:
+    """Write the bags of a filled case and its truth; a case that is there already stays."""
+    if ready(folder, case.name):
+        return
+    place = folder / BAGS / case.name
+    shutil.rmtree(place, ignore_errors=True)
+    for name, reading in cases.readings(case).items():
+        write_bag(place / name, reading, case.robot)
+    write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # last: it is complete
+
+
+def ready(folder: Path, name: str) -> bool:
+    """Whether bags and truth of a case are there."""
+    return (folder / TRUTH / f"{name}.json").is_file() and (folder / BAGS / name).is_dir()
+
+
+def write_bag(folder: Path, reading: Reading, robot: str) -> None:
+    """One record as a bag of standard messages with the robot's own stamps."""
+    fields, values = ["position"], [reading.q]
+    if reading.tau is not None:
+        fields, values = [*fields, "effort"], [*values, reading.tau]
+    said, told = ["position"], [reading.command]
+    if not machines.get(robot).servo:
+        said, told = [*said, "velocity"], [*told, reading.rate]
+    rows = (
+        ("joint_states", JointCodec(reading.joints, "joint_states", fields), values),
+        ("joint_command", JointCodec(reading.driven, "joint_command", said), told),
+    )
+    writer = BagWriter(folder, {"robot": robot})
+    try:
+        for name, _, _ in rows:
+            writer.add_row(f"/{name}", JOINT_TOPICS[name])
+        for k, t in enumerate(reading.t.tolist()):
+            for name, codec, columns in rows:
+                data = codec.pack(t, *(column[k] for column in columns))
+                writer.write(f"/{name}", data, round(t * 1e9))
+    finally:
+        writer.close()
+
+
+def write_json(path: Path, values: dict[str, Any]) -> None:
+    """Write a file at once or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(f".{os.getpid()}.partial")
+    partial.write_text(json.dumps(values, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    partial.replace(path)
