@@ -8,6 +8,7 @@ import fcntl
 import importlib.metadata
 import json
 import os
+import platform
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LAYOUTS", "Helper", "Outcome", "Progress", "default_folder", "describe", "duration_of",
-    "run", "run_robots",
+    "processor", "run", "run_robots",
 ]  # fmt: skip
 
 LAYOUTS = ("composed", "processes")
@@ -143,8 +144,17 @@ def describe(experiment: AnyExperiment, **more: Any) -> dict[str, str]:
             continue
     values = {"experiment": experiment.name, "seed": experiment.seed, "robot": experiment.robot}
     values |= {"recorded_at": datetime.now().astimezone().isoformat(timespec="seconds")}
-    values |= {"versions": json.dumps(versions), **more}
+    values |= {"versions": json.dumps(versions), "processor": processor(), **more}
     return {key: str(value) for key, value in values.items()}
+
+
+def processor() -> str:
+    """Model of the processor: the last bits of sums and of tanh depend on it."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 class _Plan:
