@@ -41,6 +41,13 @@ class Run(NamedTuple):
     tau: np.ndarray  # torques, mean over the period before [N·m or N], (T, n)
 
 
+class Pieces(NamedTuple):
+    """Where a run begins anew."""
+
+    rows: np.ndarray  # first row of each piece and the one after its last, (w, 2) of whole numbers
+    starts: np.ndarray  # positions and velocities there, (w, 2, n)
+
+
 class Setting:
     """What effects may change before a run: the part of `World` that `configure` sees."""
 
@@ -122,6 +129,7 @@ class Bolted:
         tau_wanted: np.ndarray | None = None,
         start: tuple[np.ndarray, np.ndarray] | None = None,
         power: np.ndarray | None = None,
+        pieces: Pieces | None = None,
     ) -> Run:
         """Run along commands, each held for a control period.
 
@@ -131,6 +139,8 @@ class Bolted:
             tau_wanted: Torques wanted, (T, n); None is none.
             start: Positions and velocities at the start, (n,) each; None is standing at rest.
             power: Supply and switch of the drives (`Simulation.power`), (T, 2); None is on.
+            pieces: Begin anew at rows, instead of `start`. Time and commands go on, so that
+                effects come and go as in one run; what they remember does not.
         """
         rows, n = q_wanted.shape
         none = np.zeros((rows, n))
@@ -139,22 +149,22 @@ class Bolted:
             effect.reset(rng)
         said, which = self._heard(np.stack(targets, axis=1).astype(float))
         change, brakes = self._chain("on_torque"), self._chain("on_brake")
-        drive = Actuators(self.robot, self.physics_dt)
-        q, dq = (self.robot.standing, np.zeros(n)) if start is None else start
-        drive.start(q, dq)
-        state = np.array([q, dq], dtype=float)[:, self._order]
-        slow = np.zeros(n)
-        if len(brakes.plan):
-            slow = braking.stopped_per_torque(self._inertia(q), self.physics_dt)
+        if pieces is None:
+            q, dq = (self.robot.standing, none[0]) if start is None else start
+            pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq]], dtype=float))
+        slow = np.zeros((len(pieces.rows), n))
+        for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
+            slow[row] = braking.stopped_per_torque(self._inertia(q), self.physics_dt)
         measures = windows(self._effects, "on_measurement", self.physics_dt)
         out = np.full((rows, 3, n), np.nan)
         memories = np.zeros((rows if measures else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
+        drive = Actuators(self.robot, self.physics_dt)
         loop.run(
-            self._tree, self._order, self._gravity, state, said, which, power, *drive.rows(),
+            self._tree, self._order, self._gravity, *pieces, said, which, power, *drive.rows(),
             change, brakes, slow, self.physics_dt, out, memories,
         )  # fmt: skip
-        return self._measured(out, measures, change, memories)
+        return self._measured(out, pieces.rows, measures, change, memories)
 
     def _chain(self, hook: str) -> Laws:
         """Laws of the effects that have a hook."""
@@ -191,14 +201,16 @@ class Bolted:
             found[step] = heard[key]
         return np.array(made), found
 
-    def _measured(self, out: np.ndarray, measures: list, change: Laws, memories: Any) -> Run:
+    def _measured(
+        self, out: np.ndarray, pieces: np.ndarray, measures: list, change: Laws, memories: Any
+    ) -> Run:
         """Readings of what happened, (T, 3, n)."""
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
-        if self.robot.sensors:
-            q, dq = self._read(q)
+        for first, stop in pieces if self.robot.sensors else ():
+            q[first:stop], dq[first:stop] = self._read(q[first:stop])
         for row in range(len(q) if measures else 0):
             if not np.all(np.isfinite(out[row])):
-                break
+                continue
             change.memory[:] = memories[row]
             state = self._state(row, q[row], dq[row], tau[row])
             for first, last, measure in measures:

@@ -18,7 +18,8 @@ def run(
     tree,
     order,
     gravity,
-    state,
+    pieces,
+    starts,
     targets,
     which,
     power,
@@ -32,13 +33,14 @@ def run(
     out,
     memories,
 ):
-    """Run along commands; rows before the state is no longer finite.
+    """Run along commands, in pieces that each begin anew, until states are no longer finite.
 
     Args:
         tree: `tree.Tree` of n joints.
         order: For each joint of the tree its index among the robot's, (n,).
         gravity: Acceleration of gravity [m/s²], (3,).
-        state: Positions and velocities in the order of the tree, (2, n); changed.
+        pieces: First row of each piece and the row after its last, (w, 2).
+        starts: Positions and velocities at the start of each, in the robot's order, (w, 2, n).
         targets: Positions, velocities and torques wanted, in the robot's order, (k, 3, n).
         which: Of `targets`, for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).
@@ -47,27 +49,61 @@ def run(
         rotors: As there, (n, 2); changed.
         change: `effects.chain.Laws` of the effects on torques.
         brakes: The same of the effects that brake.
-        slow: From `braking.stopped_per_torque`, in the robot's order, (n,).
+        slow: From `braking.stopped_per_torque`, per piece, in the robot's order, (w, n).
         dt: Physics step [s].
         out: Filled in: positions, velocities and mean torques before each row, (T, 3, n).
         memories: Filled in: memory of the effects before each row, (T, rows, MEMORY), or empty.
-
-    Returns:
-        Rows that are filled in.
     """
+    memory, line, n = change[3], change[4], out.shape[2]
+    q, dq = np.empty(n), np.empty(n)  # of the tree
+    for w in range(len(pieces)):
+        for i in range(n):
+            q[i], dq[i] = starts[w, 0, order[i]], starts[w, 1, order[i]]
+            rotors[i, 0], rotors[i, 1] = starts[w, 0, i], starts[w, 1, i]
+        memory[:] = 0.0
+        line[:] = 0.0
+        follow(
+            tree, order, gravity, q, dq, pieces[w, 0], pieces[w, 1], targets, which, power,
+            drives, springs, rotors, change, brakes, slow[w], dt, out, memories,
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def follow(
+    tree,
+    order,
+    gravity,
+    q,
+    dq,
+    first,
+    stop,
+    targets,
+    which,
+    power,
+    drives,
+    springs,
+    rotors,
+    change,
+    brakes,
+    slow,
+    dt,
+    out,
+    memories,
+):
+    """Run one piece; arguments as of `run`, `q` and `dq` those of the tree, changed."""
     plan, joint, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
-    rows, n = out.shape[0], out.shape[2]
-    steps = len(which) // rows
-    q, dq = state[0], state[1]  # of the tree
+    n = len(q)
+    steps = len(which) // out.shape[0]
     known, mean = np.empty(2 * n), np.zeros(n)
     command, budget, tau = np.empty((3, n)), np.zeros(n), np.empty(n)
     push, motor = np.empty(n), np.zeros(n)  # of the tree
-    step, braked = 0, len(brake_plan) > 0
-    for row in range(rows):
+    step, braked = first * steps, len(brake_plan) > 0
+    for row in range(first, stop):
         for i in range(n):
             if not (np.isfinite(q[i]) and np.isfinite(dq[i])):
-                return row
+                return
+        for i in range(n):
             out[row, 0, order[i]], out[row, 1, order[i]] = q[i], dq[i]
             out[row, 2, i] = mean[i]
         if len(memories):
@@ -95,7 +131,6 @@ def run(
             advance(tree, gravity, push, motor, q, dq, dt)
             step += 1
         mean /= steps
-    return rows
 
 
 @njit(cache=True)

@@ -10,6 +10,7 @@ cubic of the author's code overshoots beyond the last measured point.
 from __future__ import annotations
 
 import csv
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -72,9 +73,15 @@ def read_table(path: Path, bits: int = 12) -> dict[str, HallSensor]:
         ParameterError: It is not such a table.
     """
     try:
-        text = path.read_text(encoding="utf-8").splitlines()
+        return dict(_parsed(path, bits, path.stat().st_mtime_ns))
     except OSError:
         raise MissingFileError(f"there is no Hall table at {path}") from None
+
+
+@lru_cache(maxsize=16)
+def _parsed(path: Path, bits: int, written: int) -> dict[str, HallSensor]:
+    """As `read_table`, for a file as it was written at a time [ns]."""
+    text = path.read_text(encoding="utf-8").splitlines()
     rows = list(csv.reader(line for line in text if not line.startswith("#")))
     if not rows or rows[0] != HEADER:
         raise ParameterError(f"{path} must start with the columns {','.join(HEADER)}")

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,13 @@ def _path(name_or_path: str | Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    """Contents of a ``robot.yaml``, not to be changed."""
+    return _parsed(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)  # reading YAML takes most of the time of loading a robot
+def _parsed(path: Path, written: int) -> dict[str, Any]:
+    """As `_read`, for a file as it was written at a time [ns]."""
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the engine does
+STOP_DEPTH = 0.04  # but nothing of a way that is longer [rad or m]
 SWEEPS = 50  # of the impulses, at most
 SETTLED = 1e-5  # they end when no joint's velocity changes by more, as the engine's [rad/s]
 FASTEST = 100.0  # the engine clips joint velocities [rad/s or m/s]
@@ -77,7 +78,10 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
     """From the base outwards: where links are, and what it takes to move them as they do.
 
     Args:
-        tree: As in `dynamics`, like `gravity`, `q` and `dq`.
+        tree: `tree.Tree`.
+        gravity: Acceleration of gravity [m/s²], (3,).
+        q: Joint positions [rad or m], (n,).
+        dq: Joint velocities, (n,).
         at: Filled in: origin of each link in world [m], (n, 3).
         along: Filled in: axis of each joint in world, (n, 3).
         force: Filled in: on each link if no joint accelerates [N], (n, 3).
@@ -217,7 +221,7 @@ def factorise(parent, matrix):
 
 @njit(cache=True)
 def solve(parent, factor, x):
-    """x <- M^-1 x, with M from `factorise`."""
+    """Solve M x = x in place, with M from `factorise`."""
     n = len(parent)
     for i in range(n - 1, -1, -1):
         x[i] /= factor[i, i]
@@ -291,16 +295,22 @@ def stop(parent, factor, brake, low, high, q, dq, dt):
                 most = brake[i] * dt
                 wanted = min(max(given[row] - dq[i] / answer[i, i], -most), most)
             elif q[i] <= low[i]:
-                back = STOP_SHARE * (low[i] - q[i]) / dt
+                back = given_back(low[i] - q[i], dt)
                 wanted = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
             else:
-                back = STOP_SHARE * (high[i] - q[i]) / dt
+                back = given_back(high[i] - q[i], dt)
                 wanted = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
             shove(answer[i], wanted - given[row], dq)
             moved = max(moved, abs(wanted - given[row]) * answer[i, i])
             given[row] = wanted
         if moved <= SETTLED:
             break
+
+
+@njit(cache=True)
+def given_back(way, dt):
+    """Speed with which a stop pushes a joint back that is beyond it [rad/s or m/s]."""
+    return STOP_SHARE * way / dt if abs(way) < STOP_DEPTH else 0.0
 
 
 @njit(cache=True)

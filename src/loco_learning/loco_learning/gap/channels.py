@@ -7,7 +7,7 @@ of the record's first sample, where the model starts as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,8 +169,8 @@ class Track:
     """
 
     def __init__(self, robot: Robot, channels: Sequence[Channel]):
-        self._groups, self._width = list(_groups(robot, channels)), len(channels)
-        self._said: dict[str, list[Any]] = {signal: [] for signal, *_ in self._groups}
+        self._robot, self._channels = robot, tuple(channels)
+        self._said: dict[str, list[Any]] = {c.signal: [] for c in channels}
         self._true_base = any(s.startswith("base_") for s in self._said)
 
     def add(self, state: Any, sim: Any) -> None:
@@ -189,13 +189,27 @@ class Track:
 
     def matrix(self, rows: int) -> np.ndarray:
         """All rows, (rows, C); NaN for those that never came."""
-        out = np.full((rows, self._width), np.nan)
-        for signal, columns, mine in self._groups:
-            values = np.array(self._said[signal])
-            if len(values):
-                values = _angles(values) if signal in TURNED else values
-                out[: len(values), columns] = values[:, mine]
-        return out
+        said = {signal: np.array(values) for signal, values in self._said.items() if values}
+        return assembled(self._robot, self._channels, said, rows)
+
+
+def assembled(
+    robot: Robot, channels: Sequence[Channel], said: Mapping[str, np.ndarray], rows: int
+) -> np.ndarray:
+    """Channels of signals of a model, (rows, C); NaN where there is none.
+
+    Args:
+        robot: The robot simulated.
+        channels: Columns of the result.
+        said: Signals from the first row on, each (up to rows, k); attitudes as x y z w.
+        rows: Rows of the result.
+    """
+    out = np.full((rows, len(channels)), np.nan)
+    for signal, columns, mine in _groups(robot, channels):
+        if signal in said:
+            values = _angles(said[signal]) if signal in TURNED else said[signal]
+            out[: len(values), columns] = values[:, mine]
+    return out
 
 
 READ = {

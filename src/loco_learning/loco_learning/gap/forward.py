@@ -9,6 +9,7 @@ The sensors of the model neither round nor rustle: noise in a prediction would b
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,19 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import DivergedError, ParameterError
+from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
-from loco_sim import effects as sim_effects
-from loco_sim.joint_commands import JointCommands
 from loco_sim.model import Model
 from loco_sim.robot import Robot
-from loco_sim.servo import TorqueDrive
-from loco_sim.simulation import Simulation
 
-from .channels import SIGNALS, Channel, Track, measured, of
+from . import running
+from .channels import SIGNALS, Channel, measured, of
 from .record import Record
+from .running import Start
 
-NOISE = ("sensor_noise",)  # effects that a prediction leaves out
+KEPT = 256  # robots that are remembered
 STILL, NEAR = 0.3, 0.02  # a robot slower [rad/s] and nearer to its standing pose stands [rad]
 
 
@@ -69,36 +68,38 @@ class Forward:
         """
         self.model, self.records = model, tuple(records)
         self.params = params or ForwardParams()
-        robots = [self._robot(record, {}, 1.0) for record in self.records]
+        self._robots: dict[Any, Robot] = {}
+        robots = [self._robot(index, {}, 1.0) for index in range(len(self.records))]
         if not robots or not all(robot.drives for robot in robots):
             raise ParameterError(
                 f"robot {model.robot!r} lists no drives in its robot.yaml, or there is no record"
             )
-        self._commands = [commands(r, robot) for r, robot in zip(self.records, robots, strict=True)]
+        both = list(zip(self.records, robots, strict=True))
+        self._told = [running.orders(record, robot) for record, robot in both]
         free = min(robots, key=lambda robot: robot.fixed_base)
         self.channels: tuple[Channel, ...] = of(free, self.records, self.params.signals)
-        self._starts = [start(r, robot) for r, robot in zip(self.records, robots, strict=True)]
+        self._starts = [start(record, robot) for record, robot in both]
         self.measured = [
             self._weighed(index, measured(robot, self.channels, self.records[index]))
             for index, robot in enumerate(robots)
         ]
 
     def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
-        if self._starts[index] is not None:
+        if self._starts[index]:
             values[: round(self.params.burn_in / self.records[index].dt)] = np.nan
         return values
 
-    def _robot(self, record: Record, overrides: Mapping[str, Any], step: float) -> Robot:
+    def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
         """The robot of a record, with sensors that tell what they can."""
-        model = Model(self.model.robot, {**self.model.overrides, **record.overrides, **overrides})
-        robot = model.make_robot()
-        if robot.sensors:
-            robot = replace(robot, sensors=robot.sensors.replace(exact=True))
-        sim = robot.sim
-        steps = max(1, round(np.ceil(record.dt * sim.physics_rate - 1e-6)))
-        rate = steps / (_period(record) * step)
-        limit = sim.damping_limit * step  # so that sub-stepping is divided as well
-        return replace(robot, sim=sim.replace(physics_rate=rate, damping_limit=limit))
+        key = index, json.dumps(overrides, sort_keys=True), step
+        if key not in self._robots:
+            if len(self._robots) >= KEPT:
+                self._robots.clear()
+            self._robots[key] = _robot(self.model, self.records[index], overrides, step)
+        return self._robots[key]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_robots": {}}
 
     def __call__(
         self,
@@ -135,21 +136,9 @@ class Forward:
         return found
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
-        record, begin = self.records[index], self._starts[index]
-        robot = self._robot(record, overrides, step)
-        listed = [e for e in (*self.model.effects, *effects) if e.get("name") not in NOISE]
-        made, put = sim_effects.from_list(listed), JointCommands(robot)
-        q, dq = self._commands[index]
-        track, period = Track(robot, self.channels), _period(record)
-        with Simulation(None, None, made, 0, period, robot) as sim:
-            try:
-                state = sim.reset() if begin is None else sim.place(*begin)
-                for row in range(len(q)):
-                    track.add(state, sim)
-                    state = sim.step(*put(row, row * period, q[row], dq[row]))
-            except DivergedError:
-                pass
-        return track.matrix(len(q))
+        robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
+        starts, dt = self._starts[index], running.period(self.records[index])
+        return running.run(robot, specs, self._told[index], starts, dt, self.channels)
 
     @cached_property
     def numeric(self) -> np.ndarray:
@@ -163,47 +152,34 @@ class Forward:
         return np.sqrt(square / np.maximum(count, 1.0))
 
 
-def _period(record: Record) -> float:
-    """Time between samples [s]; stamps are rounded, rates are not."""
-    return 1.0 / round(1.0 / record.dt, 3)
+def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: float) -> Robot:
+    robot = Model(model.robot, {**model.overrides, **record.overrides, **overrides}).make_robot()
+    if robot.sensors:
+        robot = replace(robot, sensors=robot.sensors.replace(exact=True))
+    sim = robot.sim
+    steps = max(1, round(np.ceil(record.dt * sim.physics_rate - 1e-6)))
+    rate = steps / (running.period(record) * step)
+    limit = sim.damping_limit * step  # so that sub-stepping is divided as well
+    return replace(robot, sim=sim.replace(physics_rate=rate, damping_limit=limit))
 
 
-def commands(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (torques of torque drives) and velocities for `JointCommands`, each (T, m).
+def start(record: Record, robot: Robot) -> list[Start]:
+    """Where the model starts; empty if the robot stands still in its standing pose.
 
-    Raises:
-        ParameterError: The record lacks the kind of command that the drives need.
-    """
-    drives = [robot.drives[robot.joints[i]] for i in robot.driven]
-    torque = np.array([isinstance(drive, TorqueDrive) for drive in drives], dtype=bool)
-    wanted, speed = np.zeros((len(record.t), len(drives))), np.zeros((len(record.t), len(drives)))
-    for kind, mine in (("torque", torque), ("position", ~torque)):
-        if mine.any():
-            wanted[:, mine] = record.command_of(robot, kind)[:, mine]
-    if "velocity" in record.command:
-        speed[:, ~torque] = record.command_of(robot, "velocity")[:, ~torque]
-    if not np.all(np.isfinite(wanted)) or not np.all(np.isfinite(speed)):
-        raise ParameterError(f"{record.name}: a command is not finite")
-    return wanted, speed
-
-
-def start(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray] | None:
-    """Joint positions [rad] and velocities [rad/s] at the start; None if the robot stands still.
-
-    Joints that were not measured have those of standing.
+    Joints that were not measured have the position of standing.
     """
     q, standing = record.joints_of(robot, "q")[:5], robot.standing
     known = np.all(np.isfinite(q), axis=0)
     if len(q) < 5 or not known.any():
-        return None
+        return []
     speed, at = np.polynomial.polynomial.polyfit(record.t[:5], np.where(known, q, 0.0), 1)[::-1]
     speed = np.where(known, speed, 0.0)
     said = record.joints_of(robot, "dq")[0]  # zero of a robot that starts to move right now
     slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
     near = np.abs(q[0] - standing) < NEAR + 2.0 * record.resolution.get("q", 0.0)
     if np.all((slow & near) | ~known):
-        return None
-    return np.where(known, at, standing), speed
+        return []
+    return [Start(0, len(record.t), np.where(known, at, standing), speed)]
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
