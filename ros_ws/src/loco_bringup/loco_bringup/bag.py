@@ -94,7 +94,7 @@ class Bag:
         """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived."""
         times, data = [np.empty(0, np.int64)], []
         for records, rows in self._blocks(self.resolve(topic)):
-            times.append(records.heads["time"][rows])
+            times.append(records.times[rows])
             starts, stops = records.starts[rows].tolist(), records.stops[rows].tolist()
             data += [records.data[a:b] for a, b in zip(starts, stops, strict=True)]
         return np.concatenate(times), data
@@ -102,7 +102,7 @@ class Bag:
     def times(self, topic: str) -> np.ndarray:
         """Log times [ns] of a topic, shape (n,), as its messages arrived."""
         blocks = self._blocks(self.resolve(topic))
-        return np.concatenate([np.empty(0, np.int64), *(r.heads["time"][i] for r, i in blocks)])
+        return np.concatenate([np.empty(0, np.int64), *(r.times[i] for r, i in blocks)])
 
     def offered(self, topic: str) -> str:
         """YAML text of the QoS profiles that the writers of a topic offered."""

@@ -191,6 +191,13 @@ def bench_effects() -> Rows:
     return run()
 
 
+def bench_bag() -> Rows:
+    """Reading a bag into arrays: ours, rosbags, mcap-ros2-support."""
+    from .bench_bag import bench_bag as run
+
+    return run()
+
+
 def bench_damage() -> Rows:
     """What comes back of a bag that was cut off or had a byte changed."""
     from .bench_damage import bench_damage as run
@@ -204,6 +211,7 @@ BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "messages": ("One message [µs]", bench_messages),
     "msd": ("One step of one mass-spring-damper network", bench_msd),
     "population": ("Evaluations per second, 7 parameters", bench_population),
+    "bag": ("Reading: messages a second, from disk to an array", bench_bag),
     "damage": ("A bag cut off or with a byte changed, read and recovered", bench_damage),
     "effects": ("Effects, in shares of a physics step", bench_effects),
 }

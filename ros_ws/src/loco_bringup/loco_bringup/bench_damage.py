@@ -137,8 +137,7 @@ def _messages(bag: Bag) -> Counter:
 def _prints(bag: Bag, records) -> Counter:
     rows = zip(records.heads.tolist(), records.starts.tolist(), records.stops.tolist(), strict=True)
     return Counter(
-        _print(bag.summary.channels[c].topic, t, records.data[a:b])
-        for (c, _, t, _), a, b in rows
+        _print(bag.summary.channels[c].topic, t, records.data[a:b]) for (c, _, t, _), a, b in rows
     )
 
 

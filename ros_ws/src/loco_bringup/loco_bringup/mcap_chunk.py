@@ -11,7 +11,6 @@ from typing import NamedTuple
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap.opcode import Opcode
 from numba import njit
 
 from loco_control.exceptions import BagError
@@ -87,7 +86,10 @@ class Records:
         data: Its bytes.
 
     Attributes:
-        ok: The lengths of its records add up.
+        starts: First byte of each message, after its head.
+        stops: Where each message ends.
+        channels: Of each message.
+        times: Log time of each message [ns].
 
     Raises:
         BagError: They do not.
@@ -96,19 +98,15 @@ class Records:
     def __init__(self, data: bytes):
         self.data = data
         self.bytes = np.frombuffer(data, np.uint8)
-        ok, opcodes, starts, stops = _find(self.bytes)
+        ok, found, messages = _find(self.bytes)
         if not ok:
             raise BagError("records in a chunk do not add up")
-        self._opcodes, self._starts, self._stops = opcodes, starts, stops
-        chosen = opcodes == Opcode.MESSAGE
-        self.starts, self.stops = starts[chosen] + MESSAGE.itemsize, stops[chosen]
+        self._others = found
+        self.starts, self.stops, self.channels, self.times = np.ascontiguousarray(messages.T)
 
     def pieces(self, opcode: int) -> list[Piece]:
         """Records of one kind."""
-        return [
-            Piece(opcode, int(self._starts[i]), int(self._stops[i]))
-            for i in np.flatnonzero(self._opcodes == opcode)
-        ]
+        return [Piece(*row) for row in self._others.tolist() if row[0] == opcode]
 
     @cached_property
     def heads(self) -> np.ndarray:
@@ -118,36 +116,41 @@ class Records:
 
 
 @njit(cache=True)
-def _length(data, at):
+def _number(data, at, size):
     value = np.int64(0)
-    for k in range(7, -1, -1):
+    for k in range(size - 1, -1, -1):
         value = (value << 8) | data[at + k]
     return value
 
 
 @njit(cache=True)
 def _find(data):
-    size, at, count = len(data), 0, 0
+    """Messages (first byte, end, channel, time) and other records (opcode, first byte, end)."""
+    size, at, many, few = len(data), 0, 0, 0
     ok = True
     while at < size:
-        if size - at < 9:
-            ok = False
-            break
-        length = _length(data, at + 1)
-        if length < 0 or length > size - at - 9 or (data[at] == 5 and length < 22):
+        length = _number(data, at + 1, 8) if size - at >= 9 else np.int64(-1)
+        message = data[at] == 5
+        if length < 0 or length > size - at - 9 or (message and length < 22):
             ok = False
             break
         at += 9 + length
-        count += 1
-    opcodes = np.empty(count, np.uint8)
-    starts, stops = np.empty(count, np.int64), np.empty(count, np.int64)
-    at = 0
-    for i in range(count):
-        opcodes[i] = data[at]
-        starts[i] = at + 9
-        at += 9 + _length(data, at + 1)
-        stops[i] = at
-    return ok, opcodes, starts, stops
+        many += message
+        few += not message
+    messages, others = np.empty((many, 4), np.int64), np.empty((few, 3), np.int64)
+    at, i, k = 0, 0, 0
+    while i + k < many + few:
+        stop = at + 9 + _number(data, at + 1, 8)
+        if data[at] == 5:
+            messages[i, 0], messages[i, 1] = at + 31, stop
+            messages[i, 2] = _number(data, at + 9, 2)
+            messages[i, 3] = _number(data, at + 15, 8)
+            i += 1
+        else:
+            others[k, 0], others[k, 1], others[k, 2] = data[at], at + 9, stop
+            k += 1
+        at = stop
+    return ok, others, messages
 
 
 @njit(cache=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import mmap
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,14 +118,18 @@ class McapFile:
         """Where the chunks are."""
         return [p for p in self.pieces if p.opcode == Opcode.CHUNK]
 
-    def records(self, chunk: Piece) -> Records:
+    def records(self, chunk: Piece, unpacked: Callable[[], bytes] | None = None) -> Records:
         """Messages of one chunk.
+
+        Args:
+            chunk: Which.
+            unpacked: Gives its bytes, if somebody is unpacking it already.
 
         Raises:
             BagError: It is damaged.
         """
         try:
-            return Records(unpack(self.data, chunk))
+            return Records(unpacked() if unpacked else unpack(self.data, chunk))
         except BagError as error:
             raise self._error(str(error)) from None
 
@@ -138,14 +143,20 @@ class McapFile:
     def blocks(self) -> Iterator[Records]:
         """All messages, a chunk at a time, as they stand in the file.
 
+        A second thread unpacks the next chunk meanwhile.
+
         Raises:
             BagError: A chunk is damaged.
         """
         loose = self.loose()
         if loose is not None:
             yield loose
-        for chunk in self.chunks:
-            yield self.records(chunk)
+        chunks = self.chunks
+        with ThreadPoolExecutor(1) as pool:
+            ahead = [pool.submit(unpack, self.data, chunk) for chunk in chunks[:1]]
+            for i, chunk in enumerate(chunks):
+                ahead += [pool.submit(unpack, self.data, c) for c in chunks[i + 1 : i + 2]]
+                yield self.records(chunk, ahead.pop(0).result)
 
 
 def attachment_whole(data: bytes, piece: Piece) -> bool:
@@ -163,5 +174,8 @@ def summary_whole(data: bytes, footer: Piece) -> bool:
 
 
 def of_channels(records: Records, channels: list[int]) -> np.ndarray:
-    """Rows of `records.heads` that are of some channels."""
-    return np.flatnonzero(np.isin(records.heads["channel"], channels))
+    """Numbers of the messages that are of some channels."""
+    chosen = records.channels == channels[0]
+    for channel in channels[1:]:
+        chosen |= records.channels == channel
+    return np.flatnonzero(chosen)

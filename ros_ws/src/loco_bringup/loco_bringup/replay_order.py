@@ -50,11 +50,10 @@ class Order:
 
     def _rows(self, block: int, records) -> np.ndarray:
         """Time, channel, chunk, first and last byte of each chosen message."""
-        heads = records.heads
-        chosen = np.isin(heads["channel"], list(self._name))
+        chosen = np.isin(records.channels, list(self._name))
         columns = (
-            heads["time"][chosen],
-            heads["channel"][chosen].astype(np.int64),
+            records.times[chosen],
+            records.channels[chosen],
             np.full(chosen.sum(), block, dtype=np.int64),
             records.starts[chosen],
             records.stops[chosen],
