@@ -66,3 +66,17 @@ def test_a_link_is_weighed_with_what_hangs_on_it():
     factor = weights["front_body"] / before.mass_of("front_body")
     scaled = factor * before.inertia_of("front_body")
     assert described.inertia_of("front_body") == pytest.approx(scaled)
+
+
+def test_joints_can_be_given_damping_and_armature():
+    plain = robot.load("servo_pendulum")
+    changed = robot.load(
+        "servo_pendulum", {"dynamics.pivot.damping": 0.1, "dynamics.*.armature": 0.01}
+    )
+    before, after = Description(plain.urdf), Description(changed.urdf)
+    assert (before.damping("pivot"), after.damping("pivot")) == (0.002, 0.1)
+    more = after.inertia_of("rod") - before.inertia_of("rod")
+    assert more[1, 1] == pytest.approx(0.01)
+    assert robot.load("servo_pendulum", {"dynamics.pivot.armature": 0.0}).driven == plain.driven
+    with pytest.raises(LocoError, match="elbow"):
+        robot.load("servo_pendulum", {"dynamics.elbow.damping": 0.1})

@@ -34,7 +34,16 @@ def test_the_model_loads_as_printed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "params", [*DRIVES.values(), SpringParams, HallParams, EncoderParams, ImuParams, SensorParams]
+    "params",
+    [
+        *DRIVES.values(),
+        equipment.DynamicsParams,
+        SpringParams,
+        HallParams,
+        EncoderParams,
+        ImuParams,
+        SensorParams,
+    ],
 )
 def test_every_parameter_is_in_a_table(params):
     missing = [f.name for f in dataclasses.fields(params) if f"`{f.name}`" not in PAGE]

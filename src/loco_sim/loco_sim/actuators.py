@@ -55,7 +55,7 @@ def joint_torques(
             wanted = row[1] * (command[0, i] - q) + row[2] * (command[1, i] - dq)
             tau[i] = on * clipped(wanted + command[2, i], row[8])
         elif row[0] == TORQUE:
-            tau[i] = on * clipped(command[2, i], row[8])
+            tau[i] = on * clipped(row[1] * command[2, i] + row[2], row[8])
         if springs[i, 0] > 0.0:
             tau[i] += spring_torque(q, dq, springs[i])
     return tau

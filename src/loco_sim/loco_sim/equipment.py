@@ -13,16 +13,30 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 
 from .description import Description
 from .servo import DRIVES, DriveParams
 
-BY_JOINT, BY_LINK = ("drives", "springs"), ("contacts", "masses")
+BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses")
 NESTED = ("sensors", "sim", "fall")
 SCALARS = ("control_rate", "height", "fixed_base")
 GRAVITY = 9.81  # [m/s²], for the static load of a foot
+
+
+@dataclass(frozen=True)
+class DynamicsParams(Params):
+    """What one joint has besides drive and spring, instead of what the URDF says."""
+
+    damping: float = parameter(
+        -1.0, "viscous damping; below 0 is that of the URDF", "N·m·s/rad", low=-1.0, high=1e4
+    )
+    armature: float = parameter(
+        0.0, "inertia of rotor and gear about the axis, added", "kg·m²", low=0.0, high=1e3
+    )
 
 
 @dataclass(frozen=True)
@@ -96,8 +110,9 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
             values[section].update(dict.fromkeys(names, value))
         elif section in (*BY_JOINT, "contacts") and len(rest) == 2:
             what = f"entry of {section} for the override {dotted!r}"
-            for name in matches(values[section], rest[0], what):
-                values[section][name] = {**values[section][name], rest[1]: value}
+            known = values.get("joints", ()) if section == "dynamics" else values[section]
+            for name in matches(known, rest[0], what):
+                values[section][name] = {**values[section].get(name, {}), rest[1]: value}
         elif section in NESTED and rest:
             _set(values[section], rest, value)
         else:
@@ -119,6 +134,28 @@ def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
 def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:
     """Parameters of each entry of a section."""
     return {name: from_dict(kind, entry, f"{where}.{name}") for name, entry in section.items()}
+
+
+def set_dynamics(description: Description, dynamics: Mapping[str, DynamicsParams]) -> None:
+    """Give joints their damping and armature.
+
+    Half of an armature counts about the other axes of the link, since no body can have less.
+
+    Raises:
+        ParameterError: A joint with an armature does not turn about x, y or z of its link.
+    """
+    for joint, params in dynamics.items():
+        if params.damping >= 0.0:
+            description.set_damping(joint, params.damping)
+        if params.armature > 0.0:
+            axis = np.abs(np.round(description.axis(joint), 9))
+            if np.count_nonzero(axis) != 1:
+                raise ParameterError(
+                    f"dynamics.{joint}.armature: it turns about {axis.tolist()}, not about x, y "
+                    "or z of its link"
+                )
+            moments = params.armature * (0.5 + 0.5 * axis)
+            description.add_inertia(description.child(joint), tuple(moments))
 
 
 def set_masses(description: Description, masses: Mapping[str, Any]) -> None:

@@ -153,8 +153,11 @@ def _fit(
     drives = equipment.drives(values["drives"])
     springs = equipment.parts(values["springs"], SpringParams, "springs")
     contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
-    edited = bool(values["masses"]) or any(s.stop > -math.inf for s in springs.values())
+    dynamics = equipment.parts(values["dynamics"], equipment.DynamicsParams, "dynamics")
+    edited = bool(values["masses"] or dynamics)
+    edited |= any(s.stop > -math.inf for s in springs.values())
     equipment.set_masses(description, values["masses"])
+    equipment.set_dynamics(description, dynamics)
     for joint, spring in springs.items():
         if spring.stop > -math.inf:
             description.set_lower_limit(joint, spring.stop)

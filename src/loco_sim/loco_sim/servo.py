@@ -75,11 +75,14 @@ class ImpedanceDrive(Params):
 
 @dataclass(frozen=True)
 class TorqueDrive(Params):
-    """A direct drive: the feed-forward torque, within the joint's limit."""
+    """A direct drive: gain times the feed-forward torque plus bias, within the joint's limit."""
+
+    gain: float = parameter(1.0, "torque per torque asked for", low=0.0, high=100.0)
+    bias: float = parameter(0.0, "torque when none is asked for", "N·m", low=-1e4, high=1e4)
 
     def row(self, effort: float) -> tuple[float, ...]:
         """What the kernel computes with, (COLUMNS,)."""
-        return (TORQUE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, effort)
+        return (TORQUE, self.gain, self.bias, 0.0, 0.0, 0.0, 0.0, 0.0, effort)
 
     @property
     def damping(self) -> float:
