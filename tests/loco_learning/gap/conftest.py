@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A hinge that follows its command, as robots, files and signals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,19 +65,14 @@ def signals():
         for role, x in angle.items():
             track = Track(role, "hinge", t, x, f"column {role!r}")
             change = changes.get(role, 1.0)
-            track = change(track) if callable(change) else changed(track, x=change * x)
+            track = change(track) if callable(change) else replace(track, x=change * x)
             made += [] if track is None else [track]
         return made
 
     return make
 
 
-def changed(track: Track, **fields) -> Track:
-    """A track with other times or values."""
-    values = {k: getattr(track, k) for k in ("role", "place", "t", "x", "source")} | fields
-    return Track(**values)
-
-
 @pytest.fixture(scope="session")
 def change():
-    return changed
+    """Function that makes a track with other times or values of one."""
+    return replace

@@ -48,6 +48,16 @@ def test_a_command_holds_until_the_next(signals, hinge, change):
     assert len(command) == 400 and np.array_equal(command, np.repeat(command[::50], 50))
 
 
+def test_a_measured_command_runs_on_between_its_samples(signals, hinge, change):
+    def rare(track):
+        return change(track, t=track.t[::50], x=track.x[::50], line=True)
+
+    made = align.record("run", signals(command_position=rare), hinge)
+    command = made.command["position"][:, 0]
+    assert made.ramps == ("position",) and np.ptp(np.diff(command[:50])) < 1e-12
+    assert align.record("run", signals(), hinge).ramps == ()
+
+
 def test_a_slow_signal_is_not_filled_in(signals, hinge):
     tracks = signals()
     t = tracks[0].t[::10]

@@ -28,7 +28,7 @@ def test_silverbox(measured, one_joint, torque_drive):
     for record in found:
         assert 1.0 / record.dt == pytest.approx(1e7 / 2**14)
         assert record.command["torque"].shape == record.signals["q"].shape == (len(record.t), 1)
-        assert record.overrides == {} and not record.inputs
+        assert record.overrides == {} and not record.inputs and record.ramps == ("torque",)
     fitted = max(np.abs(r.command["torque"]).max() for r in found if r.role == FIT)
     tail = by["arrow tail"]
     assert tail.role == HELD_OUT and np.abs(tail.command["torque"]).max() > 1.3 * fitted

@@ -63,6 +63,7 @@ def test_a_folder_stands_for_its_mapping(tmp_path):
         ("unit: deg", "unit: dg", "did you mean 'deg'"),
         ("sign: -1", "sign: 2", "must be 1 or -1"),
         ("scale: 2,", "scale: two,", "scale of column 'angle' must be a number"),
+        ("wrap: 2pi", "between: line", "between of column 'angle' must be hold or line"),
         ("wrap: 2pi", "wrap: pi", "no wrap of column 'angle' named 'pi'"),
         ("unit: ms", "unit: mm", "time is in mm"),
         ("rate: 200", "rate: -1", "above 0"),

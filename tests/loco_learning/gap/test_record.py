@@ -84,6 +84,8 @@ def test_arrays_that_do_not_fit_are_refused(changes, said):
 def test_unknown_names_list_the_known():
     with pytest.raises(NameUnknownError, match="available: acceleration"):
         record(signals={"speed": np.zeros((COUNT, 8))})
+    with pytest.raises(NameUnknownError, match="ramp .* available: position"):
+        record(ramps=("torque",))
     with pytest.raises(NameUnknownError, match="position, torque, velocity"):
         record(command={"force": np.zeros((COUNT, 4))})
 

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
-from loco_learning.gap import align, importing, mapping, tables, tracks
+from loco_learning.gap import align, importing, mapping, tables
 from loco_learning.gap.mapping import Mapping
 from loco_learning.gap.record import Record
 from loco_learning.gap.tracks import Track
@@ -95,7 +96,7 @@ def _cut(track: Track, rule: mapping.Rule) -> Track:
     if rule.rows != (None, None):
         raise ParameterError(f"records of a bag are cut by from and to, not by rows {rule.rows}")
     inside = (track.t >= rule.start) & (track.t <= rule.end)
-    return tracks.Track(track.role, track.place, track.t[inside], track.x[inside], track.source)
+    return replace(track, t=track.t[inside], x=track.x[inside])
 
 
 def _experiment(bag: Bag) -> dict:

@@ -8,6 +8,7 @@ that is looked for, so it is measured (`lags`), told, and left where it is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def record(
 ) -> Record:
     """Align the signals of one experiment.
 
-    A command holds from its stamp on; a measured value is interpolated between its
+    A command holds from its stamp on, unless its track is a line; a measured value is interpolated between its
     neighbours, not across gaps. A signal that is slower than the axis stands at the ticks
     next to its stamps and is NaN between them.
 
@@ -91,7 +92,7 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
     note = f"{odd} samples with the stamp of another were left out" if odd else ""
     note = note or "samples were not in the order of their stamps and were sorted"
     _tell(told, note)
-    return Track(track.role, track.place, t, track.x[first], track.source)
+    return replace(track, t=t, x=track.x[first])
 
 
 def _one_sheet(tracks: list[Track]) -> list[Track]:
@@ -102,7 +103,7 @@ def _one_sheet(tracks: list[Track]) -> list[Track]:
             x = np.stack([k.x for k in parts], axis=1)
             flips = np.sum(x[1:] * x[:-1], axis=1) < 0.0
             sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
-            turned = [Track(k.role, k.place, k.t, sign * k.x, k.source) for k in parts]
+            turned = [replace(k, x=sign * k.x) for k in parts]
             tracks = [k for k in tracks if k.role != role] + turned
     return tracks
 
@@ -178,6 +179,9 @@ def _fill(
         for kind in COMMANDS
         if any(role == f"command_{kind}" for role, _ in by)
     }
+    made["ramps"] = tuple(
+        kind for kind in made["command"] if any(k.line for k in tracks if k.role.endswith(kind))
+    )
     made["inputs"] = {
         kind: _columns(by, kind, ("",), axis, hold, 1.0)[:, 0]
         for kind in INPUTS
@@ -206,7 +210,9 @@ def _columns(
 
 
 def hold(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Last value at or before each time; the first one before the first stamp, (T,)."""
+    """Command at each time: the last before it, or on the line to the next, (T,)."""
+    if track.line:
+        return np.interp(axis, track.t, track.x)
     row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
     return track.x[np.maximum(row, 0)]
 

@@ -53,7 +53,8 @@ ROLES: dict[str, tuple[tuple[str, ...], str]] = {
 }
 PLACES = ("joint", "axis", "foot")
 SOURCES = ("column", "file", "topic", "time")
-_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap")
+BETWEEN = ("hold", "line")
+_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between")
 _RECORD = ("name", "file", "where", "rows", "from", "to", "role", "overrides")
 _KEYS = (
     *("format", "description", "files", "samples", "time", "rate", "columns", "header"),
@@ -76,6 +77,7 @@ class Column:
         file: Other file of the same folder that has the column.
         topic: Topic that has the field, in a bag.
         time: Column of the times of this column, if it has its own.
+        between: Of `BETWEEN`: a command is held, or runs straight to its next sample.
     """
 
     column: str
@@ -88,6 +90,7 @@ class Column:
     file: str = ""
     topic: str = ""
     time: str = ""
+    between: str = "hold"
 
 
 @dataclass(frozen=True)
@@ -218,6 +221,11 @@ def _column(value: Any, index: int) -> Column:
     wrap = str(value.get("wrap", "none"))
     if wrap not in WRAPS:
         raise NameUnknownError(f"wrap of column {name!r}", wrap, WRAPS)
+    between = str(value.get("between", "hold"))
+    if between not in BETWEEN or ("between" in value and not role.startswith("command_")):
+        raise ParameterError(
+            f"between of column {name!r} must be {' or '.join(BETWEEN)}, of a command"
+        )
     scale = units.number(value.get("scale", 1.0), f"scale of column {name!r}")
     size = 1.0
     if "unit" in value and role != UNUSED:
@@ -230,6 +238,7 @@ def _column(value: Any, index: int) -> Column:
         gain=sign * scale * size,
         offset=units.number(value.get("offset", 0.0), f"offset of column {name!r}"),
         wrap=wrap,
+        between=between,
         **{key: str(value.get(key, "")) for key in ("file", "topic", "time")},
     )
 

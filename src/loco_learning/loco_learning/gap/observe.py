@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
     if track.role == "command_position" and np.ptp(track.x) > 1.05 * TURN:
         return track  # a command may well step by a turn
     told.append(f"{track.label} was wrapped: {int(jump.sum())} jumps of a turn were undone")
-    return Track(track.role, track.place, track.t, np.unwrap(track.x), track.source)
+    return replace(track, x=np.unwrap(track.x))
 
 
 def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:

@@ -41,6 +41,8 @@ class Record:
         notes: What reading and aligning found.
         resolution: Quantisation step per signal [unit of the signal]; 0 where none was seen.
         role: `FIT`, or `HELD_OUT` for a record that is only judged on.
+        ramps: Kinds of command that are samples of something smooth: they run straight from
+            sample to sample where others are held.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Record:
     notes: tuple[str, ...] = ()
     resolution: dict[str, float] = field(default_factory=dict)
     role: str = FIT
+    ramps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
@@ -63,6 +66,7 @@ class Record:
         _known(self.name, "signal", self.signals, (*JOINT_SIGNALS, *WIDTHS, FEET_SIGNAL))
         _known(self.name, "input", self.inputs, INPUTS)
         _known(self.name, "role", (self.role,), (FIT, HELD_OUT))
+        _known(self.name, "ramp", self.ramps, tuple(self.command))
         for kind, values in self.command.items():
             _shape(self.name, f"command {kind}", values, (count, len(self.driven)))
         for signal, values in self.signals.items():

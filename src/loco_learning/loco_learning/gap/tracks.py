@@ -35,6 +35,7 @@ class Track:
         t: Stamps [s], (K,), in no certain order yet.
         x: Values in the SI unit of the role, (K,).
         source: Column or topic, for messages.
+        line: A command that runs straight from sample to sample.
     """
 
     role: str
@@ -42,6 +43,7 @@ class Track:
     t: np.ndarray
     x: np.ndarray
     source: str
+    line: bool = False
 
     @property
     def label(self) -> str:
@@ -78,7 +80,8 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         inside = (t >= rule.start) & (t <= rule.end)
         if column.role != UNUSED:
             label = f"column {column.column!r}"
-            found.append(Track(column.role, column.place, t[inside], x[inside], label))
+            line = column.between == "line"
+            found.append(Track(column.role, column.place, t[inside], x[inside], label, line))
     return found
 
 
