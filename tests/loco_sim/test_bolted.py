@@ -163,3 +163,14 @@ def test_others_need_the_engine(name, overrides, why):
     assert why in needs_engine(plant)
     with pytest.raises(ParameterError, match=why):
         Bolted(plant)
+
+
+def test_a_ramp_between_rows_is_what_finer_rows_say():
+    plant = loaded("pendulum")
+    wave = 0.3 * np.sin(0.2 * np.arange(60))[:, None]
+    ramp = Bolted(plant).run(0.0 * wave, None, wave, ramps=(False, False, True))
+    fine = np.interp((np.arange(300) + 0.5) / 5.0, np.arange(60), wave[:, 0])[:, None]
+    held = Bolted(plant, dt=0.001).run(0.0 * fine, None, fine)
+    np.testing.assert_allclose(ramp.q, held.q[::5], **CLOSE)
+    plain = Bolted(plant).run(0.0 * wave, None, wave)
+    assert np.max(np.abs(plain.q - ramp.q)) > 1e-4

@@ -130,6 +130,7 @@ class Bolted:
         start: tuple[np.ndarray, np.ndarray] | None = None,
         power: np.ndarray | None = None,
         pieces: Pieces | None = None,
+        ramps: tuple[bool, bool, bool] = (False, False, False),
     ) -> Run:
         """Run along commands, each held for a control period.
 
@@ -141,13 +142,15 @@ class Bolted:
             power: Supply and switch of the drives (`Simulation.power`), (T, 2); None is on.
             pieces: Begin anew at rows, instead of `start`. Time and commands go on, so that
                 effects come and go as in one run; what they remember does not.
+            ramps: Positions, velocities, torques wanted go straight from row to row instead
+                of being held.
         """
         rows, n = q_wanted.shape
         none = np.zeros((rows, n))
         targets = [none if w is None else w for w in (q_wanted, dq_wanted, tau_wanted)]
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
-        said, which = self._heard(np.stack(targets, axis=1).astype(float))
+        said, which = self._heard(*self._ramped(np.stack(targets, axis=1).astype(float), ramps))
         change, brakes = self._chain("on_torque"), self._chain("on_brake")
         if pieces is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
@@ -171,12 +174,26 @@ class Bolted:
         acting = [e for e in self._effects if overrides(e, hook) and not e.absent()]
         return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
 
-    def _heard(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _ramped(
+        self, targets: np.ndarray, ramps: tuple[bool, bool, bool]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Commands, and which of them in each physics step; one per step where any ramps."""
+        which = np.repeat(np.arange(len(targets)), self._steps)
+        if not any(ramps):
+            return targets, which
+        share = np.tile((np.arange(self._steps) + 0.5) / self._steps, len(targets))
+        after = np.minimum(which + 1, len(targets) - 1)
+        fine = targets[which]
+        for kind in np.flatnonzero(ramps):
+            way = targets[after, kind] - targets[which, kind]
+            fine[:, kind] += share[:, None] * way
+        return fine, np.arange(len(which))
+
+    def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Commands as the drives get them, (k, 3, n), and which of them in each physics step.
 
         What a spring before the joint does to them is left to the loop.
         """
-        which = np.repeat(np.arange(len(targets)), self._steps)
         changes = [
             (first, last, change)
             for first, last, change in windows(self._effects, "on_command", self.physics_dt)

@@ -30,6 +30,7 @@ class Orders(NamedTuple):
     dq: np.ndarray  # velocities wanted, (T, n)
     tau: np.ndarray  # torques wanted [N·m or N], (T, n)
     power: np.ndarray | None  # supply and switch of the drives, (T, 2); None is on
+    ramps: tuple[bool, bool, bool]  # positions, velocities, torques go straight between rows
 
 
 class Start(NamedTuple):
@@ -70,7 +71,8 @@ def orders(record: Record, robot: Robot) -> Orders:
     if record.inputs:
         ones = np.ones(len(record.t))
         power = np.stack([record.inputs.get(k, ones) for k in ("supply", "enable")], axis=1)
-    return Orders(made["q"], made["dq"], made["tau"], power)
+    ramps = tuple(kind in record.ramps for kind in ("position", "velocity", "torque"))
+    return Orders(made["q"], made["dq"], made["tau"], power, ramps)
 
 
 def _servos(drives: Sequence[Any]) -> np.ndarray:
@@ -108,7 +110,7 @@ def run(
         pieces = Pieces(rows, np.array([[s.q, s.dq] for s in starts], dtype=float))
     plant = Bolted(robot, made, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = plant.run(told.q, told.dq, told.tau, None, told.power, pieces)
+        found = plant.run(*told[:3], None, told.power, pieces, told.ramps)
     return assembled(robot, channels, found._asdict(), len(told.q))
 
 
@@ -120,7 +122,7 @@ def _with_engine(
     dt: float,
     channels: Sequence[Channel],
 ) -> np.ndarray:
-    rows = len(told.q)
+    rows, told = len(told.q), _between(told)
     out = np.full((rows, len(channels)), np.nan)
     with Simulation(None, None, effects, 0, dt, robot) as sim:
         for start in starts or (Start(0, rows, robot.standing, None),):
@@ -131,6 +133,15 @@ def _with_engine(
                 pass
             out[start.row : start.stop] = track.matrix(start.stop - start.row)
     return out
+
+
+def _between(told: Orders) -> Orders:
+    """Commands that are held, in place of those that go straight between rows."""
+    held = [
+        0.5 * (values + np.concatenate([values[1:], values[-1:]])) if ramp else values
+        for values, ramp in zip(told[:3], told.ramps, strict=True)
+    ]
+    return told._replace(q=held[0], dq=held[1], tau=held[2])
 
 
 def _follow(sim: Simulation, told: Orders, start: Start, track: Track) -> None:
