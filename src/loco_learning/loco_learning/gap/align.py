@@ -38,9 +38,9 @@ def record(
 ) -> Record:
     """Align the signals of one experiment.
 
-    A command holds from its stamp on, unless its track is a line; a measured value is interpolated between its
-    neighbours, not across gaps. A signal that is slower than the axis stands at the ticks
-    next to its stamps and is NaN between them.
+    A command holds from its stamp on, unless its track is a line; a measured value is
+    interpolated between its neighbours, not across gaps. A signal that is slower than the
+    axis stands at the ticks next to its stamps and is NaN between them.
 
     Args:
         name: For people.
