@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `calibrator`: action ``calibrate`` on the topics of a measured robot, or on a bag.
+"""Node `calibrator`: actions ``calibrate`` and ``find_gap`` on a measured robot, or on bags.
 
 It listens to the measured robot, fits the model in a process of its own, gives each
 better model to the model robot (`model`), and says once per period how far the two
-are apart (`gap`). The gap goes on being told after the action has ended.
+are apart (`gap`). The gap goes on being told after the action has ended. ``find_gap`` does the
+same with `loco gap`: it names what the model lacks (`gap_search`) and hands that model on.
 
 It stands here and not in loco_learning because it reads bags.
 """
@@ -29,11 +30,12 @@ from loco_learning.calibration.live import GapMeter
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.recording import passive
 from loco_learning.calibration.worker import Maker, make_calibration
-from loco_msgs.action import Calibrate
-from loco_msgs.msg import CalibrationState, Gap
+from loco_msgs.action import Calibrate, FindGap
+from loco_msgs.msg import CalibrationState, Gap, GapSearch
 from loco_sim.robot import Robot
 
 from .calibrator_job import Job
+from .gap_job import Find, GapSearchJob, find
 from .live_robot import STATES, LiveRobot, robots, topic
 
 _POLL = 0.05  # wall time between two looks at what has changed [s]
@@ -52,26 +54,28 @@ class ListenParams(Params):
 
 
 class CalibratorNode(LocoNode):
-    """Action server; one calibration at a time.
+    """Two action servers; one calibration or search at a time.
 
     Args:
         make: Makes a calibration in the worker process.
+        find: Searches for the cause of a gap in the worker process.
     """
 
     table = CALIBRATION_TOPICS
 
-    def __init__(self, make: Maker = make_calibration) -> None:
+    def __init__(self, make: Maker = make_calibration, find: Find = find) -> None:
         super().__init__(CALIBRATOR)
-        self.make = make
+        self.make, self.find = make, find
         self.listen = declare(self, ListenParams(), "listen.")
         self.options = declare(self, CalibrationParams(), "calibration.")
         self._state, self._gap = self.output("calibration"), self.output("gap")
-        self.state = CalibrationState(phase="idle")
+        self._search = self.output("gap_search")
+        self.state, self.search = CalibrationState(phase="idle"), GapSearch(phase="idle")
         self.measured: LiveRobot | None = None
         self.model: LiveRobot | None = None
         self._meter: GapMeter | None = None
         self._awaited: tuple[Callable[[], bool], Future] | None = None
-        self._job: Job | None = None
+        self._job: Job | GapSearchJob | None = None
         # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted 2 ms
         # after it was sent, a cancel 2 ms, also while `execute` waits for a future. What
         # blocks must not run in it: the executor has one thread.
@@ -83,27 +87,44 @@ class CalibratorNode(LocoNode):
             goal_callback=lambda goal: GoalResponse.ACCEPT,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )
+        self._gap_server = ActionServer(
+            self,
+            FindGap,
+            "find_gap",
+            execute_callback=self._execute_search,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
         self.create_timer(_POLL, self._look)
         self.announce_ready()
 
     # ---- the action
 
     async def _execute(self, handle: Any) -> Calibrate.Result:
+        """Run a goal of ``calibrate``."""
+        return await self._run(handle, Job, Calibrate.Result, self.tell)
+
+    async def _execute_search(self, handle: Any) -> FindGap.Result:
+        """Run a goal of ``find_gap``."""
+        return await self._run(handle, GapSearchJob, FindGap.Result, self.tell_search)
+
+    async def _run(self, handle: Any, kind: type, answer: type, tell: Callable) -> Any:
         """Run a goal. Its end is told by the result, a mistake in the goal included."""
         if self._job:
             handle.abort()
-            return Calibrate.Result(message="a calibration is running; cancel it first")
-        self._job = Job(self, handle)
+            return answer(message=f"{self._job.WHAT} is running; cancel it first")
+        self._job = kind(self, handle)
         self.state = CalibrationState(phase="listening")
+        self.search = GapSearch(phase="listening")
         try:
             result = await self._job.run()
         except LocoError as error:
-            result = Calibrate.Result(message=str(error))
-            self.tell("failed", result.message)
+            result = answer(message=str(error))
+            tell("failed", result.message)
             handle.abort()
         else:
             cancelled = handle.is_cancel_requested
-            self.tell("cancelled" if cancelled else "done", result.message)
+            tell("cancelled" if cancelled else "done", result.message)
             (handle.canceled if cancelled else handle.succeed)()
         finally:
             self._job.close()
@@ -128,6 +149,13 @@ class CalibratorNode(LocoNode):
         self.state.phase, self.state.text = phase, text
         self.state.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
         self._state.publish(self.state)
+
+    def tell_search(self, phase: str, text: str = "") -> None:
+        """Publish the state of the search for the cause of a gap."""
+        self.search.phase, self.search.text = phase, text
+        self.search.tick += 1
+        self.search.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
+        self._search.publish(self.search)
 
     # ---- the robots
 
@@ -154,7 +182,7 @@ class CalibratorNode(LocoNode):
         if measured and model:
             signals = self.measured.signals, self.model.signals
             rate, window = robot.control_rate, self.options.window
-            self._meter = GapMeter(*signals, passive(robot), rate, window)
+            self._meter = GapMeter(*signals, passive(robot) or robot.joints, rate, window)
 
     async def _wait_for(self, namespace: str) -> None:
         name, deadline = topic(namespace, STATES), time.monotonic() + self.listen.patience
@@ -179,9 +207,10 @@ class CalibratorNode(LocoNode):
             self._gap.publish(message)
 
     def diagnose(self) -> dict[str, Any]:
-        """Phase, generation and best loss."""
-        s = self.state
-        return {"phase": s.phase, "generation": s.tick, "best": s.best}
+        """Phase, generation and best loss; how far a search is."""
+        s, g = self.state, self.search
+        found = {"phase": s.phase, "generation": s.tick, "best": s.best}
+        return found if g.phase == "idle" else {**found, "search": g.phase, "share": g.fraction}
 
     def close(self) -> None:
         """End the worker, and what the node does not end by itself."""
@@ -189,6 +218,7 @@ class CalibratorNode(LocoNode):
             self._job.close()
         self._disconnect()
         self._server.destroy()
+        self._gap_server.destroy()
 
 
 def main(args: list[str] | None = None) -> None:

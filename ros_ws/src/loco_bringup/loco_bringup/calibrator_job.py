@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 class Job:
     """One goal: connect, listen, fit, hand the models on."""
 
+    WHAT = "a calibration"
+
     def __init__(self, node: CalibratorNode, handle: Any):
         self._node, self._handle, self._goal = node, handle, handle.request
         self.duration = self._goal.duration or node.listen.duration

@@ -8,15 +8,17 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_learning.gap import curves as gap_curves
 from loco_learning.gap.curves import FIT, HELD_OUT, Curves
 from loco_learning.gap.record import Record
+from loco_sim import effects
 from loco_sim import model as models
 from loco_sim.model import Model
 
@@ -120,10 +122,12 @@ def options_of(job: Job) -> Any:
     Raises:
         LocoError: A value out of range, or a name that is not known.
     """
+    from loco_control.params import from_dict
     from loco_learning.gap.params import GapParams
 
-    from loco_control.params import from_dict
-
+    for pattern in job.options.get("effects") or ():
+        if not any(fnmatchcase(name, pattern) for name in effects.names()):
+            raise NameUnknownError("effect", pattern, effects.names())
     return from_dict(GapParams, dict(job.options), "gap")
 
 
@@ -164,6 +168,7 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
         LocoError: A mistake in what was given; nothing is written.
     """
     claim(folder)
+    options_of(job)
     tell = tell or (lambda share, stage, best: None)
     tell(0.0, "reading", "")
     model, fit, held = read_records(job)
@@ -207,9 +212,13 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write JSON with sorted keys, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    text = json.dumps(plain(values), sort_keys=True, indent=1, allow_nan=False)
-    part.write_text(text + "\n", encoding="utf-8")
+    part.write_text(dumps(values), encoding="utf-8")
     part.replace(path)
+
+
+def dumps(values: Mapping[str, Any]) -> str:
+    """Text of a JSON file with sorted keys."""
+    return json.dumps(plain(values), sort_keys=True, indent=1, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:

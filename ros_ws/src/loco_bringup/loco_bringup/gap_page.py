@@ -26,8 +26,7 @@ GOOD = ("named", "no gap")
 def write_page(result: Mapping[str, Any], curves: Curves, path: Path) -> Path:
     """Write the page, whole or not at all."""
     part_file = path.with_name(f"{path.name}.part")
-    with style():
-        part_file.write_text(page(result, curves), encoding="utf-8")
+    part_file.write_text(page(result, curves), encoding="utf-8")
     part_file.replace(path)
     return path
 
@@ -91,7 +90,8 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _drawn(name: str, curves: Curves, caption: str) -> str:
-    return picture(svg(figures.FIGURES[name](curves)), name, caption)
+    with style():
+        return picture(svg(figures.FIGURES[name](curves)), name, caption)
 
 
 def _where(result: Mapping[str, Any], curves: Curves) -> str:
