@@ -89,6 +89,10 @@ class Forward:
             values[: round(self.params.burn_in / self.records[index].dt)] = np.nan
         return values
 
+    def robot(self, index: int = 0) -> Robot:
+        """The robot of a record, as the model has it."""
+        return self._robot(index, {}, 1.0)
+
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
         """The robot of a record, with sensors that tell what they can."""
         key = index, json.dumps(overrides, sort_keys=True), step
