@@ -48,6 +48,7 @@ def test_all_rules_kept_gives_the_name():
         ({"estimates": (dataclasses.replace(FRICTION, value=5.0),)}, "bound"),
         ({"estimates": (dataclasses.replace(FRICTION, value=-0.4, least=-9),)}, "not physical"),
         ({"estimates": (dataclasses.replace(FRICTION, high=np.inf),)}, "no interval"),
+        ({"estimates": (dataclasses.replace(FRICTION, spread=0.2),)}, "parts of the data"),
     ],
 )
 def test_each_rule_alone_takes_the_name_away(change, word):
@@ -81,15 +82,21 @@ def test_data_at_the_floor_have_no_gap_whatever_was_fitted():
 def test_one_channel_of_many_is_a_gap():
     rng = np.random.default_rng(1)
     r = rng.normal(size=(800, 20))
-    assert not decide.has_gap(evidence.score([r]))
+    assert not decide.has_gap([r])
     r[:, 7] *= 1.5
-    assert decide.has_gap(evidence.score([r]))
+    assert decide.has_gap([r])
 
 
 def test_noise_alone_is_rarely_a_gap():
     rng = np.random.default_rng(2)
-    hits = [decide.has_gap(evidence.score([1.05 * rng.normal(size=(500, 8))])) for _ in range(60)]
+    hits = [decide.has_gap([1.05 * rng.normal(size=(500, 8))]) for _ in range(60)]
     assert np.mean(hits) <= 0.05
+
+
+def test_a_short_gap_is_one():
+    r = np.random.default_rng(3).normal(size=(400, 1))
+    r[50:60] += 30.0
+    assert decide.has_gap([r])
 
 
 def test_what_explains_only_a_part_gets_no_verdict_by_name():

@@ -155,10 +155,31 @@ def test_bic_asks_a_price_for_each_parameter():
 def test_records_of_different_length_and_one_channel():
     rng = np.random.default_rng(0)
     a = evidence.score([rng.normal(size=(300, 1)), rng.normal(size=(900, 1))])
-    b = evidence.score([r + 0.5 for r in a.residuals])
+    b = evidence.score([r + 1.0 for r in a.residuals])
     found = evidence.compare(a, b, rng)
     assert found.odds > 10.0
     assert found.blocks >= evidence.FEW - 1
+
+
+def test_parameters_have_their_price():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(800, 2))
+    a, b = evidence.score([white]), evidence.score([white + slow(rng, 800)])
+    same = evidence.compare(a, a, rng, price=2.0)
+    assert same.odds == pytest.approx(np.exp(-2.0))
+    found = [evidence.compare(a, b, np.random.default_rng(1), price=p) for p in (-3.0, 0.0, 3.0)]
+    assert found[0].odds >= found[1].odds >= found[2].odds > 10.0
+    assert found[0].gain == found[2].gain
+
+
+def test_few_blocks_count_for_no_more_than_coins():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(1600, 1))
+    hit = np.zeros((1600, 1))
+    hit[400:440] = 30.0
+    found = evidence.compare(evidence.score([white]), evidence.score([white + hit]), rng)
+    assert found.gain > 100.0
+    assert found.odds < 10.0
 
 
 def test_too_little_to_resample_says_nothing():

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from loco_control.params import Params, parameter
 
@@ -27,23 +28,28 @@ class Limits(Params):
     """What it takes to get a name."""
 
     gap: float = parameter(
-        1.15, "rms of a channel [floors] that its interval must exceed to be a gap", low=1.0
+        1.15, "rms of a channel [floors], beyond chance, from which on it is a gap", low=1.0
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
     adequate_rms: float = parameter(
-        1.5, "rms [floors] over all channels at which the model explains the data", low=1.0
+        1.5, "rms [floors] of a channel in a record up to which the model explains it", low=1.0
     )
     adequate_closed: float = parameter(
         0.9, "share of the gap whose closing also counts as explaining the data", high=1.0
     )
+    spread: float = parameter(
+        0.3, "deviation of a strength between parts of the data, over its value, from which on "
+        "it is no constant of the robot", low=0.0
+    )  # fmt: skip
     edge: float = parameter(
         0.01, "share of a parameter's range next to a bound that counts as on it", low=0.0, high=0.5
     )
 
 
 LIMITS = Limits()
+KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,7 @@ class Estimate:
         most: Largest.
         absent: Value at which the effect is not there; None for a shape such as a velocity scale.
         sign: +1 or -1 where only this sign is physical, 0 where both are.
+        spread: Deviation of the value between parts of the data that errors do not explain.
     """
 
     name: str
@@ -71,6 +78,7 @@ class Estimate:
     most: float = math.inf
     absent: float | None = 0.0
     sign: int = 0
+    spread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -159,10 +167,19 @@ class Decision:
     evidence: str
 
 
-def has_gap(before: Score, limits: Limits = LIMITS) -> bool:
-    """Some channel's residual is above its floor beyond chance."""
-    low = evidence.levels(before, trials=len(before.scale))[:, 1]
-    return bool(np.any(low > limits.gap))
+def has_gap(before: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
+    """Some channel's residual is above its floor beyond what noise would do by chance.
+
+    Args:
+        before: Whitened residuals of the model as it came on all records, (T, C) each.
+        limits: What is above.
+    """
+    channels = before[0].shape[1]
+    power = np.sum([np.nansum(np.square(r), axis=0) for r in before], axis=0)
+    count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in before], axis=0), 1)
+    z = stats.norm.ppf(1.0 - 0.01 / channels)
+    chance = 1.0 + z * np.sqrt(KURTOSIS / count)
+    return bool(np.any(power / count > limits.gap**2 * chance))
 
 
 def decide(
@@ -170,6 +187,7 @@ def decide(
     before: Score,
     after: Score,
     limits: Limits = LIMITS,
+    whole: tuple[Sequence[np.ndarray], Sequence[np.ndarray]] | None = None,
 ) -> Decision:
     """Say what the gap is.
 
@@ -178,14 +196,17 @@ def decide(
         before: What the model as it came leaves on held-out data, nuisance refitted.
         after: What the selected model leaves on it.
         limits: What it takes to get a name.
+        whole: Residuals of both on all records, also those that were fitted; the model must
+            explain these too.
     """
-    if not has_gap(before, limits):
+    residuals = whole or (before.residuals, after.residuals)
+    if not has_gap(residuals[0], limits):
         text = f"The model explains the data: {before.rms:.2f} times the noise floor."
         return Decision(NO_GAP, (), (), (), (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed(before.rms, after.rms)
-    adequate = after.rms <= limits.adequate_rms or closed >= limits.adequate_closed
-    verdict = _overall(rulings, adequate)
+    explained = adequate(*residuals, limits)
+    verdict = _overall(rulings, explained)
     names = tuple(sorted({r.name for r in rulings if r.verdict == NAMED}))
     groups = {tuple(sorted({r.name, *r.look_alikes})) for r in rulings if r.verdict == AMBIGUOUS}
     return Decision(
@@ -194,13 +215,31 @@ def decide(
         tuple(sorted(groups)),
         rulings,
         tuple(alarm for r in rulings for alarm in r.alarms),
-        adequate,
+        explained,
         _summary(verdict, names, sorted(groups), before.rms, after.rms, closed),
     )
 
 
+def adequate(
+    before: Sequence[np.ndarray], after: Sequence[np.ndarray], limits: Limits = LIMITS
+) -> bool:
+    """In every channel of every record the model is near the floor or most of the gap closed.
+
+    Args:
+        before: Whitened residuals of the model as it came, (T, C) per record.
+        after: Those of the selected model.
+        limits: What is near and what is most.
+    """
+    for old, new in zip(before, after, strict=True):
+        for column in range(old.shape[1]):
+            rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
+            if rms[1] > limits.adequate_rms and evidence.closed(*rms) < limits.adequate_closed:
+                return False
+    return True
+
+
 def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
-    """Parameters on a bound, of unphysical sign or without an interval, one line each."""
+    """Parameters that are not to be believed, one line each, with the reason."""
     found = []
     for e in candidate.estimates:
         where = f"{candidate.name} {candidate.place}".strip() + f": {e.name} = {e.value:.3g}"
@@ -212,6 +251,8 @@ def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
             found.append(f"{where} is {kind}, which is not physical")
         if not (math.isfinite(e.low) and math.isfinite(e.high)):
             found.append(f"{where} has no interval: the data do not determine it")
+        if e.absent is not None and e.spread > limits.spread * abs(e.value - e.absent):
+            found.append(f"{where} differs by {e.spread:.2g} between parts of the data")
     return tuple(found)
 
 

@@ -9,7 +9,7 @@ Three choices keep the odds honest, because what a wrong model leaves is systema
   long as nobody explains the data, small differences are no proof.
 - A sample counts 1 / tau (for an AR(1) residual tau = (1 + phi) / (1 - phi)). Predicting
   each residual from the one before would instead remove the slow errors by which effects
-  differ.
+  differ. A slow error of a fraction of the floor is forgiven (`TOLERANCE`).
 - The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
   those of the one sample at hand: two equally wrong models do not get odds of a million.
 """
@@ -22,13 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
-from scipy.special import gammaln
+from scipy.special import gammaln, logsumexp
 
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
 FEW, MANY = 8, 32  # blocks over all records
 MOST_ODDS = 1e9
-CAUTION = 1.25  # on the spread in the odds: blocks are few and not quite independent
+TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
+CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
 
 
 @dataclass(frozen=True)
@@ -131,30 +132,6 @@ def score(residuals: Sequence[np.ndarray]) -> Score:
     return Score(records, scale, tau, rms(records), log_likelihood, _count(records, tau))
 
 
-def levels(a: Score, trials: int = 1) -> np.ndarray:
-    """Rms of each channel with a 95 % interval from its blocks, (C, 3): value, low, high.
-
-    Args:
-        a: What a model leaves [floors].
-        trials: Number of channels that are looked at together; widens the interval.
-    """
-    parts = []
-    for r in a.residuals:
-        parts += np.array_split(r, max(1, round(MANY * len(r) / sum(map(len, a.residuals)))))
-    found = np.full((len(a.scale), 3), np.nan)
-    for c in range(len(a.scale)):
-        power = np.array([np.nansum(p[:, c] ** 2) for p in parts])
-        count = np.array([np.isfinite(p[:, c]).sum() for p in parts])
-        power, count = power[count > 0], count[count > 0]
-        if len(count) < 2:
-            continue
-        mean = power.sum() / count.sum()
-        error = math.sqrt(np.square(power - mean * count).sum() / (1.0 - 1.0 / len(count)))
-        half = stats.t.ppf(1.0 - 0.025 / max(trials, 1), len(count) - 1) * error / count.sum()
-        found[c] = np.sqrt(np.maximum([mean, mean - half, mean + half], 0.0))
-    return found
-
-
 def correlation_time(x: np.ndarray) -> float:
     """Integrated autocorrelation time about zero [samples], 1 for white noise.
 
@@ -185,7 +162,12 @@ def correlation_time(x: np.ndarray) -> float:
 
 
 def compare(
-    a: Score, b: Score, rng: np.random.Generator, trials: int = 1, draws: int = 1000
+    a: Score,
+    b: Score,
+    rng: np.random.Generator,
+    trials: int = 1,
+    price: float = 0.0,
+    draws: int = 1000,
 ) -> Comparison:
     """Evidence for `a` over `b` by paired block bootstrap.
 
@@ -195,31 +177,47 @@ def compare(
         rng: Source of the resampling, keyed by the caller's seed.
         trials: Number of models among which `a` was picked by this very data; widens the
             interval so that the best of many counts no more than it should (Bonferroni).
+        price: What the first pays in the odds for parameters that the second lacks [nat];
+            below 0 the second pays.
         draws: Bootstrap samples.
     """
-    sums = _blocks(a, b)
+    sums, pieces = _blocks(a, b)
     n = len(sums)
     gain = float(sums.sum())
     if n < 2:
         return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
-    picks = np.sort(rng.choice(sums, (draws, n)).sum(1)) - gain
+    picks = rng.choice(sums, (draws, n)).sum(1) - gain
+    freedom = max(min(n, pieces) - 1.0, 1.0)
     tail = 0.025 / max(trials, 1)
-    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(1.0 - tail, n - 1) / stats.norm.ppf(0.975)
-    low, high = gain + few * np.quantile(picks, [0.025, 0.975])
-    spread = few * float(picks.std())
+    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf([0.975, 1.0 - tail], freedom)
+    few /= stats.norm.ppf(0.975)
+    low, high = gain + few[1] * np.quantile(picks, [0.025, 0.975])
     big = np.abs(sums) > 0.05 * np.abs(sums).mean()
     return Comparison(
         gain,
         float(low),
         float(high),
         float((sums[big] > 0.0).mean()) if big.any() else 0.5,
-        odds(gain, CAUTION * spread),
+        _odds(sums, gain + CAUTION * few[0] * picks - price, pieces, price),
         n,
     )
 
 
+def _odds(sums: np.ndarray, power: np.ndarray, pieces: float, price: float) -> float:
+    """Odds after averaging the posterior probability over bootstrap samples of the gain.
+
+    Equal models win every one of k blocks in one of ``2^k`` cases: the data count for no
+    more, with k the number of independent blocks that the gain effectively comes from.
+    """
+    yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
+    count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
+    most = math.log(2.0) * min(count, pieces)
+    value = np.clip(yes - no, -most - max(price, 0.0), most + max(-price, 0.0))
+    return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
+
+
 def odds(gain: float, spread: float) -> float:
-    """Odds for a gain in log-likelihood that is known to a spread [nat].
+    """Odds to expect for a gain in log-likelihood that is known to a spread [nat].
 
     Average of the posterior probability over a normal law of the gain, in MacKay's closed
     form: ``log odds = gain / sqrt(1 + pi spread² / 8)``.
@@ -252,6 +250,15 @@ def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
     return scale, tau
 
 
+def _allowance(a: Score, b: Score) -> np.ndarray:
+    """Correlation of white noise with an allowed error as slow as the models differ, (R, C)."""
+    times = [
+        [correlation_time((x - y)[:, c]) for c in range(x.shape[1])]
+        for x, y in zip(a.residuals, b.residuals, strict=True)
+    ]
+    return 1.0 + TOLERANCE**2 * (np.array(times) - 1.0)
+
+
 def _power(records: Sequence[np.ndarray]) -> np.ndarray:
     """Sum of squares of each channel, (C,)."""
     return np.sum([np.nansum(np.square(r), axis=0) for r in records], axis=0)
@@ -262,17 +269,25 @@ def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
     return sum(float((np.isfinite(r).sum(0) / t).sum()) for r, t in zip(records, tau, strict=True))
 
 
-def _blocks(a: Score, b: Score) -> np.ndarray:
-    """Gain of `a` over `b` in each block [nat]; blocks are longer than the correlation."""
+def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
+    """Gain of `a` over `b` in each block [nat], and how many independent pieces there are.
+
+    Blocks are longer than the correlation of the gain, as long as there are a few of them.
+    """
     scale, tau = _noise((a, b))
     lengths = np.array([len(r) for r in a.residuals])
-    length = np.clip(2.0 * np.median(tau), lengths.sum() / MANY, lengths.sum() / FEW)
-    tau = np.minimum(tau, length)
+    usual = float(np.median(tau))
+    tau = np.minimum(np.maximum(tau, _allowance(a, b)), lengths.sum() / FEW)
+    pairs = zip(_ticks(a.residuals, scale, tau), _ticks(b.residuals, scale, tau), strict=True)
+    ticks = [x - y for x, y in pairs]
+    mean = float(np.concatenate(ticks).mean())
+    long = max(usual, *(correlation_time(x - mean) for x in ticks))
+    length = np.clip(2.0 * long, lengths.sum() / MANY, lengths.sum() / FEW)
     sums = []
-    for x, y in zip(_ticks(a.residuals, scale, tau), _ticks(b.residuals, scale, tau), strict=True):
-        parts = max(1, round(len(x) / length))
-        sums += [float(part.sum()) for part in np.array_split(x - y, parts) if len(part)]
-    return np.array(sums)
+    for each in ticks:
+        parts = max(1, round(len(each) / length))
+        sums += [float(part.sum()) for part in np.array_split(each, parts) if len(part)]
+    return np.array(sums), float(lengths.sum()) / long
 
 
 def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:

@@ -6,27 +6,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from loco_control.params import to_dict
 from loco_sim.model import Model
 
 from . import case as cases
-from . import evidence
-from .fit import Fitted
+from . import nominal as nominals
+from .bundles import bundles
+from .following import following
 from .forward import Forward
 from .hypotheses import offer
+from .judge import judge
 from .parallel import Tasks
 from .params import GapParams
 from .record import Record
-from .search import Found, Search
+from .search import Search
 from .structured import Hints
-
-FORMAT = 1
+from .tell import contents
 
 
 def find(
@@ -53,17 +54,24 @@ def find(
     params = params or GapParams()
     report = progress or (lambda fraction, stage, best: None)
     report(0.0, "reading the model", "")
-    robot = model.make_robot()
     forward = Forward(model, [*records, *held_out])
+    robots = [forward._robot(i, {}, 1.0) for i in range(len(forward.records))]
+    robot, fixed = robots[0], all(r.fixed_base for r in robots)
+    nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out)
     hypotheses = offer(robot, case.signals, hints(case, robot))
     wanted = params.effects
     hypotheses = [h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)]
     tasks = Tasks(case, workers)
     try:
-        search = Search(case, hypotheses, params, tasks, report, {})
+        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed)
+        search = Search(case, hypotheses, params, tasks, report, nominal, bundled)
         found = search.run()
-        result = summary(model, case, search, found, params)
+        report(0.9, "weighing", " + ".join(found.best.names))
+        judged = judge(case, search, found)
+        result = contents(model, case, judged, params)
+        report(0.95, "looking for the next experiment", " + ".join(result["names"]))
+        result["next"] = following(model, case, judged)
     finally:
         tasks.close()
     report(1.0, "done", " + ".join(result["names"]))
@@ -82,88 +90,3 @@ def hints(case: cases.Case, robot: Any) -> Hints:
                 if len(values):
                     low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
     return Hints(low, high)
-
-
-def summary(
-    model: Model, case: cases.Case, search: Search, found: Found, params: GapParams
-) -> dict[str, Any]:
-    """Contents of ``gap.json``."""
-    base, best = found.base, found.best
-    if search.adequate(base):
-        verdict, names = "no gap", []
-    elif best.parts and search.adequate(best):
-        verdict, names = "named", sorted({t.effect for t in best.terms})
-    else:
-        verdict, names = "unknown", []
-    terms = [term(h, x, verdict) for h, x in best.parts] if names else []
-    closed = evidence.closed(base.held.rms, best.held.rms)
-    after = best if names else base
-    return {
-        "format": FORMAT,
-        "verdict": verdict,
-        "names": names,
-        "terms": terms,
-        "rivals": [rival(m, base) for m in found.models[1:6]],
-        "ambiguous": [],
-        "gap": {
-            "before": base.held.rms,
-            "after": after.held.rms,
-            "floor": 1.0,
-            "closed": closed if names else 0.0,
-            "records": [
-                {
-                    "name": record.name,
-                    "role": "fit" if case.fit_rows[i].all() else "held-out",
-                    "before": evidence.rms([base.whole[i]]),
-                    "after": evidence.rms([after.whole[i]]),
-                }
-                for i, record in enumerate(case.records)
-            ],
-            "channels": [],
-        },
-        "where": [],
-        "regions": [],
-        "alarms": [],
-        "identifiability": {},
-        "next": [],
-        "correction": None,
-        "align": [note for record in case.records for note in record.notes],
-        "nuisance": {},
-        "settings": {key: value for key, value in to_dict(params).items()},
-        "model": {
-            "robot": model.robot,
-            "overrides": {**model.overrides, **after.overrides},
-            "effects": [*model.effects, *(after.specs if names else [])],
-        },
-    }
-
-
-def term(hypothesis: Any, x: Sequence[float], verdict: str) -> dict[str, Any]:
-    """Entry of ``terms``."""
-    made = hypothesis.term(x)
-    parameters = {}
-    for c, at in zip(hypothesis.coordinates, x, strict=True):
-        value = c.value(at)
-        parameters[c.label] = {"value": value, "low": value, "high": value, "unit": c.unit}
-    return {
-        "effect": made.effect,
-        "place": made.place,
-        "verdict": verdict,
-        "parameters": parameters,
-        "gain": {"mean": 0.0, "low": 0.0, "high": 0.0},
-        "odds": 1.0,
-        "closed": 0.0,
-        "look_alikes": [],
-        "evidence": "",
-    }
-
-
-def rival(model: Fitted, base: Fitted) -> Mapping[str, Any]:
-    """Entry of ``rivals``."""
-    return {
-        "names": list(model.names),
-        "places": [t.place for t in model.terms],
-        "odds": 1.0,
-        "gain": 0.0,
-        "closed": evidence.closed(base.held.rms, model.held.rms),
-    }

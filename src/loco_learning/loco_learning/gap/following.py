@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The experiment that would tell most next, of the robot's pool."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from loco_sim.model import Model
+
+from . import pool, propose
+from .case import Case
+from .decide import NO_GAP
+from .fit import Fitted
+from .forward import Forward
+from .judge import Judged
+
+MOST = 3  # experiments that are proposed
+HYPOTHESES = 3
+ENOUGH = 1000.0  # odds from which on nothing is left to tell apart
+
+
+def following(model: Model, case: Case, judged: Judged) -> list[dict[str, Any]]:
+    """Experiments that tell the leading explanations apart, with the odds expected.
+
+    Args:
+        model: As it came.
+        case: Model and data.
+        judged: What was decided; nothing is proposed when it is settled.
+    """
+    leading = hypotheses(judged)
+    if judged.decision.verdict == NO_GAP or len(leading) < 2:
+        return []
+    experiments = pool.pool(model)
+    records = pool.records(model, experiments)
+    forward = Forward(model, records)
+    floors = _floors(case, forward, judged.best)
+    said = [forward(m.specs, m.overrides) for m in leading]
+    predictions = {e.name: [p[i] for p in said] for i, e in enumerate(experiments)}
+    ranked = propose.rank(predictions, [" + ".join(m.names) for m in leading], floors)
+    return [
+        {"experiment": p.experiment, "separates": list(p.separates), "odds": p.odds}
+        for p in ranked[:MOST]
+    ]
+
+
+def hypotheses(judged: Judged) -> list[Fitted]:
+    """The selected model and what is not excluded beyond doubt, one of each set of names."""
+    leading = {judged.best.names: judged.best}
+    for model, over in judged.rivals:
+        if over.odds < ENOUGH:
+            leading.setdefault(model.names, model)
+    return list(leading.values())[:HYPOTHESES]
+
+
+def _floors(case: Case, forward: Forward, best: Fitted) -> np.ndarray:
+    """Floor times what the best model leaves, for the channels of a pool's records, (C,)."""
+    known = {
+        (c.signal, c.name): case.floor[i] * best.held.scale[i]
+        for i, c in enumerate(case.forward.channels)
+    }
+    return np.array([known.get((c.signal, c.name), np.inf) for c in forward.channels])

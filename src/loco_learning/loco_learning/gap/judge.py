@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was found, weighed: each effect against its absence and against its rivals.
+
+All models that are compared are fitted to the end and freed of their own step error first.
+A parameter more has its price (`occam`): friction with a Stribeck velocity beyond all speeds
+is Coulomb friction, and must not make it ambiguous.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_sim.effects.base import EFFECTS
+
+from . import evidence, identify
+from .case import Case
+from .decide import LIMITS, Candidate, Decision, Estimate, Limits, Rival, decide
+from .fit import Fitted, fit, polish
+from .hypotheses import Hypothesis
+from .search import Found, Search
+from .sensitivity import sensitivities
+
+NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
+LEADING = 4  # models of which the simplest that nobody beats is selected
+PRICE, MOST_PRICE = 30.0, 1e3  # most odds that one parameter costs, and all of them together
+ODDS, INTERVAL = 1, 2  # keys of random streams
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A decision with everything that it rests on.
+
+    Attributes:
+        decision: The verdict.
+        base: The model as it came.
+        best: The selected model.
+        candidates: Its effects with the evidence, in order.
+        rivals: Other models of as many effects, each with the evidence of the best over it.
+        identifiability: Of the best model's parameters; None without any.
+    """
+
+    decision: Decision
+    base: Fitted
+    best: Fitted
+    candidates: tuple[Candidate, ...]
+    rivals: tuple[tuple[Fitted, evidence.Comparison], ...]
+    identifiability: identify.Identifiability | None
+
+
+def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
+    """Weigh what a search found.
+
+    Args:
+        case: Model and data.
+        search: Settings and processes.
+        found: Its result.
+        limits: What it takes to get a name.
+    """
+    base = found.base
+    if not found.models:
+        decision = decide((), base.held, base.held, limits, (base.whole, base.whole))
+        return Judged(decision, base, base, (), (), None)
+    judgement = _Judgement(case, search, found)
+    return judgement.run(limits)
+
+
+def occam(a: Fitted, b: Fitted) -> float:
+    """What the first model pays for parameters that the second lacks [nat].
+
+    ``log(n_eff) / 2`` for each, as in the Bayesian information criterion, within limits.
+    """
+    price = math.log(min(max(min(a.held.n_eff, b.held.n_eff), 1.0) ** 0.5, PRICE))
+    most = math.log(MOST_PRICE)
+    return min(max(price * (a.count - b.count), -most), most)
+
+
+class _Judgement:
+    """Fits what has to be compared and compares it."""
+
+    def __init__(self, case: Case, search: Search, found: Found):
+        self.case, self.search, self.found = case, search, found
+        self.seed = search.params.seed
+        self.done: dict[str, Fitted] = {}
+        self.scores: dict[str, evidence.Score] = {}  # of finished models
+
+    def run(self, limits: Limits) -> Judged:
+        best = self._best(limits)
+        swaps = [self._swaps(best, i) for i in range(len(best.parts))]
+        lost = [self._without(best, i) for i in range(len(best.parts))]
+        finished = self._finished([*lost, *(m for each in swaps for m in each)])
+        lost, rest = finished[: len(lost)], finished[len(lost) :]
+        estimates, known = sensitivities(self.case, best)
+        candidates, rivals = [], []
+        for i, (hypothesis, _) in enumerate(best.parts):
+            mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
+            weighed = [(m, self._odds(best, m)) for m in mine]
+            rivals += weighed
+            candidates.append(self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed))
+        base = self.found.base
+        decision = decide(candidates, base.held, best.held, limits, (base.whole, best.whole))
+        rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
+        return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
+
+    def _best(self, limits: Limits) -> Fitted:
+        """Simplest of the leading models that none of them beats."""
+        first = {len(m.parts): m for m in reversed(self.found.models)}.values()
+        leading = {m.key: m for m in (*self.found.models[:LEADING], *first)}
+        models = self._finished(list(leading.values()))
+        models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
+        for model in models:
+            rivals = (other for other in models if other is not model)
+            if all(self._odds(r, model).odds <= limits.odds for r in rivals):
+                return model
+        return min(models, key=lambda m: (self.search.energy(m), m.key))
+
+    def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
+        """Models fitted with their own step error; the better of before and after."""
+        new = {m.key: m for m in models if m.key not in self.done}
+        tasks = [(m, self.search.setting) for m in new.values()]
+        for key, polished in zip(new, self.search.tasks.each(polish, tasks), strict=True):
+            self.done[key] = polished
+        return [self.done[m.key] for m in models]
+
+    def _without(self, best: Fitted, index: int) -> Fitted:
+        """The model without one effect, the others refitted."""
+        left = [part for i, part in enumerate(best.parts) if i != index]
+        if not left:
+            return self.found.base
+        key = " + ".join(sorted(h.key for h, _ in left))
+        for model in self.found.models:
+            if model.key == key:
+                return model
+        return next(iter(self.search.tasks.each(fit, [(left, self.search.setting)])))
+
+    def _swaps(self, best: Fitted, index: int) -> list[Fitted]:
+        """The model with another effect, or the same elsewhere, in the place of one."""
+        mine = best.parts[index][0]
+        others = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
+        fitted: dict[str, Fitted] = {}
+        for model in self.found.models:
+            keys = [h.key for h, _ in model.parts]
+            if all(keys.count(k) >= others.count(k) for k in others):
+                other = [h for h, _ in model.parts if h.key not in others]
+                if len(other) == 1 and len(keys) == len(best.parts) and other[0].key != mine.key:
+                    fitted.setdefault(other[0].key, model)
+        new = [
+            (s.hypothesis, s.x)
+            for s in _leading(self.found.screened, mine)
+            if s.hypothesis.key not in fitted
+        ]
+        rest = tuple(part for i, part in enumerate(best.parts) if i != index)
+        room = max(0, NAMES - len({m.key for m in fitted.values()}))
+        tasks = [((*rest, part), self.search.setting) for part in new[:room]]
+        models = [*fitted.values(), *self.search.tasks.each(fit, tasks)]
+        models.sort(key=lambda m: (self.search.energy(m), m.key))
+        return _few(models, mine, others)
+
+    def _gain(self, a: Fitted, b: Fitted) -> evidence.Comparison:
+        """Evidence on the data that judge."""
+        rng = np.random.default_rng([self.seed, INTERVAL])
+        trials = max(1, min(len(self.found.models), self.search.params.finalists))
+        return evidence.compare(a.held, b.held, rng, trials)
+
+    def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
+        """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
+        rng = np.random.default_rng([self.seed, ODDS])
+        return evidence.compare(self._score(a), self._score(b), rng, price=occam(a, b))
+
+    def _score(self, model: Fitted) -> evidence.Score:
+        if model.key not in self.scores:
+            self.scores[model.key] = evidence.score(model.whole)
+        return self.scores[model.key]
+
+    def _candidate(
+        self,
+        best: Fitted,
+        index: int,
+        estimates: tuple[Estimate, ...],
+        without: Fitted,
+        rivals: Sequence[tuple[Fitted, evidence.Comparison]],
+    ) -> Candidate:
+        hypothesis = best.parts[index][0]
+        others = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
+        base = self.found.base.held.rms
+        made = []
+        for model, over in rivals:
+            (other,) = [h for h, _ in model.parts if h.key not in others]
+            made.append(
+                Rival(other.effect, other.place, over, evidence.closed(base, model.held.rms))
+            )
+        return Candidate(
+            hypothesis.effect,
+            hypothesis.place,
+            estimates,
+            self._gain(best, without),
+            evidence.closed(without.held.rms, best.held.rms),
+            tuple(made),
+        )
+
+
+def _leading(screened: Sequence, mine: Hypothesis) -> list:
+    """Best hypothesis of each other effect that may explain something, look-alikes first."""
+    alike = {a.name for a in EFFECTS[mine.effect].identity.look_alikes}
+    best: dict[str, object] = {}
+    for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
+        if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
+            best.setdefault(s.hypothesis.effect, s)
+    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in alike, -s.share))
+
+
+def _few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
+    """Best model of each of a few other names, and the best of a few other places."""
+    kept, names, places = [], set(), set()
+    for model in models:
+        (other,) = [h for h, _ in model.parts if h.key not in others]
+        if other.effect != mine.effect and other.effect not in names and len(names) < NAMES:
+            names.add(other.effect)
+            kept.append(model)
+        elif other.effect == mine.effect and other.place not in places and len(places) < PLACES:
+            places.add(other.place)
+            kept.append(model)
+    return kept

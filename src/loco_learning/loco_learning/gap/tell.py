@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contents of ``gap.json``: what was decided, in plain numbers and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import to_dict
+from loco_sim.model import Model
+
+from . import correction, evidence, identify
+from .case import Case
+from .decide import NO_GAP, UNKNOWN, Candidate, Ruling
+from .fit import Fitted
+from .judge import Judged
+from .localise import localise
+from .params import GapParams
+from .regions import regions
+
+FORMAT = 1
+WHERE = 3  # key of a random stream
+MOST = 40  # cells that are told
+
+
+def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dict[str, Any]:
+    """Contents of ``gap.json`` but for the next experiment.
+
+    Args:
+        model: As it came.
+        case: Model and data.
+        judged: What was decided.
+        params: Settings.
+    """
+    decision = judged.decision
+    after = judged.base if decision.verdict in (NO_GAP, UNKNOWN) else judged.best
+    told = decision.verdict != NO_GAP
+    return _plain(
+        {
+            "format": FORMAT,
+            "verdict": decision.verdict,
+            "evidence": decision.evidence,
+            "names": list(decision.names),
+            "terms": terms(judged) if told else [],
+            "rivals": rivals(judged) if told else [],
+            "ambiguous": [list(group) for group in decision.ambiguous],
+            "gap": gap(case, judged.base, after),
+            "where": where(case, judged.base, params.seed) if told else [],
+            "regions": regions_of(case, judged.base) if told else [],
+            "alarms": list(decision.alarms),
+            "identifiability": identifiability(judged.identifiability) if told else {},
+            "next": [],
+            "correction": fallback(case, judged.base) if decision.verdict == UNKNOWN else None,
+            "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
+            "nuisance": dict(after.overrides),
+            "settings": to_dict(params),
+            "model": {
+                "robot": model.robot,
+                "overrides": {**model.overrides, **after.overrides},
+                "effects": [*model.effects, *after.specs],
+            },
+        }
+    )
+
+
+def terms(judged: Judged) -> list[dict[str, Any]]:
+    """Effects of the selected model with their evidence."""
+    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
+    return [_term(candidate, ruling) for candidate, ruling in pairs]
+
+
+def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
+    return {
+        "effect": candidate.name,
+        "place": candidate.place,
+        "places": list(ruling.places),
+        "verdict": ruling.verdict,
+        "parameters": {
+            e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
+            for e in candidate.estimates
+        },
+        "gain": _gain(candidate.gain),
+        "odds": ruling.odds,
+        "closed": candidate.closed,
+        "look_alikes": list(ruling.look_alikes),
+        "evidence": ruling.evidence,
+    }
+
+
+def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
+    """Models with another effect, the hardest to exclude first."""
+    base = judged.base.held.rms
+    return [
+        {
+            "names": list(model.names),
+            "places": [h.place for h, _ in model.parts],
+            "odds": over.odds,
+            "gain": _gain(over),
+            "closed": evidence.closed(base, model.held.rms),
+        }
+        for model, over in judged.rivals[:most]
+    ]
+
+
+def _gain(found: evidence.Comparison) -> dict[str, float]:
+    return {"mean": found.gain, "low": found.low, "high": found.high}
+
+
+def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
+    """Whitened rms before and after: on held-out data, per record and per channel."""
+    every = range(len(case.records))
+    held = [case.masked(m.whole, every, held=True) for m in (before, after)]
+    channels = [
+        {
+            "signal": c.signal,
+            "name": c.name,
+            "unit": c.unit,
+            "floor": float(case.floor[i]),
+            "before": evidence.rms([r[:, i] for r in held[0]]),
+            "after": evidence.rms([r[:, i] for r in held[1]]),
+        }
+        for i, c in enumerate(case.forward.channels)
+    ]
+    records = [
+        {
+            "name": record.name,
+            "role": "fit" if case.fit_rows[i].any() else "held-out",
+            "before": evidence.rms([before.whole[i]]),
+            "after": evidence.rms([after.whole[i]]),
+        }
+        for i, record in enumerate(case.records)
+    ]
+    rms = (before.held.rms, after.held.rms)
+    numbers = {"before": rms[0], "after": rms[1], "floor": 1.0, "closed": evidence.closed(*rms)}
+    return {**numbers, "records": records, "channels": channels}
+
+
+def where(case: Case, before: Fitted, seed: int) -> list[dict[str, Any]]:
+    """Cells that hold most of the gap before."""
+    rng = np.random.default_rng([seed, WHERE])
+    found = localise(case.records, case.forward.channels, before.whole, rng)
+    return [asdict(cell) for cell in found.cells[: min(found.main, MOST)]]
+
+
+def regions_of(case: Case, before: Fitted) -> list[str]:
+    """States in which the gap before lives, in words."""
+    return [str(r) for r in regions(case.records, case.forward.channels, before.whole)]
+
+
+def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
+    """Correction of a gap without a name, fitted on what is not held out."""
+    rows = [np.where(r[:, None], 1.0, np.nan) for r in case.fit_rows]
+    left = [-r * case.floor * keep for r, keep in zip(before.whole, rows, strict=True)]
+    found = correction.fit(case.records, case.forward.channels, left, case.floor)
+    return (
+        None
+        if found is None
+        else {**asdict(found), "channels": [asdict(c) for c in found.channels]}
+    )
+
+
+def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
+    """What the data can tell of the parameters."""
+    if known is None:
+        return {}
+    errors: Sequence[float] = known.errors
+    return {
+        "worst direction": known.worst,
+        "standard errors": dict(zip(known.names, map(float, errors), strict=True)),
+        "cannot be told apart": [
+            {"a": a, "b": b, "cosine": cosine} for a, b, cosine in known.alike
+        ],
+        "without effect on the data": list(known.dead),
+        "hardly determined": list(known.weak),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers as JSON knows them: none that is not finite, none of NumPy."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value
