@@ -107,6 +107,7 @@ def _split_unit(comment: str) -> tuple[str, str]:
 
 
 def _parameters() -> str:
+    from loco_control.ros.health import HealthParams
     from loco_learning.experiment import Experiment
     from loco_learning.joint_experiment import JointExperiment
     from loco_learning.msd_experiment import MsdExperiment
@@ -119,6 +120,8 @@ def _parameters() -> str:
         f"## HyQ\n\n{_table(head, _rows(Experiment(), ''))}",
         "## Joint robots (`kind: joint`)\n\n" + _table(head, _rows(JointExperiment(), "")),
         "## Masses and springs (`kind: msd`)\n\n" + _table(head, _rows(MsdExperiment(), "")),
+        "## Every node\n\nROS parameters only, not keys of an experiment.\n\n"
+        + _table(head, _rows(HealthParams(), "diagnostics.")),
     )
 
 
