@@ -34,7 +34,7 @@ ROS = {
 }
 BRINGUP = {
     *ROS,
-    *("loco_control", "loco_sim", "loco_learning", "numpy", "yaml", "rich", "psutil"),
+    *("loco_control", "loco_sim", "loco_learning", "numpy", "yaml", "rich", "psutil", "pytest"),
     *("numba", "mcap", "zstandard", "lz4", "mcap_ros2", "rosbags", "matplotlib", "PIL"),
 }
 PYBULLET_DOOR = Path("loco_sim/engine.py")
