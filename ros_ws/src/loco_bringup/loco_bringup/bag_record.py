@@ -92,15 +92,18 @@ def _spin(node: Node, tap: Tap, context: Any, duration: float) -> None:
     executor = EventsExecutor(context=context)
     executor.add_node(node)
     never, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
-    while not tap.writer.failed:
-        tap.look()
-        executor.spin_until_future_complete(never, timeout_sec=_LOOK)
-        now = time.monotonic()
-        if now - flushed > _FLUSH:
-            flushed = now
-            tap.writer.flush()
-        if duration and now - began >= duration:
-            return
+    try:
+        while not tap.writer.failed:
+            tap.look()
+            executor.spin_until_future_complete(never, timeout_sec=_LOOK)
+            now = time.monotonic()
+            if now - flushed > _FLUSH:
+                flushed = now
+                tap.writer.flush()
+            if duration and now - began >= duration:
+                return
+    finally:
+        executor.shutdown()
 
 
 def _tell(tap: Tap, writer: BagWriter) -> int:

@@ -56,9 +56,12 @@ class Verdict:
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
         return {
-            **asdict(self),
             "identical": self.identical,
-            "first": [{**asdict(d), "text": str(d)} for d in self.first],
+            "ticks": self.ticks,
+            "compared": dict(self.compared),
+            "different": dict(self.different),
+            "first": [asdict(difference) for difference in self.first],
+            "trouble": self.trouble,
         }
 
 

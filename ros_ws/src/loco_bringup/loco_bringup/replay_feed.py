@@ -82,7 +82,8 @@ class Feed:
         self._node.create_subscription(row.type, row.name, self._on_event, row.qos.reader(100))
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph; an executor that lives on would keep the endpoints alive."""
+        self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
