@@ -171,8 +171,8 @@ def test_the_next_experiment_is_a_file_that_runs(found, tmp_path, capsys):
     assert experiment.effects == ()
     rubbing = tmp_path / "rubbing.yaml"
     Model("servo_pendulum", {}, [{"name": "coulomb_friction", "torque": 0.1}]).save(rubbing)
-    call("next", out, "--surrogate", rubbing, "--out", tmp_path / "x.yaml")
-    assert load_experiment(str(tmp_path / "x.yaml")).effects[0]["torque"] == 0.1
+    hidden = load_experiment(str(path), {"robot": str(rubbing)})  # as loco run --set does
+    assert hidden.effects[0]["torque"] == 0.1
 
 
 def test_the_library_of_a_robot_is_written_as_files_that_load(tmp_path):

@@ -78,7 +78,7 @@ def show_next(a: argparse.Namespace) -> int:
     """Write the proposed experiment and say how to go on."""
     from .gap_next import write_next
 
-    path, row = write_next(a.folder, a.rank, a.out, a.surrogate)
+    path, row = write_next(a.folder, a.rank, a.out)
     console.print(f"{text.next_line(row)}")
     console.print(f"  written: {path}")
     console.print(f"  run it:  loco run {path} --out bags/{path.stem}")

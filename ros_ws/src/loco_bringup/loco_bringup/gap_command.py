@@ -75,8 +75,6 @@ def _next(arguments: list[str]) -> int:
     p.add_argument("folder", type=Path, help="folder of results of `loco gap`")
     p.add_argument("--rank", type=int, default=1, help="1 is the best, then the next (default 1)")
     p.add_argument("--out", type=Path, help="YAML file (default DIR/next_EXPERIMENT.yaml)")
-    p.add_argument("--surrogate", metavar="MODEL", default="",
-                   help="robot or model.yaml that runs it (default: that of DIR)")  # fmt: skip
     return show_next(p.parse_args(arguments))
 
 

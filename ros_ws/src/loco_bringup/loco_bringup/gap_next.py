@@ -14,7 +14,6 @@ from loco_control.params import to_dict
 from loco_learning.gap import pool
 from loco_learning.joint_experiment import JointExperiment
 from loco_sim import model as models
-from loco_sim.model import Model
 
 from . import gap as runner
 from . import gap_text as text
@@ -25,7 +24,7 @@ ALWAYS = ("kind", "frequency", "amplitude", "offset", "phase", "start_time", "ra
 
 
 def write_next(
-    folder: str | Path, rank: int = 1, out: str | Path | None = None, surrogate: str = ""
+    folder: str | Path, rank: int = 1, out: str | Path | None = None
 ) -> tuple[Path, dict[str, Any]]:
     """Write an experiment that results propose.
 
@@ -33,7 +32,6 @@ def write_next(
         folder: Results of `loco gap`.
         rank: 1 for the best.
         out: YAML file; by default in the folder.
-        surrogate: Robot that runs it, instead of the model that was given.
 
     Returns:
         The file, and the row of gap.json.
@@ -52,8 +50,6 @@ def write_next(
     given = models.load_any(runner.load_job(folder).robot)
     chosen = pool.choose(pool.pool(given), str(row["experiment"]))
     experiment = pool.within_limits(chosen)
-    if surrogate:
-        experiment = of_robot(experiment, models.load_any(surrogate))
     path = Path(out) if out else folder / f"next_{experiment.name}.yaml"
     return write(experiment, path, f"Proposed by loco gap: {text.next_line(row)}."), row
 
@@ -68,16 +64,6 @@ def write_library(robot: str, folder: str | Path) -> list[Path]:
     for experiment in pool.pool(models.load_any(robot)):
         made.append(write(pool.within_limits(experiment), Path(folder) / f"{experiment.name}.yaml"))
     return made
-
-
-def of_robot(experiment: JointExperiment, robot: Model) -> JointExperiment:
-    """The same experiment on another robot of the same joints."""
-    hung = {k: v for k, v in experiment.overrides.items() if k in ("fixed_base", "height")}
-    return experiment.replace(
-        robot=robot.robot,
-        overrides={**robot.overrides, **hung},
-        effects=tuple(dict(e) for e in robot.effects),
-    )
 
 
 def write(experiment: JointExperiment, path: Path, comment: str = "") -> Path:
