@@ -161,6 +161,16 @@ def test_records_of_different_length_and_one_channel():
     assert found.blocks >= evidence.FEW - 1
 
 
+def test_records_that_do_not_judge_change_nothing():
+    rng = np.random.default_rng(0)
+    r = rng.normal(size=(800, 2))
+    error, empty = slow(rng, 800), np.full((2000, 2), np.nan)
+    alone = evidence.compare(*(evidence.score([x]) for x in (r, r + error)), rng)
+    beside = evidence.compare(*(evidence.score([empty, x]) for x in (r, r + error)), rng)
+    assert (beside.gain, beside.blocks) == (pytest.approx(alone.gain), alone.blocks)
+    assert beside.blocks_improved == alone.blocks_improved
+
+
 def test_parameters_have_their_price():
     rng = np.random.default_rng(0)
     white = rng.normal(size=(800, 2))

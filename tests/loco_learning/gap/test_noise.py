@@ -42,6 +42,12 @@ def test_without_noise_a_share_of_the_motion_remains():
     assert noise.floor([np.zeros((50, 1))])[0] > 0.0
 
 
+def test_a_torque_is_never_known_well():
+    x = np.stack([motion(1.0), motion(1.0)], axis=1)
+    found = noise.floor([x], relative=noise.shares(["q", "tau"]))
+    np.testing.assert_allclose(found / x.std(0), [noise.RELATIVE, noise.EFFORT])
+
+
 def test_gaps_and_slower_channels_change_nothing():
     rng = np.random.default_rng(3)
     x = motion(2.0) + 1e-3 * rng.normal(size=len(T))

@@ -28,6 +28,7 @@ NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
 FEW, MANY = 8, 32  # blocks over all records
 MOST_ODDS = 1e9
+LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
 CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
 
@@ -187,18 +188,17 @@ def compare(
     if n < 2:
         return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
     picks = rng.choice(sums, (draws, n)).sum(1) - gain
-    freedom = max(min(n, pieces) - 1.0, 1.0)
+    freedom = max(min(n, pieces) - 1.0, LEAST_FREEDOM)
+    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
     tail = 0.025 / max(trials, 1)
-    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf([0.975, 1.0 - tail], freedom)
-    few /= stats.norm.ppf(0.975)
-    low, high = gain + few[1] * np.quantile(picks, [0.025, 0.975])
+    low, high = gain + few * np.quantile(picks, [tail, 1.0 - tail])
     big = np.abs(sums) > 0.05 * np.abs(sums).mean()
     return Comparison(
         gain,
         float(low),
         float(high),
         float((sums[big] > 0.0).mean()) if big.any() else 0.5,
-        _odds(sums, gain + CAUTION * few[0] * picks - price, pieces, price),
+        _odds(sums, gain + CAUTION * few * picks - price, pieces, price),
         n,
     )
 
@@ -275,19 +275,21 @@ def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
     Blocks are longer than the correlation of the gain, as long as there are a few of them.
     """
     scale, tau = _noise((a, b))
-    lengths = np.array([len(r) for r in a.residuals])
-    usual = float(np.median(tau))
-    tau = np.minimum(np.maximum(tau, _allowance(a, b)), lengths.sum() / FEW)
-    pairs = zip(_ticks(a.residuals, scale, tau), _ticks(b.residuals, scale, tau), strict=True)
-    ticks = [x - y for x, y in pairs]
-    mean = float(np.concatenate(ticks).mean())
-    long = max(usual, *(correlation_time(x - mean) for x in ticks))
-    length = np.clip(2.0 * long, lengths.sum() / MANY, lengths.sum() / FEW)
-    sums = []
-    for each in ticks:
-        parts = max(1, round(len(each) / length))
-        sums += [float(part.sum()) for part in np.array_split(each, parts) if len(part)]
-    return np.array(sums), float(lengths.sum()) / long
+    seen = [np.isfinite(r).any(1) for r in a.residuals]
+    total = sum(int(rows.sum()) for rows in seen)
+    wide = np.minimum(np.maximum(tau, _allowance(a, b)), max(total / FEW, 1.0))
+    pairs = zip(_ticks(a.residuals, scale, wide), _ticks(b.residuals, scale, wide), strict=True)
+    ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, seen, strict=True)]
+    mean = sum(float(x.sum()) for x in ticks) / max(total, 1)
+    sums, pieces = [], 0.0
+    for each, taus in zip(ticks, tau, strict=True):
+        if len(each):
+            long = max(correlation_time(each - mean), float(np.median(taus)))
+            length = np.clip(2.0 * long, total / MANY, total / FEW)
+            parts = np.array_split(each, max(1, round(len(each) / length)))
+            sums += [float(part.sum()) for part in parts if len(part)]
+            pieces += len(each) / long
+    return np.array(sums), pieces
 
 
 def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:

@@ -26,7 +26,7 @@ from .sensitivity import sensitivities
 
 NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
-PRICE, MOST_PRICE = 30.0, 1e3  # most odds that one parameter costs, and all of them together
+MOST_PRICE = 1e3  # odds that all parameters together cost at most
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
@@ -73,7 +73,7 @@ def occam(a: Fitted, b: Fitted) -> float:
 
     ``log(n_eff) / 2`` for each, as in the Bayesian information criterion, within limits.
     """
-    price = math.log(min(max(min(a.held.n_eff, b.held.n_eff), 1.0) ** 0.5, PRICE))
+    price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
     most = math.log(MOST_PRICE)
     return min(max(price * (a.count - b.count), -most), most)
 

@@ -16,33 +16,40 @@ import numpy as np
 ORDERS = (2, 3, 4, 5, 6)
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # of a channel's own deviation: no floor is set below it
+EFFORT = 0.02  # the same of a torque: on robots it is an estimate from current or pressure
 
 
 def floor(
     measured: Sequence[np.ndarray],
     resolution: np.ndarray | float = 0.0,
-    relative: float = RELATIVE,
+    relative: np.ndarray | float = RELATIVE,
 ) -> np.ndarray:
     """Standard deviation of the white noise of each channel, in the channel's unit.
 
     Args:
         measured: One (T, C) array per record; NaN where nothing was measured.
         resolution: Quantisation step per channel, (C,) or one for all; 0 where none is seen.
-        relative: Share of a channel's deviation below which no floor is set, so that a
-            record without noise does not ask for a perfect model.
+        relative: Share of a channel's deviation below which no floor is set (`shares`), (C,)
+            or one for all, so that a record without noise does not ask for a perfect model.
 
     Returns:
         (C,) floors, all above 0: the largest of noise, step / sqrt(12) and the share.
     """
     channels = measured[0].shape[1]
     steps = np.broadcast_to(np.asarray(resolution, dtype=float), (channels,))
+    share = np.broadcast_to(np.asarray(relative, dtype=float), (channels,))
     found = np.empty(channels)
     for c in range(channels):
         columns = [record[:, c] for record in measured]
         spread = _deviation(columns)
-        least = max(relative * spread, np.finfo(float).tiny ** 0.5)
+        least = max(share[c] * spread, np.finfo(float).tiny ** 0.5)
         found[c] = max(white(columns), steps[c] / math.sqrt(12.0), least)
     return found
+
+
+def shares(signals: Sequence[str]) -> np.ndarray:
+    """Least floor of each channel over its deviation, by its signal, (C,)."""
+    return np.array([EFFORT if signal == "tau" else RELATIVE for signal in signals])
 
 
 def white(columns: Sequence[np.ndarray]) -> float:
