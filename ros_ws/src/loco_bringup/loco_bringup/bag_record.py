@@ -46,8 +46,9 @@ def record(
     exclude: str = "",
     duration: float = 0.0,
     stamps: bool = False,
+    messages: int = 0,
 ) -> int:
-    """Record until Ctrl-C, for a time, or until the disk is full.
+    """Record until Ctrl-C, for a time, up to a number of messages, or until the disk is full.
 
     Args:
         topics: Names; empty for all but ``/rosout`` and ``/parameter_events``.
@@ -56,6 +57,7 @@ def record(
         duration: Stop after so many seconds of wall time; 0 for never.
         stamps: Log by the stamps of messages that begin with one, the others by the newest
             stamp; else by the time of arrival.
+        messages: Stop after so many (about, they come in batches); 0 for no limit.
 
     Returns:
         Exit code: 0, or 1 if nothing came or the disk was full.
@@ -77,7 +79,7 @@ def record(
     node = rclpy.create_node("loco_record", context=context)
     tap = Tap(node, writer, topics, pattern, stamps)
     try:
-        _spin(node, tap, context, duration)
+        _spin(node, tap, context, duration, messages)
     except KeyboardInterrupt:
         pass
     finally:
@@ -88,7 +90,7 @@ def record(
     return _tell(tap, writer)
 
 
-def _spin(node: Node, tap: Tap, context: Any, duration: float) -> None:
+def _spin(node: Node, tap: Tap, context: Any, duration: float, messages: int) -> None:
     executor = EventsExecutor(context=context)
     executor.add_node(node)
     never, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
@@ -100,7 +102,7 @@ def _spin(node: Node, tap: Tap, context: Any, duration: float) -> None:
             if now - flushed > _FLUSH:
                 flushed = now
                 tap.writer.flush()
-            if duration and now - began >= duration:
+            if (duration and now - began >= duration) or 0 < messages <= tap.counts.total():
                 return
     finally:
         executor.shutdown()

@@ -48,6 +48,7 @@ def _add_record(commands, command: Callable) -> None:
     p.add_argument("--out", type=Path, help="new bag folder (default bags/record_TIME)")
     p.add_argument("--exclude", default="", metavar="REGEX", help="leave out names that match")
     p.add_argument("--duration", type=float, default=0.0, help="stop after so many seconds")
+    p.add_argument("--messages", type=int, default=0, help="stop after so many messages")
     p.add_argument("--stamps", action="store_true",
                    help="log by the messages' stamps (simulated time), not by arrival")  # fmt: skip
 
@@ -112,7 +113,7 @@ def record(a: argparse.Namespace) -> int:
     """`loco record`."""
     from .bag_record import record as run
 
-    return run(a.topics, a.out, a.exclude, a.duration, a.stamps)
+    return run(a.topics, a.out, a.exclude, a.duration, a.stamps, a.messages)
 
 
 def replay(a: argparse.Namespace) -> int:
