@@ -37,10 +37,14 @@ def write(
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     text = json.dumps({"kind": kind, "format": FORMATS[kind], **meta})
-    with open(part, "wb") as file:  # an open file, or NumPy would append ".npz" to the name
-        save: Any = np.savez_compressed if compress else np.savez
-        save(file, meta=text, **arrays)
-    part.replace(path)
+    try:
+        with open(part, "wb") as file:  # an open file, or NumPy would append ".npz" to the name
+            save: Any = np.savez_compressed if compress else np.savez
+            save(file, meta=text, **arrays)
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def read(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

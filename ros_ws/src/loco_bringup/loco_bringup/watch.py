@@ -14,6 +14,7 @@ from loco_control.exceptions import GraphError
 from .processes import Guard, Process, stop_all
 
 START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
+_TOLD = ("recording stopped", "weights not saved")  # events that a person has to know of
 STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
 
 
@@ -146,8 +147,14 @@ class Watch:
         elif event.kind == "finished":
             graph.finished, graph.final_tick = True, event.tick
             graph.final_time = event.stamp.sec + event.stamp.nanosec / 1e9
-            text = f"{namespace}: {event.text}" if namespace else event.text
-            self.outcome.text = "; ".join(filter(None, [self.outcome.text, text]))
+            self._say(namespace, event.text)
+        elif event.kind in _TOLD:
+            self._say(namespace, f"{event.kind}: {event.text}")
+
+    def _say(self, namespace: str, text: str) -> None:
+        """Add to what is said of the run at its end."""
+        text = f"{namespace}: {text}" if namespace else text
+        self.outcome.text = "; ".join(filter(None, [self.outcome.text, text]))
 
     def on_diagnostics(self, array: Any) -> None:
         """A node of any graph reports."""

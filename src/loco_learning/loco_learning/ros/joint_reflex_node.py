@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,6 +23,8 @@ from loco_control.ros.node import run_nodes
 from loco_control.ros.parameters import declare
 from loco_learning.joint_reflex import PHASES, JointLearnerParams, JointReflex
 from loco_learning.joint_sensors import passive_joints, sensor_kinds, sensor_vector
+
+from .saving import save_weights
 
 
 class JointReflexNode(JointNode):
@@ -89,7 +90,7 @@ class JointReflexNode(JointNode):
         self.event("phase", PHASES[phase] if learns else "open loop", tick, t)
         # Weights are final when the test phase begins: nothing trains after it.
         if learns and PHASES[phase] == "test" and self._save_to:
-            self.reflex.save(Path(self._save_to))
+            save_weights(self, self.reflex, self._save_to, tick, t)
 
     def diagnose(self) -> dict[str, Any]:
         """Phase and prediction error."""

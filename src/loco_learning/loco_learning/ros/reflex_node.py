@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 from loco_control.ros.convert import Converter, blank
@@ -12,6 +11,8 @@ from loco_control.ros.node import LocoNode, run_nodes
 from loco_control.ros.parameters import declare
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
 from loco_learning.reflex import PHASES, LearnerParams, ReflexNetwork
+
+from .saving import save_weights
 
 
 class ReflexNetworkNode(LocoNode):
@@ -57,7 +58,7 @@ class ReflexNetworkNode(LocoNode):
         self.event("phase", PHASES[learning.phase], learning.tick, learning.t)
         # Weights are final when the test phase begins: nothing trains after it.
         if PHASES[learning.phase] == "test" and self._save_to:
-            self.network.save(Path(self._save_to))
+            save_weights(self, self.network, self._save_to, learning.tick, learning.t)
 
     def diagnose(self) -> dict[str, Any]:
         """Phase and prediction error."""
