@@ -63,3 +63,27 @@ def test_without_a_limit_nothing_is_left_out(tmp_path):
     given, failed, kept, _ = write(tmp_path / "free", 1 << 30)
     assert (given, failed, kept) == (20_000, "", 20_000)
     assert not (tmp_path / "free" / "recording.progress").exists()
+
+
+RUN = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (700_000, 700_000))
+from loco_bringup.cli import main
+main(["run", "hyq_short", "--out", sys.argv[1], "--set", "learner.train=1.0"])
+"""
+
+
+@pytest.mark.ros
+def test_a_run_goes_on_and_says_that_its_recording_stopped(tmp_path):
+    folder = tmp_path / "run"
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, str(folder)],
+        capture_output=True, text=True, env=os.environ.copy(), timeout=100,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "recording stopped: File too large" in done.stdout
+    assert "4.0 s simulated" in done.stdout
+    bag = Bag(folder)
+    assert 0.5 < bag.end < 3.9
+    assert "experiment.yaml" in bag.attachments()
+    assert len(bag.records("robot_state")) == bag.topics["/robot_state"].count

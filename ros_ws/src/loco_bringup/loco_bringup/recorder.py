@@ -124,7 +124,8 @@ class RecorderNode(LocoNode):
         if self.writer.failed and not self._stopped:
             self._stopped = True
             count, end = self.writer.kept
-            text = f"{self.writer.failed}; kept {count} messages up to {end:.3f} s, less the room for the index"
+            kept = f"kept {count} messages up to {end:.3f} s, less the room for the index"
+            text = f"{self.writer.failed}; {kept}"
             self.get_logger().error(f"recording stopped: {text}")
             self.event("recording stopped", text, max(r.tick for r in self.robots))
         for robot in self.robots:
