@@ -169,8 +169,18 @@ def test_a_ramp_between_rows_is_what_finer_rows_say():
     plant = loaded("pendulum")
     wave = 0.3 * np.sin(0.2 * np.arange(60))[:, None]
     ramp = Bolted(plant).run(0.0 * wave, None, wave, ramps=(False, False, True))
-    fine = np.interp((np.arange(300) + 0.5) / 5.0, np.arange(60), wave[:, 0])[:, None]
+    fine = np.interp(np.arange(300) / 5.0, np.arange(60), wave[:, 0])[:, None]
     held = Bolted(plant, dt=0.001).run(0.0 * fine, None, fine)
     np.testing.assert_allclose(ramp.q, held.q[::5], **CLOSE)
     plain = Bolted(plant).run(0.0 * wave, None, wave)
     assert np.max(np.abs(plain.q - ramp.q)) > 1e-4
+
+
+def test_a_joint_that_may_be_fast_is_not_clipped(tmp_path):
+    urdf = robot.load("linear_axis").urdf.replace('velocity="2"', 'velocity="900"')
+    urdf = urdf.replace('lower="-0.4" upper="0.4"', 'lower="-9e3" upper="9e3"')
+    plant = replace(robot.load("linear_axis"), urdf=urdf.replace("0.05 0.03", "0.05 0.0301"))
+    told = np.zeros((4, 1)), np.zeros((4, 1)), np.zeros((4, 1))
+    start = np.zeros(1), np.array([400.0])
+    same(Bolted(plant).run(*told, start), with_engine(plant, [], told, start))
+    assert Bolted(plant).run(*told, start).q[1, 0] > 0.9

@@ -181,7 +181,8 @@ class Bolted:
         which = np.repeat(np.arange(len(targets)), self._steps)
         if not any(ramps):
             return targets, which
-        share = np.tile((np.arange(self._steps) + 0.5) / self._steps, len(targets))
+        # The torque at the start of a step: then positions are right to second order (leapfrog).
+        share = np.tile(np.arange(self._steps) / self._steps, len(targets))
         after = np.minimum(which + 1, len(targets) - 1)
         fine = targets[which]
         for kind in np.flatnonzero(ramps):

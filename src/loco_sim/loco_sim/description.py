@@ -165,6 +165,12 @@ class Description:
             return -math.inf, math.inf
         return float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
 
+    def fastest(self) -> float:
+        """Joint velocity at which the engine clips [rad/s or m/s]: 100, or a faster joint's."""
+        limits = [joint.find("limit") for joint in self._root.findall("joint")]
+        speeds = [float(limit.get("velocity", 0.0)) for limit in limits if limit is not None]
+        return max(100.0, *speeds, 0.0)
+
     def set_lower_limit(self, joint: str, lower: float) -> None:
         """Move the lower stop of a joint [rad or m].
 
@@ -209,7 +215,7 @@ class Description:
             raise ParameterError(f"link {link!r} needs a mass above 0 to be given another")
         weight.set("value", repr(float(mass)))
         for key in TENSOR:
-            tensor.set(key, repr(float(tensor.get(key, 0.0)) * mass / old))
+            tensor.set(key, repr(float(tensor.get(key, 0.0)) * float(mass) / old))
 
     def add_inertia(self, link: str, diagonal: tuple[float, float, float]) -> None:
         """Add moments of inertia [kg·m²] about the axes of a link, e.g. of a rotor.

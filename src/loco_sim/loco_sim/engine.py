@@ -138,6 +138,9 @@ class Engine:
         """
         c, body, p = self._client, self._body, self.params
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=c)
+        fastest = self.description.fastest()
+        if fastest > 100.0:
+            pybullet.changeDynamics(body, -1, maxJointVelocity=fastest, physicsClientId=c)
         awake = pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
         pybullet.changeDynamics(body, -1, activationState=awake, physicsClientId=c)
         for name, link in self._links.items():

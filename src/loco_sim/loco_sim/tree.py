@@ -34,6 +34,7 @@ class Tree(NamedTuple):
     damping: np.ndarray  # viscous, of the joint [N·m·s/rad], (n,)
     low: np.ndarray  # smallest position [rad or m], (n,)
     high: np.ndarray  # largest position, (n,)
+    fastest: float  # velocities are clipped at this, as by the engine
 
 
 def build(description: Description, joints: tuple[str, ...]) -> tuple[Tree, np.ndarray]:
@@ -67,6 +68,7 @@ def build(description: Description, joints: tuple[str, ...]) -> tuple[Tree, np.n
         damping=np.array([description.damping(name) for name in found.names]),
         low=np.array([low for low, _ in limits]),
         high=np.array([high for _, high in limits]),
+        fastest=description.fastest(),
     )
     return tree, order
 

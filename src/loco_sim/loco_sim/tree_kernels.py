@@ -15,7 +15,6 @@ STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the
 STOP_DEPTH = 0.04  # but nothing of a way that is longer [rad or m]
 SWEEPS = 50  # of the impulses, at most
 SETTLED = 1e-5  # they end when no joint's velocity changes by more, as the engine's [rad/s]
-FASTEST = 100.0  # the engine clips joint velocities [rad/s or m/s]
 
 
 @njit(cache=True)
@@ -250,7 +249,7 @@ def advance(tree, gravity, tau, brake, q, dq, dt):
         dq: Joint velocities, (n,).
         dt: Step [s].
     """
-    parent, damping, low, high = tree[0], tree[8], tree[9], tree[10]
+    parent, damping, low, high, fastest = tree[0], tree[8], tree[9], tree[10], tree[11]
     n = len(parent)
     factor, x = np.zeros((n, n)), np.empty(n)
     dynamics(tree, gravity, q, dq, factor, x)
@@ -260,7 +259,7 @@ def advance(tree, gravity, tau, brake, q, dq, dt):
     solve(parent, factor, x)
     held = False
     for i in range(n):
-        dq[i] = min(max(dq[i] + dt * x[i], -FASTEST), FASTEST)
+        dq[i] = min(max(dq[i] + dt * x[i], -fastest), fastest)
         held |= brake[i] > 0.0 or q[i] <= low[i] or q[i] >= high[i]
     if held:
         stop(parent, factor, brake, low, high, q, dq, dt)
