@@ -5,13 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from loco_sim.bolted import needs_engine
+from loco_sim.effects import from_list
+
 from . import evidence, noise
 from .record import Record
 
+FINE = 0.25  # physics step over the model's where no engine is needed
+ENGINE = ("push", "cable_force", "slip")  # effects that need the engine
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
 
@@ -25,8 +31,9 @@ class Case:
         fit_rows: Rows of each record that are fitted, (T,) flags.
         held_rows: Rows of each record that only judge, (T,) flags.
         floor: Noise and numerical error of each channel, (C,).
-        correction: What predictions lack because the physics step is not zero, (T, C) each.
-        second: What of it is of second order in the step, (T, C) each.
+        fine: Physics step over the model's, for runs without the engine.
+        correction: What predictions lack because the physics step is not zero, (T, C) for
+            each record, by step.
         cap: Largest whitened residual that is told from a fall.
         count: Simulations so far [records].
     """
@@ -36,8 +43,8 @@ class Case:
     fit_rows: list[np.ndarray]
     held_rows: list[np.ndarray]
     floor: np.ndarray
-    correction: list[np.ndarray]
-    second: list[np.ndarray]
+    fine: float
+    correction: dict[float, list[np.ndarray]]
     cap: float = evidence.LIMIT
     count: int = field(default=0, compare=False)
 
@@ -65,21 +72,35 @@ class Case:
         """Residual of whole records in floors, (T, C) each."""
         only = list(range(len(self.records))) if only is None else list(only)
         self.count += len(only)
-        predicted = self.forward(specs, overrides or {}, only)
-        exact = [p + self.correction[i] for i, p in zip(only, predicted, strict=True)]
+        step = self.step_of(specs)
+        predicted = self.forward(specs, overrides or {}, only, step)
+        lacks = self.correction[step]
+        exact = [p + lacks[i] for i, p in zip(only, predicted, strict=True)]
         return evidence.whiten([self.forward.measured[i] for i in only], exact, self.floor)
 
-    def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
-        """The same case with the step error of another model, e.g. of one with effects.
+    def step_of(self, specs: Sequence[Mapping]) -> float:
+        """Physics step over the model's: fine for what runs without the engine."""
+        return 1.0 if any(s["name"] in ENGINE for s in specs) else self.fine
 
-        Steps of one and one half are enough: what a quarter adds is taken from the model as
-        it came.
-        """
-        whole, half = (self.forward(specs, overrides, step=s) for s in (1.0, 0.5))
+    def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
+        """The same case with the step error of another model, e.g. of one with effects."""
+        step = self.step_of(specs)
         self.count += 3 * len(self.records)
-        first = [2.0 * (h - w) for h, w in zip(half, whole, strict=True)]
-        correction = [np.nan_to_num(f) + s for f, s in zip(first, self.second, strict=True)]
-        return replace(self, correction=correction)
+        here, half = (self.forward(specs, overrides, step=s * step) for s in (1.0, 0.5))
+        first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
+        if step == self.fine:
+            correction = first
+        else:  # what finer steps would add is taken from the model as it came
+            bare = [2.0 * (h - w) for h, w in zip(*self._coarse, strict=True)]
+            limit = self.correction[step]
+            correction = [f + c - b for f, c, b in zip(first, limit, bare, strict=True)]
+        known = {step: [np.nan_to_num(c) for c in correction]}
+        return replace(self, correction={**self.correction, **known})
+
+    @cached_property
+    def _coarse(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The model as it came at half the model's step, and at the step."""
+        return self.forward((), {}, step=0.5), self.forward((), {}, step=1.0)
 
     def masked(
         self, residuals: Sequence[np.ndarray], only: Sequence[int], held: bool
@@ -135,33 +156,49 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
         fit_rows.append(rows)
         held_rows.append(judges)
     steps = np.array([max(r.resolution.get(c.signal, 0.0) for r in both) for c in forward.channels])
-    correction, second, numeric = step_error(forward)
-    floor = noise.total(noise.floor(forward.measured, steps), numeric)
-    case = Case(forward, both, fit_rows, held_rows, floor, correction, second)
+    fine = FINE if compiled(forward) else 1.0
+    signals = [c.signal for c in forward.channels]
+    correction, numeric = step_error(forward, fine)
+    floor = noise.total(noise.floor(forward.measured, steps, noise.shares(signals)), numeric)
+    case = Case(forward, both, fit_rows, held_rows, floor, fine, correction)
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
 
 
-def step_error(forward: Any) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+def compiled(forward: Any) -> bool:
+    """The model runs without the engine on every record, so that fine steps are cheap."""
+    return not any(
+        needs_engine(forward._robot(i, {}, 1.0), from_list(forward.model.effects))
+        for i in range(len(forward.records))
+    )
+
+
+def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]], np.ndarray]:
     """What a model's predictions lack because its physics step is not zero.
 
-    Predictions at the model's step, half and a quarter of it are extrapolated to none
-    (Richardson, first order). The error of a semi-implicit step acts like a delay of half a
-    step: uncorrected it would be named one.
+    Predictions at two steps are extrapolated to none (Richardson, first order). The error of
+    a semi-implicit step acts like a delay of half a step: uncorrected it would be named one.
+
+    Args:
+        forward: Forward model.
+        fine: Step over the model's that the case uses where it can.
 
     Returns:
-        What to add to a prediction, the part of it of second order, (T, C) per record each,
-        and the error that remains, (C,).
+        What to add to a prediction, (T, C) per record, by step; and the error that remains, (C,).
     """
-    whole, half, quarter = (forward((), {}, step=s) for s in (1.0, 0.5, 0.25))
-    limits = [2.0 * q - h for q, h in zip(quarter, half, strict=True)]
-    coarse = [2.0 * h - w for h, w in zip(half, whole, strict=True)]
-    correction = [np.nan_to_num(e - w) for e, w in zip(limits, whole, strict=True)]
-    second = [np.nan_to_num(e - c) for e, c in zip(limits, coarse, strict=True)]
-    known = [
-        np.where(np.isfinite(m), s, 0.0) for m, s in zip(forward.measured, second, strict=True)
-    ]
-    count = np.maximum(sum(np.isfinite(m).sum(0) for m in forward.measured), 1)
-    square = sum(np.square(k).sum(0) for k in known)
-    return correction, second, np.sqrt(square / count) / 3.0
+    steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
+    runs = {step: forward((), {}, step=step) for step in sorted(steps)}
+    limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
+    coarse = [2.0 * h - w for h, w in zip(runs[0.5 * fine], runs[fine], strict=True)]
+    correction = {
+        step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
+        for step in sorted({1.0, fine})
+    }
+    square = np.zeros(len(forward.channels))
+    count = np.zeros(len(forward.channels))
+    for limit, other, measured in zip(limits, coarse, forward.measured, strict=True):
+        error = np.where(np.isfinite(measured), limit - other, np.nan)
+        square += np.nansum(np.square(error), axis=0)
+        count += np.isfinite(error).sum(0)
+    return correction, np.sqrt(square / np.maximum(count, 1.0)) / 3.0

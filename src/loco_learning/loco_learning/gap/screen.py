@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .bundles import Bundle
 from .case import Case
 from .hypotheses import Hypothesis
 
@@ -44,67 +45,111 @@ class Screened:
 
 def screen(
     case: Case,
-    hypothesis: Hypothesis,
+    bundle: Bundle,
     base: Sequence[Mapping],
     overrides: Mapping[str, Any],
     only: Sequence[int],
     residual: np.ndarray,
     tangent: np.ndarray | None = None,
-    known: Sequence[float] | None = None,
-) -> Screened:
-    """Try a hypothesis on top of a model.
+    known: Sequence[Sequence[float] | None] = (),
+) -> list[Screened]:
+    """Try hypotheses that do not touch each other on top of a model.
 
     Args:
         case: Model and data.
-        hypothesis: What to add.
+        bundle: What to add.
         base: Effects that the model has already.
         overrides: Its nominal values.
         only: Records to look at.
         residual: Of that model there, (N,).
         tangent: Orthonormal columns that the model's own parameters span, (N, k); what they
             explain is not counted.
-        known: The only coordinates to start from, if it was screened before.
+        known: The only coordinates to start from, for hypotheses that were screened before.
     """
-    best, cost, wrong, alive = (-np.inf, ()), 0, 0.0, False
-    energy = float(residual @ residual)
-    for start in [list(known)] if known else hypothesis.starts():
-        x, tried = list(start), []
+    column = case.channel_of(only)
+    trials = [
+        _Trial(h, residual, tangent, None if mask is None else mask[column])
+        for h, mask in zip(bundle.hypotheses, bundle.channels, strict=True)
+    ]
+    starts = bundle.hypotheses[0].starts()
+    for k in range(1 if any(known) else len(starts)):
+        for trial, at in zip(trials, known or [None] * len(trials), strict=True):
+            trial.begin(at or trial.hypothesis.starts()[k])
         for _ in range(TRIES):
-            columns, used = _responses(case, hypothesis, x, base, overrides, only, residual)
-            cost += used
-            size = np.linalg.norm(columns, axis=0)
-            if size.max() < DEAD * np.sqrt(energy):
-                scale = min(GROW, 0.3 * np.sqrt(energy) / max(size.max(), 1e-12))
-                moved = _scaled(hypothesis, x, [scale] * columns.shape[1])
-                if scale < 1.5 or moved == x:
-                    break
-                x = moved
-                continue
-            alive = True
-            factors = _solve(project(columns, tangent), project(residual, tangent))
-            share, factors, forbidden = _judged(hypothesis, x, columns, residual, factors, tangent)
-            wrong = max(wrong, forbidden)
-            if columns.shape[1] == 1:
-                actual = 1.0 - _energy(residual + columns[:, 0], tangent) / _energy(
-                    residual, tangent
-                )
-                tried.append((actual, tuple(x)))
-            moved = _scaled(hypothesis, x, factors)
-            if share <= 0.0 or np.allclose(factors, 1.0, atol=0.3) or moved == x:
-                if share > 0.0 and columns.shape[1] > 1:
-                    tried.append((share, tuple(moved)))
+            columns = _responses(case, trials, base, overrides, only, residual)
+            for trial in trials:
+                trial.take(columns)
+            if all(trial.done for trial in trials):
                 break
-            x = moved
-            if columns.shape[1] > 1:
-                tried.append((0.9 * share, tuple(x)))
-            else:
-                tried.append((0.5 * share, tuple(x)))
-        if tried:
-            best = max(best, max(tried))
-    if not best[1]:
-        start = tuple(hypothesis.starts()[0])
-        return Screened(hypothesis, 0.0, start, not alive, wrong, cost)
-    return Screened(hypothesis, float(best[0]), best[1], not alive, wrong, cost)
+    return [trial.screened() for trial in trials]
+
+
+class _Trial:
+    """One hypothesis while sizes of it are tried."""
+
+    def __init__(self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any):
+        self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
+        self.residual, self.energy = residual, float(residual @ residual)
+        self.left = project(residual, tangent)
+        self.whole = max(float(self.left @ self.left), 1e-300)
+        self.tried: list[tuple[float, tuple[float, ...]]] = []
+        self.cost, self.wrong, self.alive, self.done = 0, 0.0, False, False
+
+    def begin(self, x: Sequence[float]) -> None:
+        """Start from coordinates."""
+        self.x, self.done = list(x), False
+
+    def take(self, columns: np.ndarray) -> None:
+        """Judge the response to each strength at the present sizes, and choose the next."""
+        if self.done:
+            return
+        self.cost += columns.shape[1]
+        if self.rows is not None:
+            columns = np.where(self.rows[:, None], columns, 0.0)
+        size, before = np.linalg.norm(columns, axis=0), list(self.x)
+        if size.max() < DEAD * np.sqrt(self.energy):
+            scale = min(GROW, 0.3 * np.sqrt(self.energy) / max(size.max(), 1e-12))
+            self.x = _scaled(self.hypothesis, self.x, [scale] * len(size))
+            self.done = scale < 1.5 or self.x == before
+            return
+        self.alive = True
+        bare = project(columns, self.tangent)
+        factors = _solve(bare, self.left)
+        share, factors = self._judged(bare, factors)
+        if len(size) == 1:
+            self._note(1.0 - _square(self.left + bare[:, 0]) / self.whole, before)
+        self.x = _scaled(self.hypothesis, self.x, factors)
+        if share <= 0.0 or self.x == before or np.allclose(factors, 1.0, atol=0.3):
+            self.done = True
+        self._note(share * (0.9 if len(size) > 1 else 0.5), self.x)
+
+    def _note(self, share: float, x: Sequence[float]) -> None:
+        self.tried.append((float(share), tuple(x)))
+
+    def _judged(self, columns: np.ndarray, factors: np.ndarray) -> tuple[float, np.ndarray]:
+        """Share that a linear step explains, and its factors; none of a forbidden sign."""
+        share = 1.0 - _square(self.left + columns @ factors) / self.whole
+        forbidden = [
+            f < 0.0 and self.hypothesis.coordinates[i].one_sided
+            for f, i in zip(factors, self.hypothesis.strengths, strict=True)
+        ]
+        if not any(forbidden):
+            return share, factors
+        self.wrong = max(self.wrong, share)
+        factors = np.where(forbidden, 0.0, factors)
+        if not np.any(factors):
+            return 0.0, factors
+        return 1.0 - _square(self.left + columns @ factors) / self.whole, factors
+
+    def screened(self) -> Screened:
+        """What was found."""
+        start = (0.0, tuple(self.hypothesis.starts()[0]))
+        share, x = max(self.tried, default=start)
+        return Screened(self.hypothesis, share, x, not self.alive, self.wrong, self.cost)
+
+
+def _square(values: np.ndarray) -> float:
+    return float(values @ values)
 
 
 def project(values: np.ndarray, tangent: np.ndarray | None) -> np.ndarray:
@@ -112,28 +157,25 @@ def project(values: np.ndarray, tangent: np.ndarray | None) -> np.ndarray:
     return values if tangent is None else values - tangent @ (tangent.T @ values)
 
 
-def _energy(values: np.ndarray, tangent: np.ndarray | None) -> float:
-    left = project(values, tangent)
-    return max(float(left @ left), 1e-300)
-
-
 def _responses(
     case: Case,
-    hypothesis: Hypothesis,
-    x: Sequence[float],
+    trials: Sequence[_Trial],
     base: Sequence[Mapping],
     overrides: Mapping[str, Any],
     only: Sequence[int],
     residual: np.ndarray,
-) -> tuple[np.ndarray, int]:
-    """Change of the residual by each strength alone at its present size, (N, s)."""
+) -> np.ndarray:
+    """Change of the residual by each strength alone, of all hypotheses at once, (N, s)."""
     columns = []
-    for strength in hypothesis.strengths:
-        at = [0.0 if c.strength else v for c, v in zip(hypothesis.coordinates, x, strict=True)]
-        at[strength] = x[strength]
-        specs = [*base, hypothesis.term(at).spec]
+    for strength in trials[0].hypothesis.strengths:
+        specs = list(base)
+        for trial in trials:
+            coordinates = trial.hypothesis.coordinates
+            at = [0.0 if c.strength else v for c, v in zip(coordinates, trial.x, strict=True)]
+            at[strength] = trial.x[strength]
+            specs.append(trial.hypothesis.term(at).spec)
         columns.append(case.vector(specs, overrides, only) - residual)
-    return np.stack(columns, axis=1), len(columns)
+    return np.stack(columns, axis=1)
 
 
 def _solve(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
@@ -145,28 +187,6 @@ def _solve(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
         scaled = columns[:, live] / norms[live]
         factors[live] = -np.linalg.lstsq(scaled, residual, rcond=1e-3)[0] / norms[live]
     return factors
-
-
-def _judged(
-    hypothesis: Hypothesis,
-    x: Sequence[float],
-    columns: np.ndarray,
-    residual: np.ndarray,
-    factors: np.ndarray,
-    tangent: np.ndarray | None,
-) -> tuple[float, np.ndarray, float]:
-    """Share explained by a linear step, its factors, and the share that a sign forbids."""
-    whole = _energy(residual, tangent)
-    share = 1.0 - _energy(residual + columns @ factors, tangent) / whole
-    forbidden = [
-        f < 0.0 and hypothesis.coordinates[i].one_sided
-        for f, i in zip(factors, hypothesis.strengths, strict=True)
-    ]
-    if not any(forbidden):
-        return share, factors, 0.0
-    factors = np.where(forbidden, 0.0, factors)
-    allowed = 1.0 - _energy(residual + columns @ factors, tangent) / whole
-    return (allowed if np.any(factors) else 0.0), factors, share
 
 
 def _scaled(hypothesis: Hypothesis, x: Sequence[float], factors: Sequence[float]) -> list[float]:

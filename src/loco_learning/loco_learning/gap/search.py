@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from . import evidence
+from .bundles import Bundle
 from .case import Case
 from .fit import Fitted, Setting, fit, polish, rough
 from .hypotheses import Hypothesis
@@ -54,6 +55,7 @@ class Search:
         tasks: Where simulations run.
         report: Progress: share done, stage, best name so far.
         nominal: Nominal values that are refitted.
+        bundled: Puts hypotheses together that may be tried at once.
     """
 
     def __init__(
@@ -64,9 +66,10 @@ class Search:
         tasks: Tasks,
         report: Report,
         nominal: Mapping[str, float],
+        bundled: Callable[[Sequence[Hypothesis]], list[Bundle]],
     ):
         self.case, self.hypotheses, self.params, self.tasks = case, hypotheses, params, tasks
-        self.report, self.nominal = report, dict(nominal)
+        self.report, self.nominal, self.bundled = report, dict(nominal), bundled
         self.fits: dict[str, Fitted] = {}
 
     def _records_to_screen(self, base: Fitted) -> list[int]:
@@ -181,17 +184,21 @@ class Search:
         starts = {s.hypothesis.key: s.x for s in before}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
         there = {h.key for h, _ in model.parts}
+        wanted = self.bundled([h for h in hypotheses if h.key not in there])
         tasks = [
-            (h, specs, overrides, self.only, residual, tangent, starts.get(h.key))
-            for h in hypotheses
-            if h.key not in there
-        ]
+            (
+                bundle, specs, overrides, self.only, residual, tangent,
+                [starts.get(h.key) for h in bundle.hypotheses],
+            )
+            for bundle in wanted
+        ]  # fmt: skip
         found = []
-        for i, one in enumerate(self.tasks.each(screen, tasks)):
-            found.append(one)
+        for i, some in enumerate(self.tasks.each(screen, tasks)):
+            found += some
             share = start + (stop - start) * (i + 1) / len(tasks)
-            self.report(share, f"screening {one.hypothesis.key}", model.key)
-            log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
+            self.report(share, f"screening {wanted[i].key}", " + ".join(model.names))
+            for one in some:
+                log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
         return found
 
     def _tangent(self, model: Fitted, residual: np.ndarray) -> np.ndarray | None:

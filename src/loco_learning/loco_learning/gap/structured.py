@@ -110,7 +110,7 @@ def cable_force(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entr
         fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
         free = (
             _strength("cable_force", "stiffness", 20.0),
-            _log("cable_force", "length", (0.8, 0.4, 1.0)),
+            _log("cable_force", "length", (0.8,)),
         )
         made.append((link, fixed, free, f"to {anchor[0]:g} {anchor[2]:g}"))
     return made
