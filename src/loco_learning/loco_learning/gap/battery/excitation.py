@@ -32,7 +32,8 @@ def command(machine: Machine, kind: str, seed: int) -> tuple[np.ndarray, np.ndar
         shape = makers[kind](t, machine, span, rng)
         shape *= np.minimum(1.0, t / 0.2)  # from rest
         q[:, column] = centre + np.clip(shape, -span, span)
-    v = np.gradient(q, t, axis=0) if kind != "steps" else np.zeros_like(q)
+    v = np.gradient(q, t, axis=0)
+    v[np.abs(v) > machine.fast] = 0.0  # a jump has no velocity
     v[0] = 0.0
     return q, v
 

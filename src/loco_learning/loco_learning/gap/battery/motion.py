@@ -62,7 +62,6 @@ def simulate(machine, command, hidden, outside, start, settle, steps, dt, every)
         What the encoders see and true velocities at every row, (rows, n) each, and the mean
         torque over the period before each tick, (ticks, n).
     """
-    drives, rest = machine[12], machine[14]
     n, ticks = len(start), len(command)
     total = ticks * steps
     seen = np.zeros((total // every + 1, n))

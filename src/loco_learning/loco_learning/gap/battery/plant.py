@@ -65,7 +65,7 @@ def truth(
     while machine.steps % every:
         every -= 1
     seen, speed, tau = motion.simulate(
-        _packed(machine, body), full, hidden.constants(machine, tuple(effects)),
+        packed(machine, body), full, hidden.constants(machine, tuple(effects)),
         _outside(machine, effects), machine.start, round(SETTLE * machine.rate), machine.steps,
         dt, every,
     )  # fmt: skip
@@ -117,7 +117,7 @@ def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
     return row
 
 
-def _packed(machine: Machine, body) -> tuple:
+def packed(machine: Machine, body) -> tuple:
     """Arrays for the kernel."""
     return (
         body.parent, body.turn, body.place, body.axis, body.slides, body.mass, body.com,
@@ -139,10 +139,19 @@ def _inertia(name: str) -> np.ndarray:
 
 
 def _diagonal(machine: Machine) -> np.ndarray:
-    work, body = bodies.room(len(machine.joints)), _packed(machine, machine.body)[:9]
+    work, body = bodies.room(len(machine.joints)), packed(machine, machine.body)[:9]
     bodies.poses(machine.start, body, work)
     bodies.mass_matrix(body, work)
     return np.diag(work[2]).copy()
+
+
+def loose(machine: Machine) -> Machine:
+    """The machine without drives, springs and damping."""
+    body = copy.deepcopy(machine.body)
+    body.damping[:] = 0.0
+    body.lower[:], body.upper[:] = -np.inf, np.inf
+    drives, springs = np.zeros_like(machine.drives), np.zeros_like(machine.springs)
+    return replace(machine, body=body, drives=drives, springs=springs)
 
 
 def coarser(machine: Machine) -> Machine:

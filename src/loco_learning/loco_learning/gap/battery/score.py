@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How often a verdict is right: a row per case, then figures over rows.
+
+A single effect is right when it alone is named. Where data cannot tell two effects apart
+even in principle (`twins`), naming both as ambiguous is right, and naming one is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from .machines import get
+
+# A late command and a late sensor give the same signals when the first command holds still.
+TWINS = ({"command_delay", "sensor_latency"},)
+UNNAMED = ("ambiguous", "unknown", "no gap", "error")
+BASELINES = {
+    "everything": "fit everything", "sparse": "sparse terms", "cma": "CMA-ES calibration",
+}  # fmt: skip
+
+
+def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
+    """What a case shows.
+
+    Args:
+        truth: As `cases.truth` made it.
+        result: Parts of gap.json, with the seconds it took.
+    """
+    true = sorted({e["effect"] for e in truth["effects"]})
+    said, verdict = sorted(set(result.get("names", []))), result["verdict"]
+    kind = truth["kind"]
+    options = _options(result)
+    made = {
+        "case": truth["name"], "robot": truth["robot"], "kind": kind, "size": truth["size"],
+        "true": true, "shows": truth["shows"], "verdict": verdict, "said": said,
+        "seconds": result.get("seconds"), "options": options, "error": result.get("error", ""),
+    }  # fmt: skip
+    twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
+    hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
+    made["named"] = verdict == "named"
+    made["top1"] = bool(true) and verdict == "named" and said == true
+    made["right"] = made["top1"] if twin is None else hedged
+    made["top2"] = made["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
+    made["with_others"] = verdict == "named" and bool(true) and set(true) < set(said)
+    made["false"] = verdict == "named" and kind in ("null", "outsider")
+    made["abstained"] = verdict in ("ambiguous", "unknown")
+    made["place"], made["sizes"] = _found(truth, result)
+    made["closed"], made["before"], made["after"] = _gap(result)
+    made["baselines"] = {
+        name: {"after": found.get("after"), "seconds": found.get("seconds")}
+        for name, found in result.get("baselines", {}).items()
+    }
+    return made
+
+
+def _groups(result: Mapping[str, Any]) -> list[list[str]]:
+    """Sets of effects that the workflow cannot tell apart."""
+    groups = [[str(name).split(" ")[0] for name in g] for g in result.get("ambiguous", [])]
+    return groups or ([list(result["names"])] if result.get("names") else [])
+
+
+def _options(result: Mapping[str, Any]) -> list[str]:
+    """Effects in the order in which the workflow believes in them, each once."""
+    ordered = list(result.get("names", []))
+    for group in result.get("ambiguous", []):
+        ordered += [str(name).split(" ")[0] for name in group]
+    for rival in result.get("rivals", []):
+        ordered += rival.get("names", [])
+    return list(dict.fromkeys(ordered))
+
+
+def _found(
+    truth: Mapping[str, Any], result: Mapping[str, Any]
+) -> tuple[bool | None, list[dict[str, Any]]]:
+    """Whether all true effects that were named are where they are, and how large they seem."""
+    terms = {t["effect"]: t for t in result.get("terms", []) if t["verdict"] == "named"}
+    if result["verdict"] != "named":
+        return None, []
+    machine = get(truth["robot"])
+    places, sizes = [], []
+    for effect in truth["effects"]:
+        term = terms.get(effect["effect"])
+        if term is None:
+            continue
+        places.append(same_place(machine, effect["place"], term["place"]))
+        measured = _strength(term["parameters"], effect["strength"])
+        if measured is not None:
+            sizes.append(_error(effect, measured))
+    return (all(places) if places else None), sizes
+
+
+def same_place(machine: Any, true: str, said: str) -> bool:
+    """Whether two places are the same joints, or the same link."""
+    known = (*machine.joints, *machine.body.links)
+
+    def members(place: str) -> list[str]:
+        pool = machine.joints if place in ("", "*") else known
+        return [name for name in pool if fnmatchcase(name, place or "*")]
+
+    return members(true) == members(said)
+
+
+def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray] | None:
+    """Value and interval of a strength; the parts of a vector side by side."""
+    labels = [k for k in sorted(parameters) if k == name or k.startswith(f"{name}.")]
+    if not labels:
+        return None
+    keys = ("value", "low", "high")
+    return {key: np.array([float(parameters[k][key]) for k in labels]) for key in keys}
+
+
+def _error(effect: Mapping[str, Any], said: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    true = np.atleast_1d(np.asarray(effect["params"][effect["strength"]], float))
+    if len(true) != len(said["value"]):
+        true, value = np.array([np.linalg.norm(true)]), np.array([np.linalg.norm(said["value"])])
+        inside = None
+    else:
+        value = said["value"]
+        inside = bool(np.all((said["low"] <= true) & (true <= said["high"])))
+    gap = float(np.linalg.norm(value - true) / np.linalg.norm(true))
+    return {"effect": effect["effect"], "error": gap, "inside": inside}
+
+
+def _gap(result: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    gap = result.get("gap") or {}
+    before, after = gap.get("before"), gap.get("after")
+    return reducible(before, after), before, after
+
+
+def reducible(before: float | None, after: float | None) -> float | None:
+    """Share of the gap above the floor that is closed; None where there was next to none."""
+    if before is None or after is None or before**2 - 1.0 < 0.1:
+        return None
+    return float(1.0 - (after**2 - 1.0) / (before**2 - 1.0))
+
+
+def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Figures over all rows: acceptance, by robot, by size, and baselines."""
+    singles = [r for r in rows if r["kind"] == "single"]
+    seen = [r for r in singles if r["size"] in ("medium", "large")]
+    pairs = [r for r in rows if r["kind"] == "pair"]
+    nulls = [r for r in rows if r["kind"] == "null"]
+    strange = [r for r in rows if r["kind"] == "outsider"]
+    sizes = [s for r in rows for s in r["sizes"]]
+    return {
+        "cases": len(rows),
+        "errors": sum(r["verdict"] == "error" for r in rows),
+        "singles medium and large": rates(seen),
+        "singles small": rates([r for r in singles if r["size"] == "small"]),
+        "by size": {s: rates([r for r in singles if r["size"] == s])
+                    for s in ("small", "medium", "large")},
+        "by robot": {name: rates([r for r in seen if r["robot"] == name])
+                     for name in sorted({r["robot"] for r in rows})},
+        "pairs both named": share(set(r["true"]) <= set(r["said"]) for r in pairs),
+        "pairs one named": share(bool(set(r["true"]) & set(r["said"])) for r in pairs),
+        "pairs": len(pairs),
+        "nulls": len(nulls),
+        "false names on nulls": share(r["named"] for r in nulls),
+        "nulls not called no gap": share(r["verdict"] != "no gap" for r in nulls),
+        "outsiders": len(strange),
+        "outsiders unknown or ambiguous": share(r["abstained"] for r in strange),
+        "outsiders named": share(r["named"] for r in strange),
+        "false names": share(r["named"] and not set(r["said"]) <= set(r["true"]) for r in rows),
+        "abstained": share(r["abstained"] for r in [*singles, *pairs]),
+        "place right": share(r["place"] for r in rows if r["place"] is not None),
+        "places judged": sum(r["place"] is not None for r in rows),
+        "size error median": median(s["error"] for s in sizes),
+        "intervals that hold the truth": share(
+            s["inside"] for s in sizes if s["inside"] is not None),
+        "held-out gap closed median": median(
+            r["closed"] for r in [*seen, *pairs] if r["closed"] is not None),
+        "seconds median": median(r["seconds"] for r in rows if r["seconds"] is not None),
+        "seconds most": max((r["seconds"] for r in rows if r["seconds"] is not None), default=None),
+        "held-out error": held_out(rows),
+    }  # fmt: skip
+
+
+def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares of right verdicts among single effects."""
+    return {
+        "cases": len(rows),
+        "top-1": share(r["top1"] for r in rows),
+        "right": share(r["right"] for r in rows),
+        "top-2": share(r["top2"] for r in rows),
+        "with others": share(r["with_others"] for r in rows),
+        "abstained": share(r["abstained"] for r in rows),
+        "no gap": share(r["verdict"] == "no gap" for r in rows),
+    }
+
+
+def held_out(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Held-out error in floors: of the model as it came, the workflow, and the baselines.
+
+    Over cases with something hidden for which all of them have a figure.
+    """
+    names = [n for n in BASELINES if any(n in r["baselines"] for r in rows)]
+    both = [
+        r for r in rows
+        if r["kind"] != "null" and r["after"] is not None
+        and all(r["baselines"].get(n, {}).get("after") is not None for n in names)
+    ]  # fmt: skip
+    made = {"cases": len(both)}
+    made["model as it came"] = _spread([r["before"] for r in both], both)
+    made["loco gap"] = _spread([r["after"] for r in both], both)
+    for n in names:
+        found = _spread([r["baselines"][n]["after"] for r in both], both)
+        found["worse than loco gap"] = share(
+            r["baselines"][n]["after"] > r["after"] * 1.001 for r in both
+        )
+        made[BASELINES[n]] = found
+    return made
+
+
+def _spread(after: Sequence[float], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    closed = [reducible(r["before"], a) for r, a in zip(rows, after, strict=True)]
+    return {
+        "median": median(after),
+        "geometric mean": float(np.exp(np.mean(np.log(after)))) if after else None,
+        "closed": median(c for c in closed if c is not None),
+    }
+
+
+def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
+    """How often each hidden effect (`nothing` for nulls) got each name or verdict.
+
+    Cases of several names count as the true one with others, or as the first wrong name.
+    """
+    table: dict[str, dict[str, int]] = {}
+    for r in rows:
+        if r["kind"] not in ("single", "null", "outsider"):
+            continue
+        line = table.setdefault(r["true"][0] if r["true"] else "nothing", {})
+        name = said(r)
+        line[name] = line.get(name, 0) + 1
+    return {key: dict(sorted(table[key].items())) for key in sorted(table)}
+
+
+def said(r: Mapping[str, Any]) -> str:
+    """Verdict of a row in one word."""
+    if r["verdict"] != "named" or not r["said"]:
+        return r["verdict"]
+    if set(r["true"]) & set(r["said"]):
+        return r["true"][0] if r["said"] == r["true"] else f"{r['true'][0]} and others"
+    return r["said"][0]
+
+
+def share(flags: Iterable[Any]) -> float | None:
+    """Share of true flags, None of no flags."""
+    known = [bool(f) for f in flags]
+    return sum(known) / len(known) if known else None
+
+
+def median(values: Iterable[float]) -> float | None:
+    """Median, None of no values."""
+    known = [float(v) for v in values if v is not None]
+    return float(np.median(known)) if known else None
