@@ -198,7 +198,7 @@ def compare(
         float(low),
         float(high),
         float((sums[big] > 0.0).mean()) if big.any() else 0.5,
-        _odds(sums, gain + CAUTION * few * picks - price, pieces, price),
+        _odds(sums, gain + CAUTION * few * picks, pieces, price),
         n,
     )
 
@@ -212,7 +212,7 @@ def _odds(sums: np.ndarray, power: np.ndarray, pieces: float, price: float) -> f
     yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
     count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
     most = math.log(2.0) * min(count, pieces)
-    value = np.clip(yes - no, -most - max(price, 0.0), most + max(-price, 0.0))
+    value = float(np.clip(yes - no, -most, most)) - price
     return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
 
 

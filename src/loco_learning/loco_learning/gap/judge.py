@@ -26,7 +26,7 @@ from .sensitivity import sensitivities
 
 NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
-MOST_PRICE = 1e3  # odds that all parameters together cost at most
+MOST_PRICE = 100.0  # odds that all parameters together cost at most
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
