@@ -94,9 +94,9 @@ def simulate(machine, command, hidden, outside, start, settle, steps, dt, every)
 
 @njit(cache=True)
 def _room(n):
-    """Room: targets, push of servos, what passes, torque, velocities, drive, three of states."""
+    """Room: targets, push of servos, what passes, torque, state before, drive, 3 of rates."""
     states = np.zeros((STATES, n)), np.zeros((STATES, n)), np.zeros((STATES, n))
-    return (np.zeros((3, n)), np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n), np.zeros(n),
+    return (np.zeros((3, n)), np.zeros(n), np.ones(n), np.zeros(n), np.zeros((2, n)), np.zeros(n),
             *states)  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def _advance(state, command, machine, hidden, outside, work, line, gap, step, t,
             through[j] = _in_play(gap, j, want, state[V, j], hidden[BACKLASH, j], dt)
     load = _load(state, target, machine, hidden, held, t)
     for j in range(n):
-        before[j] = state[V, j]
+        before[0, j], before[1, j] = state[Q, j], state[V, j]
     for stage in range(4):
         part = (0.0, 0.5, 0.5, 1.0)[stage] * dt
         for k in range(STATES):
@@ -302,7 +302,7 @@ def _stop(state, before, machine, hidden, drive, t, dt):
     most, least = np.zeros(n), np.zeros(n)  # impulses to either side
     acts = False
     for j in range(n):
-        v = 0.5 * (before[j] + state[V, j])
+        v = 0.5 * (before[1, j] + state[V, j])
         budget = hidden[COULOMB, j, 0] + hidden[LOAD, j, 0] * abs(drive[j])
         if hidden[STRIBECK, j, 0] > 0.0:
             budget += hidden[STRIBECK, j, 0] * np.exp(-((v / hidden[STRIBECK, j, 1]) ** 2))
@@ -331,5 +331,9 @@ def _stop(state, before, machine, hidden, drive, t, dt):
             s[j] = new
     state[Q] += 0.5 * dt * (v - state[V])
     state[V] = v
-    for j in range(n):  # a stop is where it is
+    for j in range(n):
+        if least[j] < p[j] < most[j]:  # it sticks, to the last bit
+            state[V, j] = 0.0
+            if before[1, j] == 0.0:
+                state[Q, j] = before[0, j]
         state[Q, j] = max(lower[j], min(upper[j], state[Q, j]))
