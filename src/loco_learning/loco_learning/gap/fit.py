@@ -216,7 +216,6 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
     params = setting.params.replace(evaluations=max(4, setting.params.evaluations // 2))
     free = model.overrides or setting.free
     again = fit(exact, model.parts, replace(setting, params=params, free=free))
-    case.count += exact.count
     return again
 
 

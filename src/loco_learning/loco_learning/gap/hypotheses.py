@@ -20,6 +20,7 @@ from loco_sim.robot import Robot
 
 from . import structured
 from .coordinates import Coordinate, assemble
+from .hints import Hints
 from .places import joint_places
 
 NOISE = ("sensor_noise", "command_dropout", "slip", "sensor_stuck", "quantisation")
@@ -84,13 +85,13 @@ class Hypothesis:
         return [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
 
 
-def offer(robot: Robot, signals: Sequence[str], reach: Any = None) -> list[Hypothesis]:
+def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:
     """All hypotheses about a robot.
 
     Args:
         robot: Which robot.
         signals: What was measured, e.g. ("q", "dq", "gyro").
-        reach: Measured range of each joint about its rest [rad], (n, 2); for stops.
+        hints: What the data say before any fit.
     """
     found: list[Hypothesis] = []
     for name in effects.applicable(robot):
@@ -98,7 +99,7 @@ def offer(robot: Robot, signals: Sequence[str], reach: Any = None) -> list[Hypot
             continue
         cls = effects.EFFECTS[name]
         if name in structured.BUILDERS:
-            made = structured.BUILDERS[name](robot, signals, reach)
+            made = structured.BUILDERS[name](robot, signals, hints)
             found += [Hypothesis(name, *entry) for entry in made]
         else:
             found += [_plain(cls, place) for place in _places(cls, robot)]

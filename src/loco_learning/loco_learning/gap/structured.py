@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,25 +18,11 @@ from loco_sim.effects.base import EFFECTS, turning
 from loco_sim.robot import Robot
 
 from .coordinates import Coordinate
+from .hints import Hints
 from .places import joint_places, links
 
 AXES = np.eye(3).tolist()
 Entry = tuple[str, tuple[tuple[str, Any], ...], tuple[Coordinate, ...], str]
-
-
-@dataclass(frozen=True)
-class Hints:
-    """What the data say before any fit.
-
-    Attributes:
-        low: Smallest measured position of each joint [rad], (n,).
-        high: Largest measured position of each joint [rad], (n,).
-        intervals: Times between which the residual is large [s].
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    intervals: tuple[tuple[float, float], ...] = field(default=())
 
 
 def _bounds(effect: str, name: str) -> tuple[float, float, str]:

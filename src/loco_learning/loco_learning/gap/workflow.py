@@ -11,11 +11,10 @@ from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from loco_sim.model import Model
 
 from . import case as cases
+from . import hints
 from . import nominal as nominals
 from .bundles import bundles
 from .following import following
@@ -26,7 +25,6 @@ from .parallel import Tasks
 from .params import GapParams
 from .record import Record
 from .search import Search
-from .structured import Hints
 from .tell import contents
 
 
@@ -59,7 +57,7 @@ def find(
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out)
-    hypotheses = offer(robot, case.signals, hints(case, robot))
+    hypotheses = offer(robot, case.signals, hints.find(case, robot))
     wanted = params.effects
     hypotheses = [h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)]
     tasks = Tasks(case, workers)
@@ -76,17 +74,3 @@ def find(
         tasks.close()
     report(1.0, "done", " + ".join(result["names"]))
     return result
-
-
-def hints(case: cases.Case, robot: Any) -> Hints:
-    """What the data say before any fit: ranges of the joints."""
-    n = len(robot.joints)
-    low, high = np.full(n, np.nan), np.full(n, np.nan)
-    for record in case.records:
-        q = record.joints_of(robot, "q")
-        with np.errstate(all="ignore"):
-            for j in range(n):
-                values = q[np.isfinite(q[:, j]), j]
-                if len(values):
-                    low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
-    return Hints(low, high)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the data say before any fit: where the joints went, and when the residual is large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_sim.robot import Robot
+
+from .case import Case
+
+SMOOTH = 0.1  # [s] over which the energy of a residual is averaged
+QUIET, LOUD = 3.0, 0.1  # times the usual energy, and share of the largest: above both is loud
+LONGEST = 0.7  # share of a record that an interval may last
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the data say before any fit.
+
+    Attributes:
+        low: Smallest measured position of each joint [rad], (n,); NaN if not measured.
+        high: Largest measured position of each joint [rad], (n,).
+        intervals: Times between which the residual is large, the same in all records [s].
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    intervals: tuple[tuple[float, float], ...] = ()
+
+
+def find(case: Case, robot: Robot) -> Hints:
+    """Look at the records and at what the model as it came leaves of them."""
+    n = len(robot.joints)
+    low, high = np.full(n, np.nan), np.full(n, np.nan)
+    for record in case.records:
+        q = record.joints_of(robot, "q")
+        for j in range(n):
+            values = q[np.isfinite(q[:, j]), j]
+            if len(values):
+                low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
+    fitted = case.fitted
+    residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
+    found = interval(residuals, [case.records[i].dt for i in fitted])
+    return Hints(low, high, (found,) if found else ())
+
+
+def interval(residuals: Sequence[np.ndarray], dts: Sequence[float]) -> tuple[float, float] | None:
+    """Time in which the residual of all records is large and outside of which it is not.
+
+    Args:
+        residuals: Whitened, (T, C) per record.
+        dts: Time between samples [s].
+    """
+    starts, stops = [], []
+    for r, dt in zip(residuals, dts, strict=True):
+        energy = np.nanmean(np.where(np.isfinite(r), np.square(r), 0.0), axis=1)
+        width = max(1, round(SMOOTH / dt))
+        energy = np.convolve(energy, np.ones(width) / width, mode="same")
+        loud = np.flatnonzero(
+            energy > max(QUIET * max(np.median(energy), 1.0), LOUD * energy.max())
+        )
+        if len(loud) == 0 or (loud[-1] - loud[0]) > LONGEST * len(energy) or loud[0] < 2 * width:
+            continue
+        starts.append(loud[0] * dt)
+        stops.append(loud[-1] * dt)
+    if 2 * len(starts) < len(residuals) or not starts:
+        return None
+    return round(float(np.median(starts)), 3), round(float(np.median(stops)), 3)
