@@ -21,6 +21,8 @@ from .servo_kernels import clipped, servo_torque
 from .spring import COLUMNS as SPRING_COLUMNS
 from .spring_kernels import spring_energy, spring_torque
 
+MADE_OF = "5db811d1b08a"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+
 
 @njit(cache=True)
 def joint_torques(

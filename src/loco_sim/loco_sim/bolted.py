@@ -118,7 +118,8 @@ class Bolted:
         n = len(q)
         matrix, bias = np.zeros((n, n)), np.empty(n)
         at = np.asarray(q, dtype=float)[self._order]
-        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), matrix, bias)
+        room = kernels.workshop(n)
+        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), room, matrix, bias)
         back = np.argsort(self._order)
         return matrix[np.ix_(back, back)]
 

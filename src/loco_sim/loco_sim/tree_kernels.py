@@ -53,7 +53,14 @@ def turn_about(axis, angle, out):
 
 
 @njit(cache=True)
-def dynamics(tree, gravity, q, dq, mass_matrix, bias):
+def workshop(n):
+    """Arrays that `dynamics` and `advance` work in, for n joints; making them takes longer."""
+    vectors = np.empty((10, n, 3))
+    return vectors, np.empty((2, n, 3, 3)), np.empty((6, 3)), np.empty((3, 3, 3)), np.empty((3, n))
+
+
+@njit(cache=True)
+def dynamics(tree, gravity, q, dq, room, mass_matrix, bias):
     """Mass matrix, (n, n), and torque that keeps all accelerations zero, (n,), in place.
 
     Args:
@@ -61,19 +68,16 @@ def dynamics(tree, gravity, q, dq, mass_matrix, bias):
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
+        room: From `workshop`.
         mass_matrix: Filled in.
         bias: Filled in.
     """
-    n = len(q)
-    at, along = np.empty((n, 3)), np.empty((n, 3))  # origin of each link, axis of its joint
-    force, moment = np.empty((n, 3)), np.empty((n, 3))  # moment about the world's origin
-    first, second = np.empty((n, 3)), np.empty((n, 3, 3))  # m c, and inertia about that origin
-    outwards(tree, gravity, q, dq, at, along, force, moment, first, second)
-    inwards(tree, at, along, force, moment, first, second, mass_matrix, bias)
+    outwards(tree, gravity, q, dq, room)
+    inwards(tree, room, mass_matrix, bias)
 
 
 @njit(cache=True)
-def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
+def outwards(tree, gravity, q, dq, room):
     """From the base outwards: where links are, and what it takes to move them as they do.
 
     Args:
@@ -81,20 +85,20 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
-        at: Filled in: origin of each link in world [m], (n, 3).
-        along: Filled in: axis of each joint in world, (n, 3).
-        force: Filled in: on each link if no joint accelerates [N], (n, 3).
-        moment: Filled in: the same, about the world's origin [N·m], (n, 3).
-        first: Filled in: mass times centre of mass, (n, 3).
-        second: Filled in: inertia about the world's origin, (n, 3, 3).
+        room: From `workshop`; filled in for `inwards`, if no joint accelerates: origin of each
+            link [m], axis of its joint, force on it [N], moment [N·m], mass times centre of
+            mass, and inertia, the last three about the world's origin.
     """
     parent, slides, place, turn, axis, mass, com, inertia = tree[:8]
     n = len(parent)
-    rot = np.empty((n, 3, 3))  # link to world
-    spin, spin_rate = np.empty((n, 3)), np.empty((n, 3))
-    rate = np.empty((n, 3))  # acceleration of the origin, gravity included
-    own, world, tmp, arm = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    base = np.eye(3)
+    at, along, force, moment, first = room[0][0], room[0][1], room[0][2], room[0][3], room[0][4]
+    spin, spin_rate, rate = room[0][5], room[0][6], room[0][7]  # acceleration: gravity included
+    second, rot = room[1][0], room[1][1]  # link to world
+    tmp, arm, x, y = room[2][0], room[2][1], room[2][2], room[2][3]
+    own, world, base = room[3][0], room[3][1], room[3][2]
+    for r in range(3):
+        for c in range(3):
+            base[r, c] = 1.0 if r == c else 0.0
     for i in range(n):
         p = parent[i]
         up = base if p < 0 else rot[p]
@@ -102,7 +106,7 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
         applied(world, axis[i], along[i])
         applied(up, place[i], arm)
         if slides[i]:
-            rot[i] = world
+            rot[i, :, :] = world
             for r in range(3):
                 arm[r] += along[i, r] * q[i]
         else:
@@ -113,7 +117,7 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
                 at[i, r], spin[i, r], spin_rate[i, r] = arm[r], 0.0, 0.0
                 rate[i, r] = -gravity[r]
         else:
-            carried(arm, spin[p], spin_rate[p], rate[p], rate[i])
+            carried(arm, spin[p], spin_rate[p], rate[p], x, y, rate[i])
             cross(spin[p], along[i], tmp)
             for r in range(3):
                 at[i, r] = at[p, r] + arm[r]
@@ -128,7 +132,7 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
         # Force and moment of the link, and its inertia about the world's origin.
         m = mass[i]
         applied(rot[i], com[i], arm)
-        carried(arm, spin[i], spin_rate[i], rate[i], force[i])
+        carried(arm, spin[i], spin_rate[i], rate[i], x, y, force[i])
         for r in range(3):
             force[i, r] *= m
             arm[r] += at[i, r]
@@ -148,9 +152,8 @@ def outwards(tree, gravity, q, dq, at, along, force, moment, first, second):
 
 
 @njit(cache=True)
-def carried(arm, spin, spin_rate, rate, out):
-    """Acceleration of a point that is `arm` away on a body, (3,) each."""
-    x, y = np.empty(3), np.empty(3)
+def carried(arm, spin, spin_rate, rate, x, y, out):
+    """Acceleration of a point that is `arm` away on a body, (3,) each; x and y are room."""
     cross(spin_rate, arm, x)
     cross(spin, arm, y)
     cross(spin, y, y)
@@ -159,11 +162,13 @@ def carried(arm, spin, spin_rate, rate, out):
 
 
 @njit(cache=True)
-def inwards(tree, at, along, force, moment, first, second, mass_matrix, bias):
-    """From the tips inwards: what each joint carries; arguments of `outwards` are changed."""
+def inwards(tree, room, mass_matrix, bias):
+    """From the tips inwards: what each joint carries; arguments as of `dynamics`."""
     parent, slides = tree[0], tree[1]
-    weight, tmp, arm = tree[5].copy(), np.empty(3), np.empty(3)
-    push, spun = np.empty(3), np.empty(3)  # momentum of what a joint moves with speed 1
+    at, along, force, moment, first = room[0][0], room[0][1], room[0][2], room[0][3], room[0][4]
+    second, weight, tmp, arm = room[1][0], room[4][0], room[2][0], room[2][1]
+    push, spun = room[2][2], room[2][3]  # momentum of what a joint moves with speed 1
+    weight[:] = tree[5]
     for i in range(len(parent) - 1, -1, -1):
         cross(at[i], force[i], tmp)
         bias[i] = 0.0
@@ -237,7 +242,7 @@ def solve(parent, factor, x):
 
 
 @njit(cache=True)
-def advance(tree, gravity, tau, brake, q, dq, dt):
+def advance(tree, gravity, tau, brake, q, dq, dt, room, factor):
     """One step in time, in place.
 
     Args:
@@ -248,11 +253,12 @@ def advance(tree, gravity, tau, brake, q, dq, dt):
         q: Joint positions, (n,).
         dq: Joint velocities, (n,).
         dt: Step [s].
+        room: From `workshop`.
+        factor: Room for the mass matrix, (n, n), with zeros between branches.
     """
     parent, damping, low, high, fastest = tree[0], tree[8], tree[9], tree[10], tree[11]
-    n = len(parent)
-    factor, x = np.zeros((n, n)), np.empty(n)
-    dynamics(tree, gravity, q, dq, factor, x)
+    n, x = len(parent), room[4][1]
+    dynamics(tree, gravity, q, dq, room, factor, x)
     for i in range(n):
         x[i] = tau[i] - damping[i] * dq[i] - x[i]
     factorise(parent, factor)

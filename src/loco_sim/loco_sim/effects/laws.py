@@ -15,6 +15,8 @@ from numba import njit
 
 from ..spring_kernels import spring_torque
 
+MADE_OF = "29c8fa1bf297"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
 

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels are cached on disk by their own file alone; what they call must count as well.
+
+A module whose kernels call those of others says in `MADE_OF` which versions these had when
+it was last compiled with them: a change there changes this file, and the cache is not used.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+from pathlib import Path
+
+import pytest
+
+import loco_sim
+
+ROOT = Path(loco_sim.__file__).parent
+
+
+def kernels(path: Path) -> bool:
+    return "@njit" in path.read_text()
+
+
+def called(path: Path) -> set[Path]:
+    """Modules with kernels that a module imports, by themselves or through others."""
+    found: set[Path] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ImportFrom) or not node.level:
+            continue
+        folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+        names = [folder.with_suffix(".py"), *(folder / f"{a.name}.py" for a in node.names)]
+        for other in (name for name in names if name.is_file() and kernels(name)):
+            found |= {other} | called(other)
+    return found
+
+
+MIXED = sorted(path for path in ROOT.rglob("*.py") if kernels(path) and called(path))
+
+
+@pytest.mark.parametrize("path", MIXED, ids=lambda path: path.stem)
+def test_a_cache_is_not_used_after_a_change_in_what_it_calls(path):
+    text = "".join(other.read_text() for other in sorted(called(path)))
+    name = ".".join(["loco_sim", *path.relative_to(ROOT).with_suffix("").parts])
+    wanted = hashlib.sha256(text.encode()).hexdigest()[:12]
+    found = getattr(importlib.import_module(name), "MADE_OF", "")
+    assert found == wanted, f'write MADE_OF = "{wanted}" into {path.name}'
