@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of what is offered as a cause."""
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.hints import Hints, interval
+from loco_learning.gap.hypotheses import NOISE, offer
+from loco_learning.gap.places import chains, common, groups, links, members
+from loco_sim import effects, robot
+
+ROBOTS = ("servo_pendulum", "linear_axis", "hyq_leg", "tigrillo")
+SIGNALS = ("q", "dq", "tau", "gyro", "acceleration", "grf")
+
+
+def all_of(name):
+    made = robot.load(name)
+    n = len(made.joints)
+    return made, offer(made, SIGNALS, Hints(np.full(n, -0.5), np.full(n, 0.5), ((1.0, 1.4),)))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_hypothesis_is_absent_at_strength_zero(name):
+    for h in all_of(name)[1]:
+        x = h.starts()[0]
+        at = [0.0 if c.strength else v for c, v in zip(h.coordinates, x, strict=True)]
+        effect = effects.from_list([h.term(at).spec])[0]
+        if h.effect == "end_stop":  # a stop is absent without an angle, or without stiffness
+            assert effect.stiffness <= 1e-3
+        else:
+            assert effect.absent(), h.key
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_start_is_a_possible_effect_and_keys_are_unique(name):
+    hypotheses = all_of(name)[1]
+    for h in hypotheses:
+        for start in h.starts():
+            assert not effects.from_list([h.term(start).spec])[0].absent(), h.key
+    keys = [h.key for h in hypotheses]
+    assert len(set(keys)) == len(keys)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_applicable_effect_is_offered_but_noise(name):
+    made, hypotheses = all_of(name)
+    offered = {h.effect for h in hypotheses}
+    assert not offered & set(NOISE)
+    wanted = set(effects.applicable(made)) - set(NOISE)
+    assert wanted - offered <= {"com_offset", "imu_tilt"}  # nothing turns, or no IMU
+
+
+def test_a_sensor_that_was_not_read_is_not_blamed():
+    made = robot.load("tigrillo")
+    hints = Hints(np.full(8, -0.5), np.full(8, 0.5))
+    variants = {h.variant for h in offer(made, ("q",), hints) if h.effect == "sensor_bias"}
+    assert variants == {"q"}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_branches_hold_every_joint_once(name):
+    made = robot.load(name)
+    held = [joint for chain in chains(made) for joint in chain]
+    assert sorted(held) == sorted(made.joints)
+    assert sorted(j for group in groups(made) for j in group) == sorted(made.joints)
+
+
+def test_patterns_name_exactly_their_joints():
+    made = robot.load("tigrillo")
+    for group in groups(made):
+        assert members(made, common(group, made.joints)) == group
+
+
+def test_links_of_a_bolted_base_do_not_move():
+    made = robot.load("servo_pendulum")
+    assert [name for name, _ in links(made)] == ["rod"]
+    assert dict(links(made))["rod"] == (0.0, 0.0, -0.2)
+
+
+def test_an_interval_is_found_where_the_residual_is_large_only_there():
+    rng = np.random.default_rng(1)
+    quiet = [rng.normal(size=(400, 2)) for _ in range(3)]
+    pushed = [r.copy() for r in quiet]
+    for r in pushed:
+        r[150:220] += 12.0
+    start, stop = interval(pushed, [0.01] * 3)
+    assert start == pytest.approx(1.5, abs=0.1)
+    assert stop == pytest.approx(2.2, abs=0.1)
+    assert interval(quiet, [0.01] * 3) is None
+    assert interval([r + 12.0 for r in quiet], [0.01] * 3) is None
