@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of the battery are read by the importer; the runner goes on where it stopped."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+
+from loco_bringup import gap_battery, gap_battery_bags, gap_battery_page, gap_battery_pool
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.battery import cases, excitation, plant
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Records of one second."""
+    monkeypatch.setattr(excitation, "DURATION", 1.0)
+    monkeypatch.setattr(plant, "SETTLE", 0.2)
+
+
+def options(*words):
+    p = argparse.ArgumentParser()
+    gap_battery.add_arguments(p)
+    return p.parse_args(words)
+
+
+@pytest.mark.parametrize("robot", ["servo_pendulum", "linear_axis", "hyq_leg"])
+def test_bags_say_what_was_measured_and_no_more(tmp_path, robot):
+    from loco_bringup.gap_import import load
+    from loco_sim import robot as robots
+
+    case = cases.Case("case_0000", robot, "null", "", 5)
+    gap_battery_bags.write(tmp_path, case)
+    place = tmp_path / "bags" / "case_0000"
+    assert sorted(p.name for p in place.iterdir()) == [
+        "fit_chirp", "fit_ramp", "fit_steps", "hold_out",
+    ]  # fmt: skip
+    made = cases.readings(case)["fit_ramp"]
+    (record,) = load(place / "fit_ramp", robots.load(robot))
+    assert np.allclose(record.signals["q"], made.q)
+    assert np.allclose(record.command["position"], made.command)
+    assert record.has("tau") == (made.tau is not None)
+    text = b"".join(f.read_bytes() for f in place.rglob("*") if f.is_file())
+    assert b"effect" not in text and b"truth" not in text
+
+
+def test_a_battery_goes_on_and_refuses_another_one(tmp_path, monkeypatch):
+    done = []
+
+    def fake(function, jobs, workers, limit):
+        for index, (folder, case, *_) in enumerate(jobs):
+            done.append(case.name)
+            gap_battery_bags.write_json(folder / "truth" / f"{case.name}.json", cases.truth(case))
+            result = {"case": case.name, "verdict": "unknown", "names": [], "terms": []}
+            gap_battery_bags.write_json(folder / "results" / f"{case.name}.json", result)
+            yield index, result
+
+    monkeypatch.setattr(gap_battery_pool, "run", fake)
+    told = []
+    a = options("--cases", "3", "--seed", "4", "--robots", "linear_axis")
+    gap_battery.run(a, tmp_path, lambda *news: told.append(news))
+    a.cases = 5
+    found = gap_battery.run(a, tmp_path, lambda *news: told.append(news))
+    assert done == [f"case_{i:04d}" for i in range(5)] and len(found) == 5
+    assert told[-1] == (5, "case_0004", "unknown")
+    a.seed = 5
+    with pytest.raises(ParameterError, match="another --output"):
+        gap_battery.run(a, tmp_path, lambda *news: None)
+    lines = gap_battery_page.write_score(tmp_path, found)
+    assert "5 cases" in lines[0]
+    score = json.loads((tmp_path / "score.json").read_text())
+    assert score["figures"]["cases"] == 5
+    page = (tmp_path / "score.html").read_text()
+    assert "<script" not in page and "http" not in page and "case_0004" in page
+
+
+def test_a_job_that_hangs_is_ended_and_others_are_done():
+    jobs = [(0.01,), (60.0,), (0.02,)]
+    began = time.monotonic()
+    found = dict(gap_battery_pool.run(time.sleep, jobs, 2, 3.0))
+    assert found[0] is None and found[2] is None
+    assert "more than 3 s" in found[1]
+    assert time.monotonic() - began < 30.0
+
+
+def test_a_process_that_dies_costs_one_job():
+    found = dict(gap_battery_pool.run(os._exit, [(3,), (4,)], 1, 20.0))
+    assert set(found.values()) == {"its process died"}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["--cases", "0"], "--cases must be above 0"), (["--baselines", "luck"], "unknown baseline")],
+)
+def test_mistakes_are_told(words, said):
+    with pytest.raises(ParameterError, match=said):
+        gap_battery.from_arguments(options(*words))

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scores of made-up verdicts."""
+
+from __future__ import annotations
+
+import pytest
+
+from loco_learning.gap.battery import score, score_text
+
+
+def truth(effects, kind="single", size="large", robot="tigrillo", name="case_0000"):
+    listed = [
+        {"effect": e, "place": p, "strength": "torque", "params": {"torque": 0.1}}
+        for e, p in effects
+    ]
+    return {"name": name, "robot": robot, "kind": kind, "size": size, "seed": 1,
+            "effects": listed, "shows": [15.0] * len(listed)}  # fmt: skip
+
+
+def term(effect, place, value=0.1, low=0.08, high=0.12):
+    values = {"value": value, "low": low, "high": high, "unit": "N·m"}
+    return {"effect": effect, "place": place, "verdict": "named", "parameters": {"torque": values}}
+
+
+def result(verdict, terms=(), ambiguous=(), rivals=(), before=10.0, after=1.0):
+    return {"verdict": verdict, "names": sorted({t["effect"] for t in terms}), "terms": list(terms),
+            "ambiguous": list(ambiguous), "rivals": [{"names": r} for r in rivals],
+            "gap": {"before": before, "after": after}, "seconds": 20.0}  # fmt: skip
+
+
+FRICTION = [("coulomb_friction", "lf_hfe_joint")]
+
+
+def test_the_right_name_at_the_right_place():
+    r = score.row(truth(FRICTION), result("named", [term(*FRICTION[0])]))
+    assert r["top1"] and r["right"] and r["top2"] and r["place"] and not r["false"]
+    assert r["sizes"] == [{"effect": "coulomb_friction", "error": 0.0, "inside": True}]
+    assert r["closed"] == pytest.approx(1.0)
+
+
+def test_another_leg_is_the_wrong_place_and_a_wrong_size_is_seen():
+    found = term("coulomb_friction", "rf_hfe_joint", 0.15, 0.14, 0.16)
+    r = score.row(truth(FRICTION), result("named", [found]))
+    assert r["top1"] and r["place"] is False
+    assert r["sizes"][0]["error"] == pytest.approx(0.5) and r["sizes"][0]["inside"] is False
+
+
+@pytest.mark.parametrize(
+    ("true", "said", "same"),
+    [("", "*", True), ("*_hfe_joint", "*_hfe_joint", True), ("lf_hfe_joint", "*_hfe_joint", False),
+     ("lf_lower_leg", "lf_lower_leg", True), ("lf_lower_leg", "lf_upper_leg", False)],
+)  # fmt: skip
+def test_places_are_compared_by_what_they_name(true, said, same):
+    assert score.same_place(score.get("tigrillo"), true, said) is same
+
+
+def test_a_name_too_many_is_not_right():
+    extra = [term(*FRICTION[0]), term("payload", "")]
+    r = score.row(truth(FRICTION), result("named", extra))
+    assert r["with_others"] and not r["top1"] and not r["right"]
+    assert score.said(r) == "coulomb_friction and others"
+
+
+def test_a_rival_in_second_place_counts_for_top_two():
+    wrong = result("named", [term("load_friction", "lf_hfe_joint")], rivals=[["coulomb_friction"]])
+    r = score.row(truth(FRICTION), wrong)
+    assert r["top2"] and not r["top1"] and r["place"] is None
+
+
+def test_twins_are_right_when_both_are_named_as_ambiguous():
+    case = truth([("command_delay", "")])
+    hedged = result("ambiguous", ambiguous=[["command_delay", "sensor_latency"]])
+    guessed = result("named", [term("command_delay", "")])
+    assert score.row(case, hedged)["right"] and not score.row(case, hedged)["top1"]
+    assert score.row(case, guessed)["top1"] and not score.row(case, guessed)["right"]
+
+
+def rows():
+    cases = [
+        (truth(FRICTION), result("named", [term(*FRICTION[0])])),
+        (truth(FRICTION, size="small"), result("no gap", before=1.0)),
+        (truth([*FRICTION, ("payload", "lf_lower_leg")], "pair"), result("unknown")),
+        (truth([], "null", ""), result("no gap", before=1.0)),
+        (truth([], "null", ""), result("named", [term(*FRICTION[0])], before=1.1)),
+        (truth([("rubber", "lf_hfe_joint")], "outsider"), result("unknown", after=6.0)),
+        (truth(FRICTION), {"verdict": "error", "names": [], "terms": [], "error": "too slow"}),
+    ]
+    return [score.row(*c) for c in cases]
+
+
+def test_figures_over_cases():
+    f = score.figures(rows())
+    assert f["cases"] == 7 and f["errors"] == 1
+    assert f["singles medium and large"]["top-1"] == 0.5  # an error counts as wrong
+    assert f["singles small"]["no gap"] == 1.0
+    assert f["pairs both named"] == 0.0 and f["false names on nulls"] == 0.5
+    assert f["outsiders unknown or ambiguous"] == 1.0
+    assert f["false names"] == pytest.approx(1 / 7)
+
+
+def test_every_single_case_is_in_the_confusion_matrix_once():
+    table = score.confusion(rows())
+    assert sum(n for line in table.values() for n in line.values()) == 6
+    assert table["nothing"] == {"no gap": 1, "coulomb_friction": 1}
+
+
+def test_baselines_are_compared_on_the_cases_that_have_them():
+    made = result("named", [term(*FRICTION[0])], after=1.1)
+    made["baselines"] = {"everything": {"after": 1.4, "seconds": 3.0}}
+    f = score.figures([score.row(truth(FRICTION), made), *rows()])
+    held = f["held-out error"]
+    assert held["cases"] == 1
+    assert held["fit everything"]["median"] == 1.4
+    assert held["fit everything"]["worse than loco gap"] == 1.0
+    assert held["loco gap"]["closed"] == pytest.approx(1.0 - (1.21 - 1.0) / 99.0)
+
+
+def test_the_page_in_markdown_has_all_cases():
+    found = rows()
+    text = score_text.markdown(score.figures(found), found, "Battery")
+    assert text.count("case_0000") == len(found)
+    assert "| 50 % | >= 90 % |" in text
