@@ -116,10 +116,15 @@ def test_a_page_of_little_is_drawn_too():
 
 def test_alarms_and_corrections_are_seen():
     shown = pages.page(
-        result("unknown", alarms=["damping is negative"], correction={"kind": "ridge"}), curves()
+        result(
+            "unknown",
+            alarms=["damping is negative"],
+            correction={"kind": "correction, not explanation"},
+        ),
+        curves(),
     )
     assert "Alarm: damping is negative" in shown
-    assert "Correction, not an explanation" in shown
+    assert "Correction, not explanation" in shown
 
 
 def test_a_search_writes_every_file_and_the_same_bytes_again(found, tmp_path):

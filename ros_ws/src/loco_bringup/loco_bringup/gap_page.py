@@ -59,7 +59,7 @@ def header(result: Mapping[str, Any]) -> str:
     bad = "" if result["verdict"] in GOOD else " bad"
     boxes = "".join(f"<div><dt>{escape(k)}</dt><dd>{v}</dd></div>" for k, v in _cards(result))
     alarms = "".join(f'<p class="missing">Alarm: {escape(a)}</p>' for a in result["alarms"])
-    explained = escape(_MEANING[result["verdict"]])
+    explained = escape(str(result.get("evidence") or _MEANING[result["verdict"]]))
     return (
         f'<p class="verdict{bad}">{escape(result["verdict"])}</p>'
         f"<p><strong>{escape(text.headline(result))}</strong> "
@@ -73,7 +73,8 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     for term in result["terms"]:
         size = "<br>".join(f"<small>{escape(s)}</small>" for s in text.sizes(term))
         where = escape(text.place_of(term.get("place")))
-        cards.append((f"{text.words(term['effect'])}", f"{where}<br>{size}"))
+        sure = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"
+        cards.append((f"{text.words(term['effect'])}{sure}", f"{where}<br>{size}"))
     gap = result["gap"]
     if gap.get("before") is not None:
         numbers = [text.number(gap[k]) for k in ("before", "after") if gap.get(k) is not None]
@@ -82,8 +83,10 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     if gap.get("closed") is not None and result["verdict"] != "no gap":
         what = "<br><small>of what can be closed above the noise</small>"
         cards.append(("Closed", f"{100.0 * gap['closed']:.0f} %{what}"))
+    if result["verdict"] == "unknown" and result["regions"]:
+        cards.append(("Where", f"<small>{escape(result['regions'][0])}</small>"))
     odds = [t["odds"] for t in result["terms"] if isinstance(t.get("odds"), (int, float))]
-    if odds:
+    if odds and result["verdict"] in ("named", "ambiguous"):
         what = "<br><small>against the best explanation of another name</small>"
         cards.append(("Odds", escape(text.odds_text(min(odds))) + what))
     return cards

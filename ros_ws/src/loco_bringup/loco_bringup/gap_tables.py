@@ -105,7 +105,11 @@ def errors(curves: Curves) -> str:
     """Normalised errors of every record with intervals."""
     head = ["Record", "Role", "Channel", "NRMSE before", "NRMSE after", "Windowed before",
             "Windowed after"]  # fmt: skip
-    body = [[escape(cell) for cell in row] for row in error_rows(curves)]
+    body = [
+        [escape(cell).replace(" (", "<br><span class='soft'>").replace(")", "</span>") if i > 2
+         else escape(cell) for i, cell in enumerate(row)]
+        for row in error_rows(curves)
+    ]  # fmt: skip
     return f"<p class='soft'>{_ERRORS}</p>{table(head, body, (3, 4, 5, 6))}"
 
 
@@ -116,7 +120,7 @@ def identifiability(result: Result) -> str:
         return "<p class='soft'>Nothing was fitted.</p>"
     parts = []
     for key, value in found.items():
-        title = f"<h3>{escape(text.words(str(key)))}</h3>"
+        title = f"<p><strong>{escape(text.words(str(key)).capitalize())}</strong></p>"
         if isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
             parts.append(title + rows_of(value))
         elif isinstance(value, Mapping) and value:
@@ -148,8 +152,12 @@ def correction(result: Result) -> str:
     found = result.get("correction")
     if not found:
         return ""
-    rows = [[escape(text.words(str(k))), escape(plain(v)[:400])] for k, v in found.items()]
-    return f"<p><strong>Correction, not an explanation</strong></p>{table(['', ''], rows)}"
+    channels = [c for c in found.get("channels") or () if isinstance(c, Mapping)]
+    shown = [{k: v for k, v in c.items() if k != "weights"} for c in channels]
+    kind = escape(str(found.get("kind") or "Correction, not an explanation").capitalize())
+    return f"<p><strong>{kind}</strong></p><p class='soft'>{_CORRECTION}</p>" + (
+        rows_of(shown, ("signal", "name", "unit")) if shown else ""
+    )
 
 
 def notes(result: Result) -> str:
@@ -183,6 +191,10 @@ _ERRORS = (
     "NRMSE: rms of the error over the standard deviation of the measurement. Windowed: mean "
     "absolute error, where the model may be early or late by a little, as thesis eq. (5.4). "
     "Intervals: 90 %, bootstrap over blocks. The channels with the largest gap."
+)
+_CORRECTION = (
+    "A ridge regression of what the model misses on angles, speeds and commands: it says how much "
+    "of the gap depends on them, and nothing about the cause. Its weights are in gap.json."
 )
 _NEXT = (
     "<code>loco gap next DIR</code> writes the first as a file, <code>loco run</code> executes it, "

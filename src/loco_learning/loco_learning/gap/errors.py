@@ -88,7 +88,10 @@ def error_rows(curves: Curves) -> list[list[str]]:
             if np.isfinite(curve.measured[:, c]).sum() < BLOCKS:
                 continue
             unit = curves.unit(c)
-            windowed = [f"{mawe(curve, c, which)} {unit}" for which in ("before", "after")]
+            windowed = [
+                str(mawe(curve, c, which)).replace(" (", f" {unit} (", 1)
+                for which in ("before", "after")
+            ]
             plain = [str(nrmse(curve, c, which)) for which in ("before", "after")]
             rows.append([curve.name, curve.role, curves.label(c), *plain, *windowed])
     return rows
