@@ -102,14 +102,15 @@ class Pace:
             t: Seconds from the bag's begin.
             idle: Called for the time left [s], in slices; what it hears may be commands.
         """
-        while not self.over:
+        while True:
             self._press()
+            if self.over:
+                return False
             left = self._left(t)
             if left <= 0.0:
                 self._newest = t
                 return True
             idle(min(left, _SLICE))
-        return False
 
     def _press(self) -> None:
         key = self._keys.pressed() if self._keys else ""
@@ -129,5 +130,5 @@ class Pace:
             return 0.0
         now = time.perf_counter()
         if self._anchor is None:
-            self._anchor = (now, t)
+            self._anchor = (now, t if self._newest is None else self._newest)
         return self._anchor[0] + (t - self._anchor[1]) / self._speed - now
