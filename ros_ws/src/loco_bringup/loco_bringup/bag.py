@@ -16,7 +16,7 @@ from loco_control.exceptions import BagError, MissingFileError, NameUnknownError
 from loco_control.ros.codec import Codec
 
 from .bag_writer import LIBRARY
-from .mcap_chunk import Records, gathered
+from .mcap_chunk import Records, gather
 from .mcap_file import McapFile, of_channels
 
 
@@ -163,7 +163,7 @@ class _Columns:
     def __init__(self, bag: Bag, name: str):
         self._bag, self._name = bag, name
         self._codec: Codec | None = None
-        self._parts: list[np.ndarray] = []
+        self._filled = 0
 
     def add(self, records: Records, rows: np.ndarray) -> None:
         """Copy these messages of a chunk."""
@@ -172,6 +172,8 @@ class _Columns:
         starts = records.starts[rows]
         if self._codec is None:
             self._codec = self._layout(records.data[starts[0] : records.stops[rows[0]]])
+            count = self._bag.topics[self._name].count
+            self._data = np.empty((count, self._codec.dtype.itemsize), np.uint8)
         size = self._codec.dtype.itemsize
         wrong = np.flatnonzero(records.stops[rows] - starts != size)
         if len(wrong):
@@ -180,7 +182,14 @@ class _Columns:
                 f"{self._bag.path.name}: messages on {self._name} differ in layout: "
                 f"{size} bytes, then {other}"
             )
-        self._parts.append(gathered(records.bytes, starts, size))
+        end = self._filled + len(rows)
+        if end > len(self._data):
+            raise BagError(
+                f"{self._bag.path.name}: more messages on {self._name} than its summary says, "
+                f"{len(self._data)}"
+            )
+        gather(records.bytes, starts, self._data[self._filled : end])
+        self._filled = end
 
     def _layout(self, first: bytes) -> Codec:
         from rclpy.serialization import deserialize_message
@@ -192,7 +201,7 @@ class _Columns:
         """Records, shape (n,)."""
         if self._codec is None:
             raise BagError(f"{self._bag.path.name} has no message on {self._name}")
-        return np.concatenate(self._parts).view(self._codec.dtype).reshape(-1)
+        return self._data[: self._filled].view(self._codec.dtype).reshape(-1)
 
 
 def message_class(name: str) -> type:

@@ -111,7 +111,8 @@ class Records:
     @cached_property
     def heads(self) -> np.ndarray:
         """Channel, sequence and times of each message, dtype `MESSAGE`."""
-        rows = gathered(self.bytes, self.starts - MESSAGE.itemsize, MESSAGE.itemsize)
+        rows = np.empty((len(self.starts), MESSAGE.itemsize), np.uint8)
+        gather(self.bytes, self.starts - MESSAGE.itemsize, rows)
         return rows.view(MESSAGE).reshape(-1)
 
 
@@ -154,9 +155,7 @@ def _find(data):
 
 
 @njit(cache=True)
-def gathered(data: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
-    """Stretches of `size` bytes from each start on, shape (len(starts), size)."""
-    out = np.empty((len(starts), size), np.uint8)
+def gather(data: np.ndarray, starts: np.ndarray, out: np.ndarray) -> None:
+    """Copy stretches of bytes from each start on into the rows of `out`."""
     for i in range(len(starts)):
-        out[i] = data[starts[i] : starts[i] + size]
-    return out
+        out[i] = data[starts[i] : starts[i] + out.shape[1]]
