@@ -14,6 +14,7 @@ find where a model and a recording differ, name the cause, add it to the model
 
   loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
   loco gap DIR --add BAG...     search again with more recordings
+  loco gap --live --robot R     the same with two robots that run, over topics
   loco gap next DIR             write the experiment that would tell most as a file
   loco gap experiments ROBOT    write experiments that excite a robot, as files
   loco gap battery              many hidden effects: how often the name is right
@@ -50,6 +51,12 @@ def parser() -> argparse.ArgumentParser:
                    help="only these effects are offered as causes (default: all)")  # fmt: skip
     p.add_argument("--seed", type=int, default=0, help="of everything that is drawn (default 0)")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--live", action="store_true",
+                   help="no bag: run a surrogate robot and a model, over topics")  # fmt: skip
+    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
+                   help="--live: the robot that stands for the real one")  # fmt: skip
+    p.add_argument("--speed", type=float, default=1.0,
+                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
     return p
 
 
@@ -58,6 +65,10 @@ def _search(arguments: list[str]) -> int:
 
     p = parser()
     a = p.parse_args(arguments)
+    if a.live:
+        from .console_gap_live import show_live
+
+        return show_live(a)
     if not a.bags:
         raise ParameterError("loco gap takes at least one recording; see `loco gap --help`")
     if a.workers < 1:

@@ -58,6 +58,8 @@ class LiveProgress:
     generation: int = 0
     best: float = float("nan")
     eta: float = float("nan")
+    share: float = 0.0  # of a search for a gap that is done
+    found: str = ""  # best name of such a search so far
     gaps: list[GapRow] = field(default_factory=list)
 
 
@@ -112,27 +114,43 @@ def calibrate_live(
         ParameterError: The excitation has no period, or `folder` holds a bag.
     """
     options, live = options or CalibrationParams(), live or LiveParams()
-    period = _period(measured)
+    period = period_of(measured)
     robots = {
         MEASURED: replace(measured, duration=FOREVER),
-        MODEL: _model(measured, robot),
+        MODEL: model_of(measured, robot),
     }
-    client = _Client(options, period, robot, live, tell)
+    client = Client(options, period, robot, live, tell)
+    return run_live(client, robots, folder, live, _helper(options, live, period))
+
+
+def run_live(
+    client: Client,
+    robots: dict[str, JointExperiment],
+    folder: Path,
+    live: LiveParams,
+    helper: Helper,
+) -> LiveOutcome:
+    """Run both robots and the calibrator until the client says that it is over."""
     with client:
         outcome = run_robots(
-            robots, folder, speed=live.speed, on_progress=client.step,
-            helpers=[_helper(options, live, period)], stop_on_fall=False,
+            robots, folder, speed=live.speed, on_progress=client.step, helpers=[helper],
+            stop_on_fall=False,
         )  # fmt: skip
     return client.outcome(outcome)
 
 
-def _period(measured: JointExperiment) -> float:
+def period_of(measured: JointExperiment) -> float:
+    """Period of an excitation [s].
+
+    Raises:
+        ParameterError: It has none.
+    """
     if measured.target.frequency <= 0.0:
         raise ParameterError("the excitation of a calibration needs a frequency above 0 Hz")
     return 1.0 / measured.target.frequency
 
 
-def _model(measured: JointExperiment, robot: str) -> JointExperiment:
+def model_of(measured: JointExperiment, robot: str) -> JointExperiment:
     """The model under the excitation of the measured robot."""
     return JointExperiment(
         name=f"{measured.name}_model",
@@ -152,12 +170,12 @@ def _helper(options: CalibrationParams, live: LiveParams, period: float) -> Help
     return Helper("calibrator", cls, parameters, "calibration")
 
 
-class _Client:
+class Client:
     """Action client that is looked after from the loop that watches the run."""
 
-    def __init__(
-        self, options: CalibrationParams, period: float, robot: str, live: LiveParams, tell: Tell
-    ):
+    ACTION, NAME = "Calibrate", "calibrate"
+
+    def __init__(self, options: Any, period: float, robot: str, live: LiveParams, tell: Tell):
         self._options, self._period, self._robot = options, period, robot
         self._live, self._tell = live, tell
         self.progress = LiveProgress()
@@ -171,7 +189,7 @@ class _Client:
         self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
         self._models = 0  # that the model robot became
 
-    def __enter__(self) -> _Client:
+    def __enter__(self) -> Client:
         import rclpy
         from rclpy.action import ActionClient
         from rclpy.experimental import EventsExecutor
@@ -181,12 +199,12 @@ class _Client:
 
         from loco_control.ros.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
         from loco_control.ros.joint_topics import JOINT_TOPICS
-        from loco_msgs.action import Calibrate
+        from loco_msgs import action
 
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("live_calibration", context=self._context)
-        self._client = ActionClient(self._node, Calibrate, "calibrate")
+        self._client = ActionClient(self._node, getattr(action, self.ACTION), self.NAME)
         self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
         row = CALIBRATION_TOPICS["gap"]
         self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
@@ -240,17 +258,19 @@ class _Client:
         return False
 
     def _send(self) -> None:
+        self.progress.phase = "listening"
+        self._sent = self._client.send_goal_async(self._goal(), self._on_feedback)
+
+    def _goal(self) -> Any:
         from loco_msgs.action import Calibrate
 
         o = self._options
-        goal = Calibrate.Goal(
+        return Calibrate.Goal(
             measured=f"/{MEASURED}", model=f"/{MODEL}", robot=self._robot,
             parameter_set=o.parameters, loss=o.loss, generations=o.generations,
             evaluations=o.evaluations, population=o.population, seed=o.seed,
             duration=self._live.listen * self._period,
         )  # fmt: skip
-        self.progress.phase = "listening"
-        self._sent = self._client.send_goal_async(goal, self._on_feedback)
 
     def _accepted(self) -> None:
         self._handle = self._sent.result()

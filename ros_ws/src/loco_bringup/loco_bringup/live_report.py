@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from html import escape
 from importlib import resources
@@ -15,6 +16,7 @@ from loco_control.exceptions import BagError
 from loco_learning.calibration.figures import CALIBRATED, DEFAULT, ROBOT
 from loco_learning.calibration.segments import Segments
 
+from . import gap_tables, gap_text
 from . import report_tables as tables
 from .live_run import MEASURED, MODEL, LiveRun
 from .report import part, picture
@@ -28,8 +30,9 @@ def page(run: LiveRun) -> str:
     drawn = {
         "Gap over time": (gap, _GAP),
         "Knees before and after": (periods, _PERIODS),
-        "Search": (search, _SEARCH),
     }
+    if not run.names_gap:
+        drawn["Search"] = (search, _SEARCH)
     parts = [
         *(
             part(title, lambda draw=draw, title=title, text=text: picture(
@@ -37,13 +40,14 @@ def page(run: LiveRun) -> str:
             ))
             for title, (draw, text) in drawn.items()
         ),
-        part("Parameters", lambda: parameters(run)),
+        part("What was found", lambda: found(run)) if run.names_gap
+        else part("Parameters", lambda: parameters(run)),
         part("Models in turn", lambda: models(run)),
         part("Messages", lambda: tables.message_table(run.bag)),
     ]  # fmt: skip
     template = resources.files(__package__).joinpath("report_template.html").read_text("utf-8")
     return Template(template).substitute(
-        title="Live calibration",
+        title="Live gap" if run.names_gap else "Live calibration",
         header=header(run),
         contents=" ".join(f'<a href="#{p.anchor}">{p.title}</a>' for p in parts),
         sections="\n".join(p.html for p in parts),
@@ -59,9 +63,12 @@ def header(run: LiveRun) -> str:
         "Gap after [rad]": tables.number(after),
         "Ratio": tables.number(before / after if after else math.nan),
         "Models tried live": str(len(run.swaps)),
-        "Generations": str(run.states[-1].tick),
-        "Rollouts": str(run.states[-1].evaluations),
     }
+    if run.names_gap:
+        cards["Verdict"] = escape(run.states[-1].verdict or "–")
+    else:
+        cards["Generations"] = str(run.states[-1].tick)
+        cards["Rollouts"] = str(run.states[-1].evaluations)
     boxes = "".join(f"<div><dt>{escape(k)}</dt><dd>{v}</dd></div>" for k, v in cards.items())
     bad = "" if phase == "done" else " bad"
     return (
@@ -151,6 +158,15 @@ def parameters(run: LiveRun) -> str:
     if not rows:
         raise BagError("no model was better than the one given")
     return tables.table(["Parameter", "Unit", "Default", "Calibrated"], rows, range(2, 4))
+
+
+def found(run: LiveRun) -> str:
+    """Terms and rivals of the search, as on the page of `loco gap`."""
+    if not run.states[-1].gap_json:
+        raise BagError("the search ended without a result")
+    result = json.loads(run.states[-1].gap_json)
+    said = f"<p><strong>{escape(gap_text.headline(result))}</strong></p>"
+    return said + gap_tables.terms(result) + gap_tables.rivals(result)
 
 
 def models(run: LiveRun) -> str:

@@ -18,13 +18,23 @@ from .bag import Bag
 from .calibrate_bag import read_recording
 
 MEASURED, MODEL = "measured", "model"  # namespaces
-TOPICS = ("/calibration", "/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
+TOPICS = ("/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
+SAID = ("/calibration", "/gap_search")  # by the calibrator: one of them
 SETTLE = 1.5  # periods after the start that are not used; half as many after a change of model
 
 
 def is_live(bag: Bag) -> bool:
-    """Whether the bag is of a live calibration."""
-    return all(name in bag.topics and bag.topics[name].count for name in TOPICS)
+    """Whether the bag is of a live calibration, or of a live search for a gap."""
+    return not _missing(bag) and bool(_said(bag))
+
+
+def _missing(bag: Bag) -> list[str]:
+    return [name for name in TOPICS if name not in bag.topics or not bag.topics[name].count]
+
+
+def _said(bag: Bag) -> str:
+    """Topic on which the calibrator told what it did; empty if it told nothing."""
+    return next((n for n in SAID if n in bag.topics and bag.topics[n].count), "")
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,7 @@ class LiveRun:
         swaps: Simulated times of the model robot at which it became another model [s], (S,).
         gap: Rows of the topic `gap`: end of the period [s], gap [rad], number of the model,
             whether another took over within the period, (P, 4).
-        states: Messages of the topic `calibration`.
+        states: Messages of the topic `calibration`, or of `gap_search`.
     """
 
     bag: Bag
@@ -70,8 +80,15 @@ class LiveRun:
         """Phase that the calibration ended in, and what it said."""
         return self.states[-1].phase, self.states[-1].text
 
+    @property
+    def names_gap(self) -> bool:
+        """It was `loco gap --live`: the states are those of a search for a cause."""
+        return hasattr(self.states[-1], "gap_json")
+
     def parameters(self) -> list[tuple[BodyParameter, float]]:
         """Each calibrated parameter and its value, best of the run; empty if none was found."""
+        if self.names_gap:
+            return []
         names, values = list(self.states[-1].names), list(self.states[-1].values)
         for known in ("seven", "ten"):
             chosen = parameter_set(known)
@@ -86,7 +103,7 @@ def read_live(bag: Bag) -> LiveRun:
     Raises:
         BagError: The bag lacks one of `TOPICS`, or the measured robot has no whole period.
     """
-    missing = [t for t in TOPICS if t not in bag.topics or not bag.topics[t].count]
+    missing = _missing(bag) or ([] if _said(bag) else [" or ".join(SAID)])
     if missing:
         raise BagError(f"{bag.path} has no messages on {', '.join(missing)}; it is no live run")
     experiments = {
@@ -94,7 +111,7 @@ def read_live(bag: Bag) -> LiveRun:
         for name in (MEASURED, MODEL)
     }
     robot = experiments[MODEL].plant
-    joints = tuple(passive(robot))
+    joints = tuple(passive(robot) or robot.joints)
     robots = {n: read_recording(bag, experiments[n].control_rate, n) for n in experiments}
     swaps = _swaps(bag)
     first, last = (swaps[0], swaps[-1]) if len(swaps) else (np.inf, np.inf)
@@ -106,7 +123,7 @@ def read_live(bag: Bag) -> LiveRun:
         bag, experiments, joints, measured,
         _periods(robots[MODEL], joints, settled, first),
         _periods(robots[MODEL], joints, last + 0.5 * settled, np.inf),
-        swaps, _gap(bag), bag.messages("/calibration"),
+        swaps, _gap(bag), bag.messages(_said(bag)),
     )  # fmt: skip
 
 
