@@ -211,7 +211,7 @@ BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "messages": ("One message [µs]", bench_messages),
     "msd": ("One step of one mass-spring-damper network", bench_msd),
     "population": ("Evaluations per second, 7 parameters", bench_population),
-    "bag": ("Reading: messages a second, from disk to an array", bench_bag),
+    "bag": ("Reading: messages a second of processor time, from disk to an array", bench_bag),
     "damage": ("A bag cut off or with a byte changed, read and recovered", bench_damage),
     "effects": ("Effects, in shares of a physics step", bench_effects),
 }
