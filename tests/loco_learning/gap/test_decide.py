@@ -99,6 +99,17 @@ def test_a_short_gap_is_one():
     assert decide.has_gap([r])
 
 
+def test_a_small_gap_that_a_trifle_explains_is_none():
+    slight = score(2.0)
+    trifle = dataclasses.replace(GOOD, trifle=True)
+    assert verdict(trifle, before=slight).verdict == NO_GAP
+    assert verdict(trifle).verdict == NAMED
+    rival = Rival("delay", "", CLOSE, trifle=True)
+    assert verdict(dataclasses.replace(GOOD, rivals=(rival,)), before=slight).verdict == NO_GAP
+    weak = dataclasses.replace(rival, over=STRONG)
+    assert verdict(dataclasses.replace(GOOD, rivals=(weak,)), before=slight).verdict == NAMED
+
+
 def test_what_explains_only_a_part_gets_no_verdict_by_name():
     found = verdict(GOOD, after=score(6.0))
     assert found.verdict == UNKNOWN

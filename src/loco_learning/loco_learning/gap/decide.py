@@ -43,6 +43,10 @@ class Limits(Params):
         0.3, "deviation of a strength between parts of the data, over its value, from which on "
         "it is no constant of the robot", low=0.0
     )  # fmt: skip
+    trifle: float = parameter(
+        3.0, "rms [floors] on all records up to which a gap that something too small to matter "
+        "explains is none", low=1.0
+    )  # fmt: skip
     edge: float = parameter(
         0.01, "share of a parameter's range next to a bound that counts as on it", low=0.0, high=0.5
     )
@@ -90,12 +94,14 @@ class Rival:
         place: Where it sits.
         over: Evidence for the candidate over this one.
         closed: Share of the gap that it closes.
+        trifle: It is too small to matter on any robot.
     """
 
     name: str
     place: str
     over: Comparison
     closed: float = math.nan
+    trifle: bool = False
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,7 @@ class Candidate:
         gain: Evidence for the model over the same model without the term, refitted.
         closed: Share of the gap that comes back without it.
         rivals: The same model with another effect instead, refitted.
+        trifle: It is too small to matter on any robot.
     """
 
     name: str
@@ -117,6 +124,7 @@ class Candidate:
     gain: Comparison
     closed: float
     rivals: tuple[Rival, ...] = ()
+    trifle: bool = False
 
 
 @dataclass(frozen=True)
@@ -206,6 +214,12 @@ def decide(
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed(before.rms, after.rms)
     explained = adequate(*residuals, limits)
+    if explained and _trifling(candidates, evidence.rms(residuals[0]), limits):
+        text = (
+            f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
+            f"{candidates[0].name} too small to matter explains it."
+        )
+        return Decision(NO_GAP, (), (), (), (), True, text)
     verdict = _overall(rulings, explained)
     names = tuple(sorted({r.name for r in rulings if r.verdict == NAMED}))
     groups = {tuple(sorted({r.name, *r.look_alikes})) for r in rulings if r.verdict == AMBIGUOUS}
@@ -218,6 +232,15 @@ def decide(
         explained,
         _summary(verdict, names, sorted(groups), before.rms, after.rms, closed),
     )
+
+
+def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
+    """A small gap that changes too small to matter explain as well as anything else does."""
+    small = [
+        c.trifle or any(r.trifle and r.over.odds <= limits.odds for r in c.rivals)
+        for c in candidates
+    ]
+    return bool(small) and all(small) and rms <= limits.trifle
 
 
 def adequate(

@@ -26,6 +26,8 @@ from .sensitivity import sensitivities
 
 NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
+COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
+TRIFLE = 0.25, 0.02  # of the low end of a prior, and of the high end of a two-sided one
 MOST_PRICE = 100.0  # odds that all parameters together cost at most
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
@@ -76,6 +78,24 @@ def occam(a: Fitted, b: Fitted) -> float:
     price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
     most = math.log(MOST_PRICE)
     return min(max(price * (a.count - b.count), -most), most)
+
+
+def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
+    """All strengths are far below what the effect has on any robot.
+
+    Only where that can be said: friction in N·m is large on one robot and nothing on another.
+    """
+    priors = EFFECTS[hypothesis.effect].identity.priors
+    for c, at in zip(hypothesis.coordinates, x, strict=True):
+        if not c.strength:
+            continue
+        prior = priors.get(c.name)
+        if prior is None or c.unit not in COMPARABLE:
+            return False
+        least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
+        if abs(c.value(at)) > least:
+            return False
+    return True
 
 
 class _Judgement:
@@ -189,8 +209,9 @@ class _Judgement:
         made = []
         for model, over in rivals:
             (other,) = [h for h, _ in model.parts if h.key not in others]
+            small = trifle(*next(part for part in model.parts if part[0] is other))
             made.append(
-                Rival(other.effect, other.place, over, evidence.closed(base, model.held.rms))
+                Rival(other.effect, other.place, over, evidence.closed(base, model.held.rms), small)
             )
         return Candidate(
             hypothesis.effect,
@@ -199,6 +220,7 @@ class _Judgement:
             self._gain(best, without),
             evidence.closed(without.held.rms, best.held.rms),
             tuple(made),
+            trifle(*best.parts[index]),
         )
 
 
