@@ -82,7 +82,7 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         cards.append(("Gap before → after", " → ".join(numbers) + unit))
     if gap.get("closed") is not None and result["verdict"] != "no gap":
         what = "<br><small>of what can be closed above the noise</small>"
-        cards.append(("Closed", f"{100.0 * gap['closed']:.0f} %{what}"))
+        cards.append(("Closed", f"{round(100.0 * gap['closed']):d} %{what}"))
     if result["verdict"] == "unknown" and result["regions"]:
         cards.append(("Where", f"<small>{escape(result['regions'][0])}</small>"))
     odds = [t["odds"] for t in result["terms"] if isinstance(t.get("odds"), (int, float))]

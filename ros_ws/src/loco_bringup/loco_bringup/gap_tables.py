@@ -93,12 +93,12 @@ def rivals(result: Result) -> str:
         ]
         for r in items
     ]
-    head = ["Rival", "Place", "Gain (interval)", "Odds against it", "Closed"]
+    head = ["Rival", "Place", "Gain over it (interval)", "Odds against it", "It closes"]
     return f"<p class='soft'>{_RIVALS}</p>{table(head, body, (4,))}"
 
 
 def _share(value: Any) -> str:
-    return f"{100.0 * value:.0f} %" if isinstance(value, (int, float)) else "–"
+    return f"{round(100.0 * value):d} %" if isinstance(value, (int, float)) else "–"
 
 
 def errors(curves: Curves) -> str:
@@ -184,8 +184,8 @@ _CELLS = (
     "noise."
 )
 _RIVALS = (
-    "The best explanations of another name, fitted in the same way. Gain: of the log-likelihood "
-    "per block on held-out data, against the model as given."
+    "The best explanations of another name, fitted in the same way. Gain: how much better what "
+    "was found explains the data than the rival does, in log-likelihood, with its interval."
 )
 _ERRORS = (
     "NRMSE: rms of the error over the standard deviation of the measurement. Windowed: mean "

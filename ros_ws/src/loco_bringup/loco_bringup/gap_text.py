@@ -113,7 +113,7 @@ def gap_line(result: Result) -> str:
         line += f", {number(gap['after'])} after"
     line += " times the noise"
     if gap.get("closed") is not None and result["verdict"] != "no gap":
-        line += f"; {100.0 * gap['closed']:.0f} % of what can be closed is closed"
+        line += f"; {round(100.0 * gap['closed']):d} % of what can be closed is closed"
     return line
 
 

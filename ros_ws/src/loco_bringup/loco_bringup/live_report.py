@@ -29,7 +29,7 @@ def page(run: LiveRun) -> str:
     """HTML text of the page."""
     drawn = {
         "Gap over time": (gap, _GAP),
-        "Knees before and after": (periods, _PERIODS),
+        f"{'Joints' if run.names_gap else 'Knees'} before and after": (periods, _PERIODS),
     }
     if not run.names_gap:
         drawn["Search"] = (search, _SEARCH)
