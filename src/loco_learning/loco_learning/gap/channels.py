@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from loco_control.orientation import roll_pitch_yaw
-from loco_sim.geometry import multiply
 from loco_sim.robot import Robot
 
 from ..signals import roll_pitch_yaw as all_roll_pitch_yaw
@@ -108,7 +107,7 @@ def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
     if signal in TURNED:
         return _angles(values, heading(values))
     if signal == "base_position":
-        return _at_home(values, record)
+        return at_home(values, record)
     return values
 
 
@@ -126,7 +125,7 @@ def _angles(orientation: np.ndarray, yaw: float = 0.0) -> np.ndarray:
     return angles
 
 
-def _at_home(position: np.ndarray, record: Record) -> np.ndarray:
+def at_home(position: np.ndarray, record: Record) -> np.ndarray:
     """Positions from the first measured one on, along and across the first heading [m]."""
     known = np.flatnonzero(np.all(np.isfinite(position), axis=1))
     turned = record.signals.get("base_orientation", record.signals.get("orientation"))
@@ -137,19 +136,6 @@ def _at_home(position: np.ndarray, record: Record) -> np.ndarray:
         moved[:, :2] -= position[known[0], :2]
     moved[:, :2] = moved[:, :2] @ np.array([[c, -s], [s, c]])
     return moved
-
-
-def base_pose(record: Record, row: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Measured place [m] and attitude x y z w of the base in a row, at home; None if unknown."""
-    position, turned = (record.signals.get(k) for k in ("base_position", "base_orientation"))
-    if position is None or turned is None:
-        return None
-    place = _at_home(position, record)[row]
-    half = -0.5 * heading(turned)
-    turn = np.array(multiply((0.0, 0.0, np.sin(half), np.cos(half)), turned[row].tolist()))
-    if not np.all(np.isfinite([*place, *turn])):
-        return None
-    return place, turn
 
 
 def measured(robot: Robot, channels: Sequence[Channel], record: Record) -> np.ndarray:

@@ -22,7 +22,7 @@ from loco_control.params import Params, parameter
 from loco_sim.model import Model
 from loco_sim.robot import Robot
 
-from . import running
+from . import running, windows
 from .channels import SIGNALS, Channel, measured, of
 from .record import Record
 from .running import Start
@@ -40,6 +40,13 @@ class ForwardParams(Params):
         0.2, "at the start of a record that does not begin at rest in the standing pose: what "
         "is not weighed", "s", low=0.0, high=100.0
     )  # fmt: skip
+    window: float = parameter(
+        0.0, "length of pieces that each begin in the measured state; 0 runs whole records", "s",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    settling: float = parameter(
+        0.02, "at the start of each such piece: what is not weighed", "s", low=0.0, high=10.0
+    )
 
 
 class Forward:
@@ -78,15 +85,21 @@ class Forward:
         self._told = [running.orders(record, robot) for record, robot in both]
         free = min(robots, key=lambda robot: robot.fixed_base)
         self.channels: tuple[Channel, ...] = of(free, self.records, self.params.signals)
-        self._starts = [start(record, robot) for record, robot in both]
+        length = self.params.window
+        self._starts = [
+            windows.pieces(record, robot, length) if length else start(record, robot)
+            for record, robot in both
+        ]
         self.measured = [
             self._weighed(index, measured(robot, self.channels, self.records[index]))
             for index, robot in enumerate(robots)
         ]
 
     def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
-        if self._starts[index]:
-            values[: round(self.params.burn_in / self.records[index].dt)] = np.nan
+        params, dt = self.params, self.records[index].dt
+        first = round(params.burn_in / dt) if not params.window else round(params.settling / dt)
+        for piece in self._starts[index]:
+            values[piece.row : piece.row + max(1, first)] = np.nan
         return values
 
     def robot(self, index: int = 0) -> Robot:
@@ -172,18 +185,18 @@ def start(record: Record, robot: Robot) -> list[Start]:
 
     Joints that were not measured have the position of standing.
     """
-    q, standing = record.joints_of(robot, "q")[:5], robot.standing
-    known = np.all(np.isfinite(q), axis=0)
-    if len(q) < 5 or not known.any():
+    q, standing = record.joints_of(robot, "q"), robot.standing
+    at, speed = (values[0] for values in windows.joint_states(record, robot))
+    known = np.isfinite(q[0]) & np.isfinite(at)
+    if not known.any():
         return []
-    speed, at = np.polynomial.polynomial.polyfit(record.t[:5], np.where(known, q, 0.0), 1)[::-1]
-    speed = np.where(known, speed, 0.0)
     said = record.joints_of(robot, "dq")[0]  # zero of a robot that starts to move right now
     slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
     near = np.abs(q[0] - standing) < NEAR + 2.0 * record.resolution.get("q", 0.0)
     if np.all((slow & near) | ~known):
         return []
-    return [Start(0, len(record.t), np.where(known, at, standing), speed)]
+    moving = np.where(known, at, standing), np.where(known, speed, 0.0)
+    return [Start(0, len(record.t), *moving)]
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
