@@ -81,6 +81,30 @@ def test_a_command_that_is_not_finite_is_rejected_and_counted(bench):
     assert plant.b.node.diagnose()["rejected_commands"] == 1
 
 
+def test_a_joint_that_is_too_fast_stops_the_robot_and_commands_do_nothing_then(bench):
+    plant = Plant(bench, **{"safety.overspeed": 0.1, "safety.trip_ticks": 2})
+    for _ in range(40):
+        plant.tick(plant.rest + 0.6)
+        if plant.said("estop"):
+            break
+    (reason,) = plant.said("estop")
+    assert "hfe_joint moves at" in reason
+    assert plant.b.node.diagnose()["estop"] == reason
+    for _ in range(100):
+        at = plant.tick(plant.rest - 0.6)
+    assert np.abs(plant.tick(plant.rest + 0.6) - at).max() < 0.02
+
+
+def test_an_absurd_command_is_brought_back_into_the_range_of_the_joints(bench):
+    plant = Plant(bench)
+    for _ in range(30):
+        q = plant.tick(np.full(len(plant.names), 100.0))
+    assert np.abs(q[plant.robot.driven]).max() <= np.pi / 2 + 0.1
+    counted = plant.b.node.diagnose()
+    assert counted["limited_position"] == 30
+    assert "estop" not in counted
+
+
 def test_wrong_joint_names_are_one_clear_event(bench):
     plant = Plant(bench)
     names = ["lf_hip", *plant.names[1:]]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import logging
 import os
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from loco_control.exceptions import LocoError
 
-from . import __version__
+from . import __version__, cli_watch
 
 EPILOG = """\
 exit codes: 0 done, 1 a run failed (node died, not ready), 2 a mistake in the input,
@@ -62,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_reading(commands)
     _add_studies(commands)
-    _add_watching(commands)
+    cli_watch.add(functools.partial(_command, commands))
     _add_rest(commands)
     return top
 
@@ -199,16 +200,6 @@ def _add_calibrate(commands) -> None:
                    help="--live: the robot that stands for the real one")  # fmt: skip
     p.add_argument("--speed", type=float, default=1.0,
                    help="--live: at most this x real time, 0 for no limit")  # fmt: skip
-
-
-def _add_watching(commands) -> None:
-    p = _command(commands, "top", top, "show the live graph: rates, lateness, drops, CPU, phase")
-    p.add_argument("--once", action="store_true", help="print once, for scripts")
-    p.add_argument("--interval", type=float, default=1.0, help="seconds between pictures")
-    p = _command(commands, "doctor", doctor, "say why nothing moves (exit code 1: found something)")
-    p.add_argument("--seconds", type=float, default=5.0, help="how long to listen (default 5)")
-    p.add_argument("--json", action="store_true", help="print JSON")
-    p.add_argument("--clean", action="store_true", help="remove shared memory of dead processes")
 
 
 def _add_rest(commands) -> None:
@@ -357,20 +348,6 @@ def bench(a: argparse.Namespace) -> int:
 
     show_bench(a.what, a.json)
     return 0
-
-
-def top(a: argparse.Namespace) -> int:
-    """`loco top`."""
-    from .console_top import show_top
-
-    return show_top(a.once, a.interval)
-
-
-def doctor(a: argparse.Namespace) -> int:
-    """`loco doctor`."""
-    from .console_doctor import show_doctor
-
-    return show_doctor(a.seconds, a.json, a.clean)
 
 
 def docs(a: argparse.Namespace) -> int:

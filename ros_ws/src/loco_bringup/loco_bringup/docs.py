@@ -111,6 +111,7 @@ def _parameters() -> str:
     from loco_learning.experiment import Experiment
     from loco_learning.joint_experiment import JointExperiment
     from loco_learning.msd_experiment import MsdExperiment
+    from loco_sim.safety import SafetyParams
 
     head = ("key", "default", "unit", "range", "meaning")
     return _page(
@@ -122,6 +123,8 @@ def _parameters() -> str:
         "## Masses and springs (`kind: msd`)\n\n" + _table(head, _rows(MsdExperiment(), "")),
         "## Every node\n\nROS parameters only, not keys of an experiment.\n\n"
         + _table(head, _rows(HealthParams(), "diagnostics.")),
+        "## Plants\n\nROS parameters of `robot_sim` only.\n\n"
+        + _table(head, _rows(SafetyParams(), "safety.")),
     )
 
 

@@ -104,7 +104,8 @@ def _rows() -> tuple[Topic, ...]:
             0,
             "any",
             (*JOINT_NODES, recorder),
-            "ready, phase, fall, model loaded, model refused, finished, error",
+            "ready, phase, fall, model loaded, model refused, resumed, timeout, estop, "
+            "estop reset, finished, error",
         ),
         Topic(
             "recorder_status",
@@ -115,6 +116,7 @@ def _rows() -> tuple[Topic, ...]:
             (sim,),
             TOPICS["recorder_status"].doc,
         ),
+        TOPICS["estop"],
     )
 
 

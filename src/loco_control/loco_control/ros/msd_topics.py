@@ -36,6 +36,7 @@ def _rows() -> tuple[Topic, ...]:
         replace(TOPICS["/diagnostics"], readers=()),
         replace(TOPICS["events"], readers=(*MSD_NODES, "recorder"), doc=events),
         replace(TOPICS["recorder_status"], writer="recorder", readers=(sim,)),
+        TOPICS["estop"],
     )  # fmt: skip
 
 

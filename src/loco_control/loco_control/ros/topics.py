@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Bool, Float64, String
 from tf2_msgs.msg import TFMessage
 
 from loco_control.exceptions import NameUnknownError
@@ -158,7 +158,15 @@ def _rows() -> tuple[Topic, ...]:
         Topic(
             "/diagnostics", DiagnosticArray, STATE, 0, "any", (), "1 Hz of wall time, every node"
         ),
-        Topic("events", Event, LATCHED_LOG, 0, "any", nodes, "ready, phase, fall, finished, error"),
+        Topic(
+            "events",
+            Event,
+            LATCHED_LOG,
+            0,
+            "any",
+            nodes,
+            "ready, phase, fall, resumed, timeout, estop, estop reset, finished, error",
+        ),
         Topic(
             "recorder_status",
             RecorderStatus,
@@ -181,6 +189,15 @@ def _rows() -> tuple[Topic, ...]:
             "gait_frequency", Float64, COMMAND, 0, "any", (target,), "stride frequency wanted [Hz]"
         ),
         Topic("stance_estimator", String, COMMAND, 0, "any", (stance,), "pse or rse"),
+        Topic(
+            "estop",
+            Bool,
+            STATE,
+            0,
+            "any",
+            (sim,),
+            "true stops the robot until the service set_estop resets it",
+        ),
     )
 
 

@@ -135,6 +135,7 @@ class JointSimNode(PlantNode):
         except LocoError as error:
             self.event("model refused", str(error), *self._now())
             return
+        self._make_safety()
         self._from = self._now()[0]
         self._travelled, self._x = self._travelled + self._x, 0.0
         old.close()

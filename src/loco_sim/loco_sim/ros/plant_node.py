@@ -17,6 +17,8 @@ from loco_control.ros.node import LocoNode
 from loco_control.ros.parameters import declare
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
+from loco_sim.ros.estop import EmergencyStop
+from loco_sim.safety import Safety, SafetyParams
 from loco_sim.simulation import Simulation
 
 NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
@@ -66,6 +68,7 @@ class PlantNode(LocoNode):
         super().__init__("robot_sim")
         self.rate = self.declare_parameter("control_rate", rate).value
         self.tick = declare(self, TickParams())
+        self._limits = declare(self, SafetyParams(), "safety.")
 
     def _connect(self) -> None:
         """Listen to events and recorder; to be called when all outputs are made."""
@@ -76,8 +79,17 @@ class PlantNode(LocoNode):
         self.started = self._finished = False
         self._nudges: Any = None  # timer, while a controller comes back
         self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
+        self._silent = False
+        self._estop = EmergencyStop(self, self._on_estop)
+        self._make_safety()
         self.input("events", self._on_event)
         self.input("recorder_status", self._on_recorder)
+
+    def _make_safety(self) -> None:
+        """Limits of the robot that is simulated; a plant without a robot has none."""
+        robot = getattr(self.sim, "robot", None)
+        wanted = robot is not None and self._limits.enabled
+        self._safety = Safety(robot, self._limits, 1.0 / self.rate) if wanted else None
 
     def send(self, state: RobotState) -> None:
         """Publish the state of a tick and what goes with it."""
@@ -156,6 +168,11 @@ class PlantNode(LocoNode):
         self._late += not fresh
         self._late_in_a_row = 0 if fresh else self._late_in_a_row + 1
         silent = self._late_in_a_row / self.rate > self.tick.command_timeout
+        if silent != self._silent and self._commands is not None:
+            text = "no command for" if silent else "commands are back after"
+            kind, text = "timeout", f"{text} {self.tick.command_timeout:g} s"
+            self.event(kind, text, self.state.tick, self.state.t)
+        self._silent = silent
         self._advance(*(self._damping() if silent or self._commands is None else self._commands))
 
     def _damping(self) -> tuple[MotionCommand, TrunkTorque]:
@@ -167,8 +184,24 @@ class PlantNode(LocoNode):
             TrunkTorque(s.tick, s.t, zero, zero[:6], s.contact),
         )
 
+    def _on_estop(self, kind: str, text: str) -> None:
+        tick, t = (self.state.tick, self.state.t) if self.started else (0, 0.0)
+        self.event(kind, text, tick, t)
+
+    def _kept_safe(
+        self, command: MotionCommand, trunk: TrunkTorque | None
+    ) -> tuple[MotionCommand, TrunkTorque | None]:
+        """The command within the limits, or the safe state after an emergency stop."""
+        if not self._estop.reason:
+            return self._safety.limit(command, trunk) if self._safety else (command, trunk)
+        if self._safety:
+            self._safety.resume(self.state)
+        return self._damping()
+
     def _advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
-        self.state = self.advance(command, trunk)
+        self.state = self.advance(*self._kept_safe(command, trunk))
+        if self._safety and (reason := self._safety.trip(self.state)):
+            self._estop.engage(reason)
         if self._over():
             return
         lagging = self.state.tick - self._recorder_tick > self.tick.flow_window
@@ -222,7 +255,11 @@ class PlantNode(LocoNode):
         now = (self.state.tick, self._late, self.sim.rejected)
         ticks, late, rejected = (a - b for a, b in zip(now, self._reported, strict=True))
         self._reported = now
-        values = {"silence": 0.0} if self._finished else {}
+        values: dict[str, Any] = {"silence": 0.0} if self._finished else {}
+        if self._estop.reason:
+            values["estop"] = self._estop.reason
+        if self._safety:
+            values |= {f"limited_{kind}": n for kind, n in self._safety.limited.items()}
         return values | {
             "tick": self.state.tick,
             "sim_time": self.state.t,

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands beside a running graph: `loco top`, `loco doctor`, `loco estop`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+
+def add(make: Callable[..., argparse.ArgumentParser]) -> None:
+    """Add the commands.
+
+    Args:
+        make: Makes the parser of a command, from its name, function, help and more help.
+    """
+    p = make("top", top, "show the live graph: rates, lateness, drops, CPU, phase")
+    p.add_argument("--once", action="store_true", help="print once, for scripts")
+    p.add_argument("--interval", type=float, default=1.0, help="seconds between pictures")
+    p = make("doctor", doctor, "say why nothing moves (exit code 1: found something)")
+    p.add_argument("--seconds", type=float, default=5.0, help="how long to listen (default 5)")
+    p.add_argument("--json", action="store_true", help="print JSON")
+    p.add_argument("--clean", action="store_true", help="remove shared memory of dead processes")
+    p = make(
+        "estop", estop, "stop the robots that run: their joints are damped until a reset",
+        "Stops every robot on the ROS domain, or that of a namespace.",
+    )  # fmt: skip
+    p.add_argument("--reset", action="store_true", help="let them move again")
+    p.add_argument("--keys", action="store_true",
+                   help="stay: space stops, r resets, q quits")  # fmt: skip
+    p.add_argument("--namespace", default=None, help="only the robot in this namespace")
+
+
+def top(a: argparse.Namespace) -> int:
+    """`loco top`."""
+    from .console_top import show_top
+
+    return show_top(a.once, a.interval)
+
+
+def doctor(a: argparse.Namespace) -> int:
+    """`loco doctor`."""
+    from .console_doctor import show_doctor
+
+    return show_doctor(a.seconds, a.json, a.clean)
+
+
+def estop(a: argparse.Namespace) -> int:
+    """`loco estop`."""
+    from .console_estop import show_estop
+
+    return show_estop(a.reset, a.keys, a.namespace)
