@@ -48,7 +48,8 @@ def examined(place: Path, robot: str, seed: int, baselines: tuple[str, ...] = ()
 
     from .gap_import import load
 
-    model = Model(robot, dict(machines.get(robot).overrides))
+    machine = machines.get(robot)
+    model = Model(robot, dict(machine.overrides), [dict(e) for e in machine.known])
     made = model.make_robot()
     began, spent = time.perf_counter(), time.process_time()
     try:

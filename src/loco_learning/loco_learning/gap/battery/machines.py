@@ -55,7 +55,8 @@ class Machine:
         fast: Largest speed of a command [rad/s].
         band: Slowest and fastest frequency of a chirp [Hz].
         torque_noise: Of the torque sensors [N·m], 0 for none.
-        overrides: What the workflow has to know of the set-up.
+        overrides: What the workflow has to know of the set-up: values of robot.yaml.
+        known: The same, as effects: weights that hang on the robot.
         steps: Integration steps per tick.
     """
 
@@ -73,6 +74,7 @@ class Machine:
     band: tuple[float, float]
     torque_noise: float = 0.0
     overrides: dict[str, Any] = field(default_factory=dict)
+    known: tuple[dict[str, Any], ...] = ()
     steps: int = 80
 
     @property
@@ -160,12 +162,25 @@ HALL = {  # angles [degrees] and counts, docs/robots.md
 STOPS = {"lf": 0.88, "rf": 0.96, "lh": 0.863, "rh": 0.94}  # smallest knee angles [rad]
 
 
+WEIGHT, FOOT = 0.15, (0.0, 0.0, -0.055)  # of lead on each foot [kg], and where [m]
+
+
 def tigrillo() -> Machine:
-    """Tigrillo with its trunk held in the air: hips on servos, knees on springs."""
+    """Tigrillo with its trunk held in the air: hips on servos, knees on springs.
+
+    A weight on each foot makes the knees leave their stops; without it they never do.
+    """
     names = [f"{leg}_{joint}" for leg in HALL for joint in ("hfe_joint", "kfe_joint")]
     body = tree.read(_urdf("tigrillo"), names)
     knees, hips = [1, 3, 5, 7], [0, 2, 4, 6]
     body.lower[knees] = list(STOPS.values())
+    shanks = [f"{leg}_lower_leg" for leg in HALL]
+    for shank in shanks:
+        body.add_point(shank, WEIGHT, FOOT)
+    known = tuple(
+        {"name": "payload", "link": shank, "mass": WEIGHT, "position": list(FOOT)}
+        for shank in shanks
+    )
     femur, tibia, length = 0.045, 0.035, 0.025
     springs = np.zeros((8, slots.SPRING))
     springs[knees] = (2.0, 181.6, 0.01, length, femur, tibia)
@@ -176,8 +191,8 @@ def tigrillo() -> Machine:
         sensors += [Sensor(0.00506), Sensor(1.0, 1.0, table)]
     return Machine(
         "tigrillo", body, 100.0, _servo(8, hips), springs, np.array([-0.5, 1.0] * 4),
-        np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, -0.3), np.full(4, 0.6), 6.0,
-        (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0},
+        np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, 0.3), np.full(4, 0.6), 9.0,
+        (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=known,
     )  # fmt: skip
 
 

@@ -299,8 +299,8 @@ def _outside(tau, outside, parent, slides, space, t):
 def _stop(state, before, machine, hidden, drive, t, dt):
     """Impulses of dry friction and hard stops at the end of a step, in place."""
     lower, upper, n = machine[10], machine[11], state.shape[1]
-    most, least = np.zeros(n), np.zeros(n)  # impulses to either side
-    acts = False
+    most, least = np.zeros(n), np.zeros(n)  # impulses of friction to either side
+    acting, count = np.zeros(n, np.int64), 0
     for j in range(n):
         v = 0.5 * (before[1, j] + state[V, j])
         budget = hidden[COULOMB, j, 0] + hidden[LOAD, j, 0] * abs(drive[j])
@@ -310,30 +310,54 @@ def _stop(state, before, machine, hidden, drive, t, dt):
             budget += hidden[DRIFT, j, 0] * np.exp(-max(0.0, t) / hidden[DRIFT, j, 1])
         most[j] = budget * dt
         least[j] = -(budget + hidden[ONE_WAY, j, 0]) * dt
-        acts = acts or least[j] < 0.0
-        acts = acts or state[Q, j] <= lower[j] or state[Q, j] >= upper[j]
-    if not acts:
+        if least[j] < 0.0 or state[Q, j] <= lower[j] or state[Q, j] >= upper[j]:
+            acting[count] = j
+            count += 1
+    if count == 0:
         return
-    inverse = np.linalg.inv(machine[16][2])
-    v, p, s = state[V].copy(), np.zeros(n), np.zeros(n)
-    for _ in range(SWEEPS if n > 1 else 2):
-        for j in range(n):
-            new = max(least[j], min(most[j], p[j] - v[j] / inverse[j, j]))
-            v += inverse[:, j] * (new - p[j])
-            p[j] = new
-            if state[Q, j] <= lower[j]:
-                new = max(0.0, s[j] - v[j] / inverse[j, j])
-            elif state[Q, j] >= upper[j]:
-                new = min(0.0, s[j] - v[j] / inverse[j, j])
-            else:
-                new = 0.0
-            v += inverse[:, j] * (new - s[j])
-            s[j] = new
-    state[Q] += 0.5 * dt * (v - state[V])
-    state[V] = v
+    v, slid = _impulses(state, lower, upper, least, most, acting[:count], machine[16][2])
     for j in range(n):
-        if least[j] < p[j] < most[j]:  # it sticks, to the last bit
+        state[Q, j] += 0.5 * dt * (v[j] - state[V, j])
+        state[V, j] = v[j]
+        if least[j] < 0.0 and not slid[j]:  # it sticks, to the last bit
             state[V, j] = 0.0
             if before[1, j] == 0.0:
                 state[Q, j] = before[0, j]
-        state[Q, j] = max(lower[j], min(upper[j], state[Q, j]))
+        state[Q, j] = max(lower[j], min(upper[j], state[Q, j]))  # a stop is where it is
+
+
+@njit(cache=True)
+def _impulses(state, lower, upper, least, most, acting, mass):
+    """Velocities after the impulses, (n,), and which joints slide, (n,)."""
+    n, count = state.shape[1], len(acting)
+    inverse = np.zeros((count, n))
+    for a in range(count):
+        inverse[a, acting[a]] = 1.0
+        bodies.solved(mass, inverse[a])
+    v, slid = state[V].copy(), np.ones(n, np.bool_)
+    p, s = np.zeros(count), np.zeros(count)
+    for _ in range(SWEEPS):
+        change = 0.0
+        for a in range(count):
+            j = acting[a]
+            own = inverse[a, j]
+            free = p[a] - v[j] / own
+            new = max(least[j], min(most[j], free))
+            slid[j] = new != free
+            step = new - p[a]
+            p[a] = new
+            push = s[a] - (v[j] + step * own) / own
+            if state[Q, j] <= lower[j]:
+                push = max(0.0, push)
+            elif state[Q, j] >= upper[j]:
+                push = min(0.0, push)
+            else:
+                push = 0.0
+            step += push - s[a]
+            s[a] = push
+            for k in range(n):
+                v[k] += inverse[a, k] * step
+            change = max(change, abs(step) * own)
+        if change < 1e-13:
+            break
+    return v, slid
