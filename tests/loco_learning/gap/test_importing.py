@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError, MissingFileError
-from loco_learning.gap import importing, mapping
+from loco_learning.gap import importing, mapping, tables, tracks
 from loco_learning.gap.record import FIT, HELD_OUT
+from loco_sim import robot as robots
 
 
 def load(path, robot, rules=None):
@@ -21,8 +22,8 @@ def measured(repository):
     return repository / "bags/measured"
 
 
-def test_silverbox(measured, one_joint, torque_drive):
-    found = load(measured / "silverbox", one_joint("slide_joint", "prismatic", torque_drive))
+def test_silverbox(measured):
+    found = load(measured / "silverbox", robots.load(measured / "silverbox"))
     by = {record.name: record for record in found}
     assert [r.name for r in found if r.role == FIT] == [f"multisine {i}" for i in (1, 2, 3)]
     for record in found:
@@ -36,24 +37,36 @@ def test_silverbox(measured, one_joint, torque_drive):
         assert np.abs(by[name].signals["q"][:5]).max() < 0.02
 
 
-def test_xl330(measured, one_joint):
-    found = load(measured / "bam_xl330", one_joint("servo_joint"))
+def test_xl330(measured):
+    found = load(measured / "bam_xl330", robots.load(measured / "bam_xl330"))
     assert len(found) == 16 and len({record.name for record in found}) == 16
     held = [record for record in found if record.role == HELD_OUT]
     assert len(held) == 4 and all("kp 200" in record.name for record in held)
     gains = {record.overrides["drives.servo_joint.kp"] for record in found}
     assert len(gains) == 4 and max(gains) == pytest.approx(8.0 * min(gains))
+    assert min(gains) == pytest.approx(100 * 4096 / (2.0 * np.pi) / (256 * 885))
     for record in found:
         assert record.duration == pytest.approx(6.0, abs=0.02)
         assert record.resolution["q"] == pytest.approx(2.0 * np.pi / 4096, rel=1e-3)
         assert 0.7 < record.inputs["supply"].min() < record.inputs["supply"].max() < 1.3
         dropped = record.name.startswith("lift_and_drop")
         assert (np.mean(record.inputs["enable"]) < 0.5) == dropped
-        assert any("uneven stamps" in note for note in record.notes)
+        assert any("uneven stamps" in note for note in record.notes) and not record.has("dq")
 
 
-def test_dfki_pendulum(measured, one_joint, torque_drive):
-    robot = one_joint("motor_joint", "continuous", torque_drive)
+def test_the_duty_of_the_xl330_is_that_of_its_own_log(measured):
+    """The gain of the mapping times the error is the duty that the servo reports."""
+    path = measured / "bam_xl330/2026-01-15_10h28m10.json.gz"
+    table, rules = tables.read(path, "entries"), mapping.load(path.parent)
+    gain = importing.overrides(rules, rules.records[0], table.header)["drives.servo_joint.kp"]
+    load = next(column for column in rules.columns if column.column == "load")
+    duty = tracks.values(load, table.column("load"), False) / 885.0
+    error = table.column("goal_position") - table.column("position")
+    assert np.polyfit(error, duty, 1)[0] == pytest.approx(gain, rel=0.01)
+
+
+def test_dfki_pendulum(measured):
+    robot = robots.load(measured / "dfki_pendulum")
     found = load(measured / "dfki_pendulum", robot)
     durations = {record.name: record.duration for record in found}
     assert set(durations) == {"nominal", "nominal end", "1 kg", "1 kg end"}

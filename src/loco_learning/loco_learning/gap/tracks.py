@@ -74,7 +74,7 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
     for column in mapping.columns:
         _check_place(column, types)
         t, raw = source.series(column)
-        x = _values(column, raw, mapping.trust_units)
+        x = values(column, raw, mapping.trust_units)
         if not column.file and not column.topic:
             t, x = t[slice(*rule.rows)], x[slice(*rule.rows)]
         inside = (t >= rule.start) & (t <= rule.end)
@@ -104,8 +104,12 @@ def _check_place(column: Column, types: dict[str, str]) -> None:
         )
 
 
-def _values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
-    """Raw values in SI units."""
+def values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
+    """Values of a column in SI units, (K,); `trust` them to be signed.
+
+    Raises:
+        ParameterError: They cannot be, or probably are not, what the column says.
+    """
     if column.wrap in BITS:
         raw = _signed(column, raw)
     elif not trust and _looks_unsigned(raw):
