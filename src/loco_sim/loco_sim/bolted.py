@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_control.types import RobotState
 
 from . import bolted_kernels as loop
 from . import braking, tree
@@ -26,8 +25,10 @@ from .actuators import Actuators
 from .description import Description
 from .drive import substeps
 from .effects.actuator import JointOffset, SeriesElasticity
-from .effects.base import Effect, overrides, streams, windows
+from .effects.base import Effect, overrides, span, streams, windows
 from .effects.chain import NO_LAWS, Chain, Laws
+from .effects.delay import CommandDelay
+from .effects.readings import Layout, Measuring
 from .params import SimParams
 from .robot import Robot, joint_index
 from .simulation import periods
@@ -159,7 +160,11 @@ class Bolted:
         slow = np.zeros((len(pieces.rows), n))
         for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
             slow[row] = braking.stopped_per_torque(self._inertia(q), self.physics_dt)
-        measures = windows(self._effects, "on_measurement", self.physics_dt)
+        measures = [
+            (*span(effect, self.physics_dt), effect.measure)
+            for effect in self._effects
+            if isinstance(effect, Measuring) and not effect.absent()
+        ]
         out = np.full((rows, 3, n), np.nan)
         memories = np.zeros((rows if measures else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
@@ -196,11 +201,19 @@ class Bolted:
 
         What a spring before the joint does to them is left to the loop.
         """
-        changes = [
-            (first, last, change)
-            for first, last, change in windows(self._effects, "on_command", self.physics_dt)
-            if not isinstance(change.__self__, SeriesElasticity)
-        ]
+        changes, end = [], len(which)
+        for first, last, change in windows(self._effects, "on_command", self.physics_dt):
+            effect, whole = change.__self__, first <= 0 and last >= end
+            if isinstance(effect, SeriesElasticity):
+                continue
+            if changes or not whole or not isinstance(effect, (CommandDelay, JointOffset)):
+                changes.append((first, last, change))
+            elif isinstance(effect, JointOffset):
+                targets = targets.copy()
+                targets[:, 0, effect.joints] += effect.offset
+            else:
+                late = min(effect.steps, end)
+                which = np.concatenate([np.full(late, which[0]), which[: end - late]])
         if not changes:
             return targets, which
         # Effects tell a new command from an old one by identity: so one object per command.
@@ -227,16 +240,20 @@ class Bolted:
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
         for first, stop in pieces if self.robot.sensors else ():
             q[first:stop], dq[first:stop] = self._read(q[first:stop])
-        for row in range(len(q) if measures else 0):
-            if not np.all(np.isfinite(out[row])):
-                continue
+        if not measures:
+            return Run(q, dq, tau)
+        at = Layout(len(self._order), len(self.robot.feet))
+        values = np.zeros((len(q), at.size))
+        values[:, at["orientation"]] = 0.0, 0.0, 0.0, 1.0
+        values[:, at["linear_acceleration"]] = -self._gravity
+        for name, column in (("q", q), ("dq", dq), ("tau", tau)):
+            values[:, at[name]] = column
+        for row in np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2))):
             change.memory[:] = memories[row]
-            state = self._state(row, q[row], dq[row], tau[row])
             for first, last, measure in measures:
                 if first <= row * self._steps < last:
-                    state = measure(state)
-            q[row], dq[row], tau[row] = state.q, state.dq, state.tau
-        return Run(q, dq, tau)
+                    measure(values[row], at, row * self.dt)
+        return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))
 
     def _read(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities as `Sensors` that are exact form them, (T, n) each."""
@@ -248,21 +265,6 @@ class Bolted:
         rows = np.arange(len(q)) // every * every
         dq = (q[rows] - q[np.maximum(rows - every, 0)]) / (every * self.dt)
         return q[rows], dq
-
-    def _state(self, row: int, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> RobotState:
-        feet = len(self.robot.feet)
-        return RobotState(
-            tick=row,
-            t=row * self.dt,
-            q=q,
-            dq=dq,
-            tau=tau,
-            grf=np.zeros((feet, 3)),
-            orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-            angular_velocity=np.zeros(3),
-            linear_acceleration=-self._gravity,
-            contact=np.zeros(feet, dtype=bool),
-        )
 
 
 def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:

@@ -60,13 +60,13 @@ class CommandDelay(Effect, name="command_delay"):
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
-        self._steps = round(self.delay / world.dt)
+        self.steps = round(self.delay / world.dt)
 
     def reset(self, rng: np.random.Generator) -> None:
         self._pending: deque = deque()
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
-        return delayed(self._pending, (q, dq), self._steps)
+        return delayed(self._pending, (q, dq), self.steps)
 
 
 @dataclass
