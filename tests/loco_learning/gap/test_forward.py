@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -130,3 +131,23 @@ def test_a_robot_without_drives_is_refused():
     record = recorded("servo_pendulum", EXACT)
     with pytest.raises(ParameterError, match="lists no drives"):
         Forward(Model("hyq"), [record])
+
+
+def test_the_physics_fits_any_rate_of_samples():
+    record = recorded("servo_pendulum", EXACT)
+    uneven = Record(
+        "r", record.t * 0.0053 / 0.01, record.command, record.driven, record.signals, record.joints
+    )
+    forward = Forward(Model("servo_pendulum"), [uneven])
+    assert np.isfinite(forward()[0]).all()
+    rate = forward.robot().sim.physics_rate
+    assert rate >= 999.0 and rate * uneven.dt == pytest.approx(6.0, abs=1e-3)
+
+
+def test_supply_and_switch_of_a_record_reach_the_servo():
+    record = recorded("servo_pendulum", EXACT)
+    half = np.full(len(record.t), 0.5)
+    weak = replace(record, inputs={"supply": half})
+    off = replace(record, inputs={"enable": 0.0 * half})
+    full, weak, off = Forward(Model("servo_pendulum"), [record, weak, off])()
+    assert np.std(full[:, 0]) > np.std(weak[:, 0]) > np.std(off[:, 0]) == 0.0
