@@ -12,6 +12,7 @@ import numpy as np
 
 from loco_sim.bolted import needs_engine
 from loco_sim.effects import from_list
+from loco_sim.params import SimParams
 
 from . import evidence, noise
 from .record import Record
@@ -156,7 +157,7 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
         fit_rows.append(rows)
         held_rows.append(judges)
     steps = np.array([max(r.resolution.get(c.signal, 0.0) for r in both) for c in forward.channels])
-    fine = FINE if compiled(forward) else 1.0
+    fine = finest(forward)
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
     floor = noise.total(noise.floor(forward.measured, steps, noise.shares(signals)), numeric)
@@ -164,6 +165,16 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
+
+
+def finest(forward: Any) -> float:
+    """Step over the model's: as fine as is cheap and as the engine's rate allows for a quarter."""
+    rates = [forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records))]
+    limit = SimParams.__dataclass_fields__["physics_rate"].metadata["high"]
+    for step in (FINE, 2.0 * FINE) if compiled(forward) else ():
+        if 4.0 * max(rates) / step <= limit:
+            return step
+    return 1.0
 
 
 def compiled(forward: Any) -> bool:
@@ -187,6 +198,10 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
     Returns:
         What to add to a prediction, (T, C) per record, by step; and the error that remains, (C,).
     """
+    rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
+    if 4.0 * rate / fine > SimParams.__dataclass_fields__["physics_rate"].metadata["high"]:
+        none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
+        return {1.0: none}, np.zeros(len(forward.channels))
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
     runs = {step: forward((), {}, step=step) for step in sorted(steps)}
     limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]

@@ -38,7 +38,7 @@ class GapParams(Params):
         1.25, "whitened rms below which nothing is left to explain", "-", 1.0, 10.0
     )
     closed: float = parameter(
-        0.98, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
+        0.998, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
     )
     screen_seconds: float = parameter(
         4.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6

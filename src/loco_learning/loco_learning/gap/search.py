@@ -23,6 +23,7 @@ from .screen import Screened, screen
 log = logging.getLogger(__name__)
 Report = Callable[[float, str, str], Any]
 AT_LEAST = 6  # effects that are tried beside others
+PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
 
 
 @dataclass
@@ -147,7 +148,10 @@ class Search:
         """Fit roughly, and the best of them to the end."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
-        tried = sorted((rms, _key(parts), parts) for rms, parts in self.tasks.each(rough, tasks))
+        tried = sorted(
+            ((rms, _key(parts), parts) for rms, parts in self.tasks.each(rough, tasks)),
+            key=lambda one: one[:2],
+        )
         for rms, key, _ in tried:
             log.info("rough %-50s %8.3f", key, rms)
         last = [parts for _, _, parts in tried[: self.params.finalists]]
@@ -216,15 +220,17 @@ class Search:
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
 
     def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
-        """Best hypothesis of each effect, those effects that explain most."""
+        """Best places of each effect, those effects that explain most."""
         least = self.params.screen_share
         ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
-        chosen: dict[str, Screened] = {}
+        chosen: dict[tuple[str, str], list[Screened]] = {}
         for one in ordered:
-            name = f"{one.hypothesis.effect} {one.hypothesis.variant}"
-            if one.share >= least and name not in chosen:
-                chosen[name] = one
-        return list(chosen.values())[: count or self.params.keep]
+            places = chosen.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
+            close = not places or (len(places) < PLACES and one.share > CLOSE * places[0].share)
+            if one.share >= least and close:
+                places.append(one)
+        kept = [places for places in chosen.values() if places][: count or self.params.keep]
+        return [one for places in kept for one in places]
 
     def _deepen(self, level: Sequence[Fitted], screened: Sequence[Screened], depth: int) -> None:
         """One effect more on each of some models, the look-alikes of all tried as well."""
