@@ -8,13 +8,19 @@ import json
 from pathlib import Path
 
 import pytest
+import rclpy
 import yaml
+from geometry_msgs.msg import TwistStamped
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64, String
 
+from loco_bringup import run as runner
 from loco_bringup.bag import Bag
 from loco_bringup.bag_copy import extract
 from loco_bringup.replay_verify import verify
 from loco_bringup.run import processor
 from loco_control.exceptions import BagError, GraphError, NameUnknownError, ParameterError
+from loco_learning.experiment import load
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("verify")]
 
@@ -103,6 +109,47 @@ def test_a_changed_constant_in_the_code_is_caught_and_located(tmp_path, monkeypa
     assert (first.topic, first.field) == ("trunk_torque", "tau[5]")
     assert first.tick >= 40
     assert first.live == pytest.approx(first.recorded, rel=1e-9)
+
+
+class Person:
+    """Says something to a run now and then."""
+
+    def __init__(self):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("person", context=self._context)
+        kinds = {"cmd_vel": TwistStamped, "gait_frequency": Float64, "stance_estimator": String}
+        self._say = {n: self._node.create_publisher(k, n, 10).publish for n, k in kinds.items()}
+        self._said = 0
+
+    def __call__(self, progress):
+        if progress.sim_time > 0.4 + 0.3 * self._said:
+            self._said += 1
+            speed = TwistStamped()
+            speed.twist.linear.x = 0.05 * self._said
+            self._say["cmd_vel"](speed)
+            self._say["gait_frequency"](Float64(data=1.5 + 0.1 * self._said))
+            self._say["stance_estimator"](String(data="rse" if self._said % 2 else "pse"))
+
+    def close(self):
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+def test_what_people_said_is_said_again_at_its_tick(tmp_path):
+    short = {"gait.start_time": 0.2, "learner.train": 0.6, "learner.closing": 0.2}
+    experiment = load("hyq_short", {**short, "learner.test": 0.2})
+    person = Person()
+    try:
+        runner.run(experiment, tmp_path / "bag", speed=0.5, on_progress=person)
+    finally:
+        person.close()
+    bag = Bag(tmp_path / "bag")
+    heard = [e for e in bag.messages("events") if e.kind == "heard"]
+    assert heard and {e.text for e in heard} <= {"cmd_vel", "gait_frequency", "stance_estimator"}
+    assert len(heard) == sum(bag.topics["/" + name].count for name in {e.text for e in heard})
+    verdict = verify(tmp_path / "bag")
+    assert [str(d) for d in verdict.first] == [] and verdict.identical
 
 
 def test_a_node_that_dies_is_named_with_its_last_words(tmp_path, monkeypatch):

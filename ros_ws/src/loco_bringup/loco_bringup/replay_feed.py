@@ -19,7 +19,7 @@ from .replay_compare import Comparison
 
 START_TIMEOUT = 60.0  # wall time until the controllers must be ready [s]
 ANSWER_TIMEOUT = 10.0  # wall time for the answers to one tick [s]
-_SETTLE = 0.05  # wall time for a message of a person to arrive before the next tick [s]
+_HEARING = 1.0  # wall time for a controller to say that it heard a person [s]
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Step:
     key: int  # number that all messages of the tick share
     said: dict[str, bytes]
     answers: dict[str, bytes]
-    after: list[tuple[str, bytes]] = field(default_factory=list)  # by people, before the next
+    before: list[tuple[str, bytes]] = field(default_factory=list)  # what people said before it
 
 
 class Feed:
@@ -65,6 +65,7 @@ class Feed:
         self._node = rclpy.create_node("robot_sim", context=self._context, namespace=namespace)
         self._readers = {row.name: set(row.readers) for row in said}
         self._error = ""
+        self._unheard = 0  # messages of people on their way
         self._outputs = {
             row.name: self._node.create_publisher(row.type, row.name, row.qos.writer())
             for row in said
@@ -108,6 +109,8 @@ class Feed:
             tell(max(self._at, 0) / len(self._steps))
             if self._at < 0:
                 self._begin(nodes)
+            elif self._unheard and time.monotonic() - self._moved > _HEARING:
+                self._say()
             elif time.monotonic() - self._moved > ANSWER_TIMEOUT:
                 self._give_up()
                 return
@@ -132,14 +135,28 @@ class Feed:
             self._ready.add(event.node)
         elif event.kind == "error":
             self._error = f"{event.node}: {event.text}"
+        elif event.kind == "heard" and self._unheard:
+            self._unheard -= 1
+            if not self._unheard:
+                self._say()
 
     def _next(self) -> None:
-        """Publish the next tick."""
+        """Go on to the next tick: first what people said before it."""
         self._at += 1
         self._moved = time.monotonic()
         if self._at >= len(self._steps):
             return
-        step = self._steps[self._at]
+        before = self._steps[self._at].before
+        self._unheard = len(before)
+        for name, data in before:
+            self._outputs[name].publish(data)
+        if not before:
+            self._say()
+
+    def _say(self) -> None:
+        """Publish what the plant said at this tick."""
+        step, self._unheard = self._steps[self._at], 0
+        self._moved = time.monotonic()
         self._waiting = dict(step.answers)
         self._comparison.verdict.ticks += 1
         for name, data in step.said.items():
@@ -155,16 +172,9 @@ class Feed:
             recorded = self._waiting.pop(name)
             self._comparison.add(name, step.tick, recorded, data)
             if not self._waiting:
-                self._done(step)
+                self._next()
 
         return receive
-
-    def _done(self, step: Step) -> None:
-        for name, data in step.after:
-            self._outputs[name].publish(data)
-        if step.after:
-            time.sleep(_SETTLE)
-        self._next()
 
     def _give_up(self) -> None:
         step = self._steps[self._at]

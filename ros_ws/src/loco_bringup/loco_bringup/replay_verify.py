@@ -171,11 +171,26 @@ class _Plan:
                 )
 
     def _put(self, row: Topic, steps: list[Step]) -> None:
-        """Messages of people come after the tick that was the newest when they were recorded."""
-        times = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
-        for time, data in zip(*self._bag.raw(row.name), strict=True):
-            at = max(0, bisect_right(times, int(time) + 1) - 1)
-            steps[at].after.append((row.name, data))
+        """Messages of people, before the tick that they first counted for.
+
+        The controller said which one it was; in a bag without its events it is the one after
+        the newest when the message was recorded.
+        """
+        times, data = self._bag.raw(row.name)
+        heard = self._heard(row.name)
+        if len(heard) != len(times):
+            starts = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
+            heard = [bisect_right(starts, int(t) + 1) for t in times]
+        for tick, message in zip(heard, data, strict=True):
+            if tick < len(steps):
+                steps[tick].before.append((row.name, message))
+
+    def _heard(self, name: str) -> list[int]:
+        """Ticks from which on messages of a topic counted, as its reader said."""
+        if not self._has(self.table["events"]):
+            return []
+        events = self._bag.messages("events")
+        return [event.tick for event in events if (event.kind, event.text) == ("heard", name)]
 
     def start(self, folder: Path, layout: str, guard: Guard) -> list[Process]:
         """Start the controllers."""

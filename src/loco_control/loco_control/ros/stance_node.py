@@ -35,7 +35,7 @@ class StanceControllerNode(LocoNode):
             Converter(TrunkTorque).pack,
         )
         self.input("stance_estimator", self._on_estimator)
-        self.join(
+        self._join = self.join(
             {"robot_state": RobotState, "gait_target": GaitTarget, "motion_command": MotionCommand},
             self._step,
         )
@@ -47,6 +47,8 @@ class StanceControllerNode(LocoNode):
         self._stance(self._pack_stance(stance))
 
     def _on_estimator(self, message: String) -> None:
+        # With the first tick that it counts for.
+        self.event("heard", "stance_estimator", self._join.done + 1)
         try:
             self.controller.set_estimator(message.data)
         except LocoError as error:

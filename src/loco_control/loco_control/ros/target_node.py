@@ -32,7 +32,7 @@ class TargetGeneratorNode(LocoNode):
         self._pack = Converter(GaitTarget).pack
         self.input("cmd_vel", self._on_velocity)
         self.input("gait_frequency", self._on_frequency)
-        self.join({"robot_state": RobotState}, self._step)
+        self._join = self.join({"robot_state": RobotState}, self._step)
         self.announce_ready()
 
     def _step(self, state: RobotState) -> None:
@@ -42,12 +42,13 @@ class TargetGeneratorNode(LocoNode):
         return lambda value: self.generator.set(**{name: value})
 
     def _on_velocity(self, message: TwistStamped) -> None:
-        self._try(speed=message.twist.linear.x)
+        self._try("cmd_vel", speed=message.twist.linear.x)
 
     def _on_frequency(self, message: Float64) -> None:
-        self._try(frequency=message.data)
+        self._try("gait_frequency", frequency=message.data)
 
-    def _try(self, **change: float) -> None:
+    def _try(self, topic: str, **change: float) -> None:
+        self.event("heard", topic, self._join.done + 1)  # the first tick that it counts for
         try:
             self.generator.set(**change)
         except LocoError as error:

@@ -165,7 +165,7 @@ def _rows() -> tuple[Topic, ...]:
             0,
             "any",
             nodes,
-            "ready, phase, fall, resumed, timeout, estop, estop reset, finished, error",
+            "ready, phase, heard, fall, resumed, timeout, estop, estop reset, finished, error",
         ),
         Topic(
             "recorder_status",
