@@ -70,12 +70,13 @@ def run(
     Raises:
         ParameterError: The folder holds a battery of other settings.
     """
-    from .gap_battery_case import work
+    from .gap_battery_case import lacking, work
 
     planned = cases.plan(a.cases, a.seed, a.robots, a.effects)
     _settle(a, folder)
-    kept = {c.name: _result(folder, c.name) for c in planned}
-    missing = [c for c in planned if kept[c.name] is None]
+    kept = {c.name: bags.result(folder, c.name) for c in planned}
+    wanted = tuple(a.baselines)
+    missing = [c for c in planned if kept[c.name] is None or lacking(kept[c.name], wanted)]
     tell(len(planned) - len(missing), "", "")
     if a.bags_only:
         missing = [c for c in planned if not bags.ready(folder, c.name)]
@@ -83,13 +84,14 @@ def run(
         for index, said in pool.run(make, jobs, a.workers, a.limit):
             tell(len(planned) - len(missing) + index + 1, missing[index].name, said or "made")
         return []
-    jobs = [(folder, c, tuple(a.effects), tuple(a.baselines)) for c in missing]
+    jobs = [(folder, c, tuple(a.effects), wanted) for c in missing]
     done = len(planned) - len(missing)
     for index, result in pool.run(work, jobs, a.workers, a.limit):
         case, done = missing[index], done + 1
         if isinstance(result, str):
-            result = {"case": case.name, "verdict": "error", "names": [], "terms": [],
-                      "error": result}  # fmt: skip
+            result = bags.result(folder, case.name) or {
+                "case": case.name, "verdict": "error", "names": [], "terms": [], "error": result,
+            }  # fmt: skip
             bags.write_json(folder / bags.RESULTS / f"{case.name}.json", result)
         kept[case.name] = result
         said = ", ".join(result["names"]) or result["verdict"]
@@ -118,10 +120,3 @@ def _settle(a: argparse.Namespace, folder: Path) -> None:
             )
         return
     bags.write_json(path, mine)
-
-
-def _result(folder: Path, name: str) -> dict[str, Any] | None:
-    import json
-
-    path = folder / bags.RESULTS / f"{name}.json"
-    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

@@ -39,6 +39,12 @@ def ready(folder: Path, name: str) -> bool:
     return (folder / TRUTH / f"{name}.json").is_file() and (folder / BAGS / name).is_dir()
 
 
+def result(folder: Path, name: str) -> dict[str, Any] | None:
+    """What was said of a case, None if nothing was yet."""
+    path = folder / RESULTS / f"{name}.json"
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+
+
 def write_bag(folder: Path, reading: Reading, robot: str) -> None:
     """One record as a bag of standard messages with the robot's own stamps."""
     fields, values = ["position"], [reading.q]

@@ -26,7 +26,6 @@ from ..case import Case
 from ..fit import Problem, weigh
 from ..forward import Forward
 from ..record import Record
-from ..solve import minimise
 from . import sparse
 
 PER_JOINT = (
@@ -34,8 +33,8 @@ PER_JOINT = (
     "added_stiffness", "stiffness_error",
 )  # fmt: skip
 WHOLE = ("command_delay",)
-BUDGET, LOSS = 60, 3.0  # simulations of a least-squares fit beside its Jacobians; robust scale
-EVALUATIONS, SPREAD = 150, 0.25  # of CMA-ES, and its first step in logarithms
+ROUNDS, STEP, LOSS = 6, 0.3, 3.0  # of least squares: Jacobians, differences; robust scale
+EVALUATIONS, SPREAD = 100, 0.25  # of CMA-ES, and its first step in logarithms
 
 
 def run(
@@ -81,11 +80,34 @@ def everything(case: Case, model: Model, seed: int) -> tuple[list, float]:
         if (h.effect in PER_JOINT and h.place in robot.joints) or h.effect in WHOLE
     ]
     problem = Problem(case, parts, {}, {}, 1.0, LOSS)
-    start = np.zeros(len(problem.start))
-    budget = BUDGET + 4 * len(start)
-    found, overrides = problem.split(minimise(problem, start, problem.bounds, 0.5, budget).z)
+    z = least_squares(problem, np.zeros(len(problem.start)), problem.bounds)
+    found, overrides = problem.split(z)
     after = weigh(case, found, overrides).held.rms
     return [h.term(x).spec for h, x in found], after
+
+
+def least_squares(fun: Any, z: np.ndarray, bounds: tuple) -> np.ndarray:
+    """Levenberg-Marquardt inside bounds, a new Jacobian each round."""
+    r = fun(z)
+    cost, damping = float(r @ r), 1e-2
+    for _ in range(ROUNDS):
+        side = np.where(z + STEP <= bounds[1], STEP, -STEP)
+        slope = [(fun(z + h * e) - r) / h for h, e in zip(side, np.eye(len(z)), strict=True)]
+        jacobian = np.stack(slope, axis=1)
+        square = jacobian.T @ jacobian
+        better = False
+        for _ in range(4):
+            ridge = damping * np.diag(np.diag(square) + 1e-9 * np.trace(square) + 1e-12)
+            new = np.clip(z - np.linalg.solve(square + ridge, jacobian.T @ r), *bounds)
+            tried = fun(new)
+            if tried @ tried < cost:
+                better = cost - float(tried @ tried) > 1e-3 * cost
+                z, r, cost, damping = new, tried, float(tried @ tried), 0.2 * damping
+                break
+            damping *= 10.0
+        if not better:
+            break
+    return z
 
 
 def terms(case: Case, model: Model, seed: int) -> tuple[list, float]:

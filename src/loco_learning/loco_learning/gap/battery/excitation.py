@@ -7,7 +7,7 @@ import numpy as np
 
 from .machines import Machine
 
-DURATION = 4.0  # of a record [s]
+DURATION, STILL = 4.0, 0.15  # of a record, and of the rest at its beginning [s]
 FIT = ("chirp", "steps", "ramp")
 HELD_OUT = "mix"
 RECORDS = (*FIT, HELD_OUT)
@@ -30,7 +30,7 @@ def command(machine: Machine, kind: str, seed: int) -> tuple[np.ndarray, np.ndar
     q = np.empty((len(t), len(machine.driven)))
     for column, (centre, span) in enumerate(zip(machine.centre, machine.span, strict=True)):
         shape = makers[kind](t, machine, span, rng)
-        shape *= np.minimum(1.0, t / 0.2)  # from rest
+        shape *= np.clip((t - STILL) / 0.2, 0.0, 1.0)
         q[:, column] = centre + np.clip(shape, -span, span)
     v = np.gradient(q, t, axis=0)
     v[np.abs(v) > machine.fast] = 0.0  # a jump has no velocity
@@ -49,7 +49,7 @@ def _chirp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> 
 
 def _steps(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
     """Jumps to random places, each held for a while."""
-    out, begin, place = np.zeros(len(t)), 0.2, 0.0
+    out, begin, place = np.zeros(len(t)), STILL + 0.2, 0.0
     while begin < t[-1]:
         new = rng.uniform(-0.9, 0.9) * span
         place = new if abs(new - place) > 0.3 * span else -np.sign(place or 1.0) * 0.7 * span

@@ -121,7 +121,7 @@ def servo_pendulum() -> Machine:
     return Machine(
         "servo_pendulum", body, 100.0, _servo(1, [0]), np.zeros((1, slots.SPRING)),
         np.zeros(1), np.zeros(1), (Sensor(0.00506),), np.zeros(1), np.array([0.9]), 6.0,
-        (0.2, 3.0),
+        (0.2, 3.0), steps=160,
     )  # fmt: skip
 
 
