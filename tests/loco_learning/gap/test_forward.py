@@ -122,6 +122,14 @@ def test_a_shift_of_whole_samples_moves_rows():
     )
 
 
+def test_a_shift_leaves_what_is_missing_and_does_not_ring_there():
+    wave = 5.0 + np.sin(np.arange(60) * 0.2)[:, None]
+    wave[40:] = np.nan
+    moved = shifted(wave, 0.5)
+    assert np.isnan(moved[40:]).all()
+    assert np.max(np.abs(moved[:40] - wave[:40])) < 0.15
+
+
 def test_a_pickled_one_says_the_same():
     forward = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)])
     assert np.array_equal(pickle.loads(pickle.dumps(forward))()[0], forward()[0])

@@ -203,6 +203,10 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     """Rows read `samples` earlier, between two of them by cubic interpolation; ends are held."""
     from scipy.ndimage import shift as moved
 
-    finite = np.isfinite(values)
-    out = moved(np.where(finite, values, 0.0), (samples, 0.0), order=3, mode="nearest")
+    finite, rows = np.isfinite(values), np.arange(len(values))
+    filled = np.zeros(values.shape)
+    for column in np.flatnonzero(finite.any(axis=0)):
+        known = finite[:, column]
+        filled[:, column] = np.interp(rows, rows[known], values[known, column])
+    out = moved(filled, (samples, 0.0), order=3, mode="nearest")
     return np.where(finite, out, np.nan)
