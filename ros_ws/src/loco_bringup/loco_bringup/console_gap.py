@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,13 @@ def show_gap(a: argparse.Namespace) -> int:
     """Search as the options say, with live progress; returns the exit code."""
     job, folder = job_of(a)
     with bar("{task.percentage:3.0f} %", "{task.fields[best]}") as progress:
-        task = progress.add_task("reading", total=1.0, best="")
+        task, told = progress.add_task("reading", total=1.0, best=""), [-1]
 
         def tell(share: float, stage: str, best: str) -> None:
             progress.update(task, completed=share, description=stage, best=best)
+            if progress.disable and int(10.0 * share) > told[0]:  # no terminal: a line per tenth
+                told[0] = int(10.0 * share)
+                sys.stderr.write(f"{10 * told[0]:3d} % {stage} {best}".rstrip() + "\n")
 
         result = runner.run(job, folder, tell)
     show(result, folder)
