@@ -15,7 +15,7 @@ from loco_control.exceptions import BagError
 
 from .mcap_chunk import Records, chunk_head, unpack
 from .mcap_file import attachment_whole, mapped, summary_whole
-from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
+from .mcap_scan import DAMAGE, HEAD, MAGIC, PRIVATE, Piece, parsed, walk
 
 _CHUNK_HEAD = HEAD.size + 28  # bytes of a cut chunk that tell its times
 
@@ -94,6 +94,8 @@ class Salvager:
                 self._last_chunk = piece.start
             elif piece.opcode == DAMAGE:
                 self._last_chunk = piece.start + HEAD.size
+            elif piece.opcode >= PRIVATE:
+                self._last_chunk = piece.start
             elif piece.opcode == Opcode.MESSAGE_INDEX:
                 self._counts[self._last_chunk] += (piece.stop - piece.start - 6) // 16
 
@@ -102,6 +104,10 @@ class Salvager:
             self.found.lost.append(self._damaged(piece))
         elif piece.opcode == Opcode.CHUNK:
             self._take_chunk(piece)
+        elif piece.opcode >= PRIVATE:
+            if count := self._counts.get(piece.start):  # indices behind it: it was a chunk
+                lost = Lost(piece.start, piece.stop, "no whole record", messages=count)
+                self.found.lost.append(lost)
         elif piece.opcode == Opcode.MESSAGE:
             self.found.loose.append(piece)
         else:

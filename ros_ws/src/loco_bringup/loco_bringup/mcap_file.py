@@ -87,6 +87,9 @@ class McapFile:
             {c.id: c for c in channels},
             {s.id: s for s in schemas},
         )
+        said, there = summary.statistics.chunk_count, len(self.chunks)
+        if said != there:
+            raise BagError(f"{there} chunks of {said} are there")
         missing = {c.schema_id for c in channels} - set(summary.schemas) - {0}
         if missing:
             raise BagError(f"schema {min(missing)} is missing")

@@ -42,6 +42,7 @@ _SHAPES = {
     Opcode.DATA_END: (4,),
 }
 _MESSAGE_HEAD = 22
+PRIVATE = 0x80  # opcodes from here on are anyone's own: skipped if a record follows
 # A record shorter than 4 GiB: opcode, and a length whose upper half is zero.
 _CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\s\S]{4}\x00{4})")
 
@@ -82,6 +83,10 @@ def piece_at(data: bytes, at: int, end: int) -> Piece | None:
         return None
     if opcode == Opcode.MESSAGE:
         return Piece(opcode, start, stop) if length >= _MESSAGE_HEAD else None
+    if opcode >= PRIVATE:
+        following = data[stop] if stop < end else Opcode.DATA_END
+        known = following in _SHAPES or following == Opcode.MESSAGE or following >= PRIVATE
+        return Piece(opcode, start, stop) if known else None
     shape = _SHAPES.get(opcode)
     if shape is None or not _adds_up(data, shape, start, stop):
         return None
