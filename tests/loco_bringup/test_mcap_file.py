@@ -28,7 +28,8 @@ def test_the_library_finds_every_message_by_our_indices(bag):
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
         found = [m for _, c, m in reader.iter_messages() if c.topic == "/robot_state"]
-        part = list(reader.iter_messages(["/trunk_torque"], 200_000_000, 300_000_000))
+        span = {"starting_at": 200_000_000, "ending_before": 300_000_000}
+        part = list(reader.iter_messages(["/trunk_torque"], **span))
         assert [a.name for a in reader.iter_attachments()] == ["experiment.yaml"]
         assert {m.name for m in reader.iter_metadata()} == {"rosbag2", "loco"}
     times, data = bag.raw("robot_state")
