@@ -165,7 +165,6 @@ KINDS: dict[str, Kind] = {
     "sensor_nonlinearity": Kind("cubic", 1e-4, 1.0, "all", "bend", True,
                                 lambda rng, m, j: {"quadratic": 0.0}, family="gain"),
     "sensor_latency": Kind("delay", 2e-4, 0.1, "whole", family="time"),
-    "quantisation": Kind("step", 1e-4, 0.3, "driven", "span", family="rounding"),
 }  # fmt: skip
 
 
