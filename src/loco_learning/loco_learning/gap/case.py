@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from loco_sim.bolted import needs_engine
 from loco_sim.effects import from_list
@@ -19,6 +20,7 @@ from .record import Record
 
 FINE = 0.25  # physics step over the model's where no engine is needed
 ENGINE = ("push", "cable_force", "slip")  # effects that need the engine
+PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
 
@@ -32,6 +34,7 @@ class Case:
         fit_rows: Rows of each record that are fitted, (T,) flags.
         held_rows: Rows of each record that only judge, (T,) flags.
         floor: Noise and numerical error of each channel, (C,).
+        floors: The same with what no model can tell at that time, (T, C) per record.
         fine: Physics step over the model's, for runs without the engine.
         correction: What predictions lack because the physics step is not zero, (T, C) for
             each record, by step.
@@ -44,6 +47,7 @@ class Case:
     fit_rows: list[np.ndarray]
     held_rows: list[np.ndarray]
     floor: np.ndarray
+    floors: list[np.ndarray]
     fine: float
     correction: dict[float, list[np.ndarray]]
     cap: float = evidence.LIMIT
@@ -76,8 +80,11 @@ class Case:
         step = self.step_of(specs)
         predicted = self.forward(specs, overrides or {}, only, step)
         lacks = self.correction[step]
-        exact = [p + lacks[i] for i, p in zip(only, predicted, strict=True)]
-        return evidence.whiten([self.forward.measured[i] for i in only], exact, self.floor)
+        residuals = []
+        for i, p in zip(only, predicted, strict=True):
+            measured = [self.forward.measured[i]]
+            residuals += evidence.whiten(measured, [p + lacks[i]], self.floors[i])
+        return residuals
 
     def step_of(self, specs: Sequence[Mapping]) -> float:
         """Physics step over the model's: fine for what runs without the engine."""
@@ -161,10 +168,33 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
     floor = noise.total(noise.floor(forward.measured, steps, noise.shares(signals)), numeric)
-    case = Case(forward, both, fit_rows, held_rows, floor, fine, correction)
+    floors = [np.hypot(floor, h) for h in hunting(forward, fine)]
+    case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction)
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
+
+
+def hunting(forward: Any, step: float) -> list[np.ndarray]:
+    """How far apart runs are whose drives round in slightly different phases, (T, C) each.
+
+    A drive that rounds its encoder hunts about its goal; where in a step it does so depends
+    on the smallest differences, and what hangs on it swings along. No model can tell that.
+    """
+    robot = forward._robot(0, {}, 1.0)
+    rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
+    if not rounding > 0.0:
+        return [np.zeros(m.shape) for m in forward.measured]
+    phases = [
+        forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
+        for share in (-PHASE, PHASE)
+    ]
+    found = []
+    for a, b, record in zip(*phases, forward.records, strict=True):
+        width = max(1, round(SMOOTH / record.dt))
+        square = np.square(np.nan_to_num(a - b)) / 2.0
+        found.append(np.sqrt(uniform_filter1d(square, width, axis=0, mode="nearest")))
+    return found
 
 
 def finest(forward: Any) -> float:
