@@ -87,3 +87,21 @@ def test_a_run_goes_on_and_says_that_its_recording_stopped(tmp_path):
     assert 0.5 < bag.end < 3.9
     assert "experiment.yaml" in bag.attachments()
     assert len(bag.records("robot_state")) == bag.topics["/robot_state"].count
+
+
+COPY = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+from loco_bringup.cli import main
+main(["extract", sys.argv[1], sys.argv[2], "--topics", "x"])
+"""
+
+
+def test_a_copy_without_room_is_an_error(tmp_path):
+    write(tmp_path / "whole", 1 << 30)
+    done = subprocess.run(
+        [sys.executable, "-c", COPY, str(tmp_path / "whole"), str(tmp_path / "copy")],
+        capture_output=True, text=True, env=os.environ.copy(), timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "not complete: File too large" in done.stderr and "Traceback" not in done.stderr

@@ -28,7 +28,7 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
         Folder of the new bag.
 
     Raises:
-        BagError: `out` holds a bag already.
+        BagError: `out` holds a bag already, or there is no room for all of it.
         NameUnknownError: The bag has no such topic.
         ParameterError: N is not a whole number from 1.
     """
@@ -51,6 +51,8 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
             writer.attach(name, data)
     finally:
         writer.close()
+    if writer.failed:
+        raise BagError(f"the new bag is not complete: {writer.failed}")
     return out
 
 

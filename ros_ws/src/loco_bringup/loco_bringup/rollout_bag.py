@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -37,6 +38,7 @@ TOPIC_OF = {  # in the order of a tick
     "trunk": "trunk_torque",
 }
 _TRUTH = "ground_truth/odom"
+warn = logging.getLogger(__name__)
 
 
 def run_rollout(
@@ -97,6 +99,9 @@ def write_log(log: Log | JointLog, folder: Path) -> None:
         joint_rollout_bag.write_log(log, writer)
     _attach(log, writer)
     writer.close()
+    if writer.failed:
+        count, end = writer.kept
+        warn.warning("recording stopped: %s; kept %d messages to %.3f s", writer.failed, count, end)
 
 
 def _write_messages(log: Log, writer: BagWriter) -> None:
