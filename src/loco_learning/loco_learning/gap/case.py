@@ -193,7 +193,8 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
     for a, b, record in zip(*phases, forward.records, strict=True):
         width = max(1, round(SMOOTH / record.dt))
         square = np.square(np.nan_to_num(a - b)) / 2.0
-        found.append(np.sqrt(uniform_filter1d(square, width, axis=0, mode="nearest")))
+        mean = uniform_filter1d(square, width, axis=0, mode="nearest")
+        found.append(np.sqrt(np.maximum(mean, 0.0)))  # a running sum may end below 0
     return found
 
 
