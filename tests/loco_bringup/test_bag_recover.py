@@ -57,6 +57,14 @@ def test_it_says_how_many_messages_and_seconds_are_lost(whole, tmp_path):
     assert recovery.lost_seconds == pytest.approx(Bag(whole).end - bag.end)
 
 
+def test_without_any_record_of_the_end_it_says_at_least(whole, tmp_path):
+    chunk = Bag(whole).file.chunks[4]
+    recovery = recover(cut(whole, tmp_path, (chunk.start + chunk.stop) // 2))
+    assert recovery.lost is None and recovery.at_least
+    assert 0.0 < recovery.lost_seconds < 0.4
+    assert "an unknown number of messages, at least 0." in str(recovery)
+
+
 def test_a_damaged_chunk_in_the_middle_is_named_with_its_times(whole, tmp_path):
     bag = Bag(whole)
     data = bytearray(bag.path.read_bytes())

@@ -118,3 +118,22 @@ def test_keys_steer_a_replay_and_the_terminal_is_put_back(monkeypatch):
 def test_without_a_terminal_there_are_no_keys():
     with Keys() as keys:
         assert keys.pressed() == ""
+
+
+def test_differences_are_shown_in_full(capfd):
+    from collections import Counter
+    from pathlib import Path
+
+    from loco_bringup.console_verify import show_verify
+    from loco_bringup.replay_compare import Difference, Verdict
+
+    first = [Difference("a_topic", k, "field[3]", -5.219523964816731e-07, k) for k in range(9)]
+    verdict = Verdict(9, Counter(a_topic=9), Counter(a_topic=9), first)
+    assert show_verify(Path("some/bag"), lambda tell: verdict) is verdict
+    out = capfd.readouterr().out
+    assert "some/bag: different (9 ticks, 9 messages)" in out
+    assert "a_topic  2     field[3]  -5.219523964816731e-07  2" in out
+    assert "field[3]  -5.219523964816731e-07  3" not in out
+    same = Verdict(9, Counter(a_topic=9))
+    show_verify(Path("some/bag"), lambda tell: same)
+    assert "identical (9 ticks, 9 messages)" in capfd.readouterr().out

@@ -36,6 +36,7 @@ class Recovery:
         seconds: Simulated time from the first recovered message to the last [s].
         lost: Messages lost; None if nothing tells.
         lost_seconds: Simulated time without messages [s]; None if nothing tells.
+        at_least: More may be lost: nothing tells where the recording ended.
         notes: Where the damage is, a line each.
     """
 
@@ -45,14 +46,16 @@ class Recovery:
     seconds: float = 0.0
     lost: int | None = 0
     lost_seconds: float | None = 0.0
+    at_least: bool = False
     notes: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         if self.folder is None:
             return f"whole: {self.messages} messages in {self.chunks} chunks, nothing to recover"
         said = f"{self.messages} messages in {self.chunks} chunks, {self.seconds:.3f} s"
-        lost = "an unknown number of" if self.lost is None else str(self.lost)
-        time = "unknown" if self.lost_seconds is None else f"{self.lost_seconds:.3f} s"
+        more = "at least " if self.at_least else ""
+        lost = "an unknown number of" if self.lost is None else f"{more}{self.lost}"
+        time = "unknown" if self.lost_seconds is None else f"{more}{self.lost_seconds:.3f} s"
         return f"recovered {said}: {self.folder}; lost {lost} messages, {time}"
 
 
@@ -178,7 +181,11 @@ class _Copy:
         notes += [f"{n} messages of channel {c}, which nothing describes"
                   for c, n in self._foreign.items()]  # fmt: skip
         chunks = len(self._found.blocks)
-        return Recovery(self._target, self._written, chunks, seconds, lost, lost_seconds, notes)
+        cut = any(item.stop == self._found.size for item in self._found.lost)
+        at_least = cut and self._expected() is None
+        return Recovery(
+            self._target, self._written, chunks, seconds, lost, lost_seconds, at_least, notes
+        )
 
     def _losses(self, first: int, last: int) -> tuple[int | None, float | None]:
         """Messages lost and time without any [s], by whoever knows of them."""

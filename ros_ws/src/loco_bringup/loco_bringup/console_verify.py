@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-
-from rich.table import Table
 
 from .console import bar, console
 from .replay_compare import Verdict
@@ -28,17 +26,20 @@ def show_verify(path: Path, run: Callable[[Callable[[float], None]], Verdict]) -
     for topic, count in verdict.different.items():
         console.print(f"  {topic}: {count} of {verdict.compared[topic]} messages differ")
     if verdict.first:
-        console.print(_table(verdict))
+        console.print("First differences")
+        for line in _lines(verdict):
+            console.print(line, markup=False)
     return verdict
 
 
-def _table(verdict: Verdict) -> Table:
-    table = Table(title="First differences", title_justify="left", box=None, pad_edge=False)
-    for column in ("topic", "tick", "field", "recorded", "live"):
-        table.add_column(column)
-    shown: Counter[str] = Counter()
+def _lines(verdict: Verdict) -> Iterator[str]:
+    """The first differences of each topic, in columns; values are not cut."""
+    rows, shown = [("topic", "tick", "field", "recorded", "live")], Counter[str]()
     for d in verdict.first:
         shown[d.topic] += 1
         if shown[d.topic] <= _SHOWN:
-            table.add_row(d.topic, str(d.tick), d.field, repr(d.recorded), repr(d.live))
-    return table
+            rows.append((d.topic, str(d.tick), d.field, repr(d.recorded), repr(d.live)))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
+        yield "  ".join(cells).rstrip()
