@@ -68,16 +68,22 @@ class Case:
         """Names of the signals that were measured."""
         return sorted({channel.signal for channel in self.forward.channels})
 
+    @property
+    def size(self) -> np.ndarray:
+        """Deviation of each measured channel over all records [floors], (C,)."""
+        return np.nanstd(np.concatenate(self.forward.measured), axis=0) / self.floor
+
     def whitened(
         self,
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any] | None = None,
         only: Sequence[int] | None = None,
+        coarse: bool = False,
     ) -> list[np.ndarray]:
-        """Residual of whole records in floors, (T, C) each."""
+        """Residual of whole records in floors, (T, C) each; coarse in the model's own steps."""
         only = list(range(len(self.records))) if only is None else list(only)
         self.count += len(only)
-        step = self.step_of(specs)
+        step = 1.0 if coarse else self.step_of(specs)
         predicted = self.forward(specs, overrides or {}, only, step)
         lacks = self.correction[step]
         residuals = []
@@ -122,10 +128,11 @@ class Case:
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any] | None = None,
         only: Sequence[int] | None = None,
+        coarse: bool = False,
     ) -> np.ndarray:
         """Residual of all fitted values in one line [floors], (N,)."""
         only = self.fitted if only is None else list(only)
-        residuals = self.masked(self.whitened(specs, overrides, only), only, held=False)
+        residuals = self.masked(self.whitened(specs, overrides, only, coarse), only, held=False)
         flat = np.concatenate(
             [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
         )

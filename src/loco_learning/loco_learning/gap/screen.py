@@ -174,7 +174,7 @@ def _responses(
             at = [0.0 if c.strength else v for c, v in zip(coordinates, trial.x, strict=True)]
             at[strength] = trial.x[strength]
             specs.append(trial.hypothesis.term(at).spec)
-        columns.append(case.vector(specs, overrides, only) - residual)
+        columns.append(case.vector(specs, overrides, only, coarse=True) - residual)
     return np.stack(columns, axis=1)
 
 

@@ -183,7 +183,7 @@ class Search:
     ) -> list[Screened]:
         """Try every hypothesis on top of a model."""
         specs, overrides = model.specs, model.overrides
-        residual = self.case.vector(specs, overrides, self.only)
+        residual = self.case.vector(specs, overrides, self.only, coarse=True)
         tangent = self._tangent(model, residual)
         starts = {s.hypothesis.key: s.x for s in before}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
@@ -215,7 +215,8 @@ class Search:
                 parts = [*model.parts]
                 parts[i] = (hypothesis, tuple(moved))
                 specs = [h.term(v).spec for h, v in parts]
-                columns.append(self.case.vector(specs, model.overrides, self.only) - residual)
+                there = self.case.vector(specs, model.overrides, self.only, coarse=True)
+                columns.append(there - residual)
         live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
 
