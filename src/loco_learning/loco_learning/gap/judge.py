@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ LEADING = 4  # models of which the simplest that nobody beats is selected
 COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
 TRIFLE = 0.25, 0.02  # of the low end of a prior, and of the high end of a two-sided one
 MOST_PRICE = 100.0  # odds that all parameters together cost at most
+LEAST_SHARE = 0.02  # of the gap that one effect more must close
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
@@ -121,7 +122,10 @@ class _Judgement:
             rivals += weighed
             candidates.append(self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed))
         base = self.found.base
-        decision = decide(candidates, base.held, best.held, limits, (base.whole, best.whole))
+        whole = base.whole, best.whole
+        size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
+        enough = self.search.params.accuracy * size
+        decision = decide(candidates, base.held, best.held, limits, whole, enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
 
@@ -133,9 +137,18 @@ class _Judgement:
         models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
         for model in models:
             rivals = (other for other in models if other is not model)
-            if all(self._odds(r, model).odds <= limits.odds for r in rivals):
+            if not any(self._beats(r, model, limits) for r in rivals):
                 return model
         return min(models, key=lambda m: (self.search.energy(m), m.key))
+
+    def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
+        """A model is more probable; one with more effects also explains visibly more."""
+        if self._odds(a, b).odds <= limits.odds:
+            return False
+        base, rms = self.found.base.held.rms, b.held.rms
+        more = evidence.closed(base, a.held.rms) - evidence.closed(base, rms)
+        plain = rms <= limits.adequate_rms and more <= LEAST_SHARE
+        return len(a.parts) <= len(b.parts) or not plain
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
         """Models fitted with their own step error; the better of before and after."""
@@ -190,6 +203,11 @@ class _Judgement:
         rng = np.random.default_rng([self.seed, ODDS])
         return evidence.compare(self._score(a), self._score(b), rng, price=occam(a, b))
 
+    def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
+        """Evidence on all data for a model over the same without an effect, parameters paid."""
+        over, price = self._odds(a, b), occam(a, b)
+        return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
+
     def _score(self, model: Fitted) -> evidence.Score:
         if model.key not in self.scores:
             self.scores[model.key] = evidence.score(model.whole)
@@ -221,6 +239,7 @@ class _Judgement:
             evidence.closed(without.held.rms, best.held.rms),
             tuple(made),
             trifle(*best.parts[index]),
+            self._total(best, without),
         )
 
 

@@ -21,6 +21,10 @@ class GapParams(Params):
         "values of robot.yaml that are refitted with every candidate, by dotted name",
         any_length=True,
     )
+    accuracy: float = parameter(
+        0.0, "error over a signal's deviation up to which a model of real hardware counts as "
+        "explaining it; 0 asks for the noise floor", "-", 0.0, 0.5
+    )  # fmt: skip
     free_spread: float = parameter(
         0.3, "standard deviation of the logarithm of a free value", "-", 0.001, 3.0
     )
