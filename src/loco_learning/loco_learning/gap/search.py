@@ -23,6 +23,7 @@ from .screen import Screened, screen
 log = logging.getLogger(__name__)
 Report = Callable[[float, str, str], Any]
 AT_LEAST = 6  # effects that are tried beside others
+NEAR = 5.0  # floors: more is not the end, however much is closed
 PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
 
 
@@ -129,8 +130,10 @@ class Search:
         """Nothing is left that another effect would be worth."""
         if self.adequate(model):
             return True
-        return evidence.closed(base.held.rms, model.held.rms) >= self.params.closed and (
-            evidence.closed(base.fit_rms, model.fit_rms) >= self.params.closed
+        pairs = ((base.held.rms, model.held.rms), (base.fit_rms, model.fit_rms))
+        return all(
+            after <= NEAR and evidence.closed(before, after) >= self.params.closed
+            for before, after in pairs
         )
 
     def _ranked(self, base: Fitted) -> list[Fitted]:

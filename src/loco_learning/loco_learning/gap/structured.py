@@ -21,6 +21,7 @@ from .coordinates import Coordinate
 from .hints import Hints
 from .places import joint_places, links
 
+FAST = 5000.0  # [Hz] physics for which the engine is too slow
 AXES = np.eye(3).tolist()
 Entry = tuple[str, tuple[tuple[str, Any], ...], tuple[Coordinate, ...], str]
 
@@ -88,6 +89,8 @@ def push(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
 
 def cable_force(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
     """A cable from the last link or the base to anchors ahead, behind and above."""
+    if robot.sim.physics_rate > FAST:  # it needs the engine, minutes for each simulation
+        return []
     link, com = links(robot)[-1 if robot.fixed_base else 0]
     made = []
     for direction in ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0)):
