@@ -41,6 +41,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     """
     options: dict[str, Any] = {"seed": a.seed}
     options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}
+    options |= {} if a.accuracy is None else {"accuracy": a.accuracy}
     if a.add:
         return _more(a, options)
     if not a.robot:

@@ -68,11 +68,6 @@ class Case:
         """Names of the signals that were measured."""
         return sorted({channel.signal for channel in self.forward.channels})
 
-    @property
-    def size(self) -> np.ndarray:
-        """Deviation of each measured channel over all records [floors], (C,)."""
-        return np.nanstd(np.concatenate(self.forward.measured), axis=0) / self.floor
-
     def whitened(
         self,
         specs: Sequence[Mapping],
