@@ -134,7 +134,7 @@ KINDS: dict[str, Kind] = {
     "stribeck_friction": Kind("torque", 1e-3, 0.4, "driven", "torque", draw=_stribeck,
                               family="dry"),
     "load_friction": Kind("share", 0.001, 0.6, family="dry"),
-    "backlash": Kind("width", 1e-4, 0.3, "driven", "span", draw=_backlash, family="play"),
+    "backlash": Kind("width", 1e-4, 0.3, "direct", "span", draw=_backlash, family="play"),
     "command_delay": Kind("delay", 2e-4, 0.15, "whole", family="time"),
     "actuation_delay": Kind("delay", 2e-4, 0.05, "direct", family="time"),
     "actuator_lag": Kind("time", 2e-4, 0.1, "direct", family="time"),
