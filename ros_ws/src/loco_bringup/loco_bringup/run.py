@@ -149,12 +149,16 @@ def describe(experiment: AnyExperiment, **more: Any) -> dict[str, str]:
 
 
 def processor() -> str:
-    """Model of the processor: the last bits of sums and of tanh depend on it."""
+    """Name, family and model: the last bits of sums and of tanh depend on the processor."""
+    about: dict[str, str] = {}
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+            key, _, value = line.partition(":")
+            about.setdefault(key.strip(), value.strip())
+    if "model name" not in about:
+        return platform.processor() or platform.machine()
+    family, model = about.get("cpu family", "?"), about.get("model", "?")
+    return f"{about['model name']}, family {family}, model {model}"
 
 
 class _Plan:
