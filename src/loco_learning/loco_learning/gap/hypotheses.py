@@ -77,6 +77,8 @@ class Hypothesis:
     def term(self, x: Sequence[float]) -> Term:
         """The effect at values of its coordinates, each forced into its bounds."""
         values = assemble(self.coordinates, x)
+        if "stop" in values:  # of a push: never before its start
+            values["stop"] = max(values["stop"], values["start"])
         return Term(self.effect, self.place, {**dict(self.fixed), **values})
 
     def starts(self) -> list[list[float]]:

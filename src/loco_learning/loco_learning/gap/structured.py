@@ -78,9 +78,10 @@ def push(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
     link, com = links(robot)[-1 if robot.fixed_base else 0]
     made = []
     for start, stop in hints.intervals:
-        times = (
-            Coordinate("start", 0.1, (start / 0.1,), 0.0, 1e4, "s"),
-            Coordinate("stop", 0.1, (stop / 0.1,), 0.0, 1e4, "s"),
+        near = 0.5 * (stop - start) + 0.2  # beyond that it is another push
+        times = tuple(
+            Coordinate(name, 0.1, (at / 0.1,), max(0.0, at - near), at + near, "s")
+            for name, at in (("start", start), ("stop", stop))
         )
         fixed = (("link", link), ("point", list(com)))
         made.append((link, fixed, (*_vector("push", "force"), *times), f"{start:g} s"))

@@ -14,7 +14,7 @@ from typing import Any
 from loco_sim.model import Model
 
 from . import case as cases
-from . import hints
+from . import hints, lattice
 from . import nominal as nominals
 from .bundles import bundles
 from .following import following
@@ -68,6 +68,7 @@ def find(
         report(0.9, "weighing", " + ".join(found.best.names))
         judged = judge(case, search, found)
         result = contents(model, case, judged, params)
+        result = lattice.tell(result, case.records, robot, params.effects)
         report(0.95, "looking for the next experiment", " + ".join(result["names"]))
         result["next"] = following(model, case, judged)
     finally:
