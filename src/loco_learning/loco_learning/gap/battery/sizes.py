@@ -18,6 +18,7 @@ from .machines import Machine
 
 TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
 TOLERANCE, TRIES = 0.25, 7
+CHANCE = 2.5  # floors that integration alone may change
 SEEN = 0.75  # share of the target that a size must reach to count
 
 
@@ -100,7 +101,25 @@ def sized(
             bounds[1] - 0.05 * (bounds[1] - bounds[0]),
         )
         at = float(np.clip(at + slope, *inside)) if np.isfinite(shows) else np.mean(bounds)
-    return found if found[1] >= SEEN * target and found[1] > 1.2 else None
+    seen = found[1] >= SEEN * target and found[1] > 1.2
+    return found if seen and chance(robot, found[0], seed) < CHANCE else None
+
+
+def chance(robot: str, effect: Hidden, seed: int) -> float:
+    """How much the step of integration alone changes what the sensors say [floors].
+
+    Sticking and hunting may grow differences of rounding until they are seen; then no model
+    can be judged on the record.
+    """
+    machine = _quick(robot)
+    _, floor = reference(robot, seed)
+    worst = 0.0
+    for kind in excitation.FIT:
+        moved = excitation.command(machine, kind, seed)
+        a = columns(plant.record(machine, [effect], moved, 1, kind))
+        b = columns(plant.record(plant.coarser(machine), [effect], moved, 2, kind))
+        worst = max(worst, float(np.max(np.sqrt(np.mean(((a - b) / floor) ** 2, axis=0)))))
+    return worst / np.sqrt(2.0)
 
 
 def rounded(effect: Hidden) -> Hidden:
