@@ -39,9 +39,11 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     Raises:
         LocoError: They do not fit together.
     """
+    from .cli import overrides
+
     options: dict[str, Any] = {"seed": a.seed}
     options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}
-    options |= {} if a.accuracy is None else {"accuracy": a.accuracy}
+    options |= overrides(a.set, None)
     if a.add:
         return _more(a, options)
     if not a.robot:

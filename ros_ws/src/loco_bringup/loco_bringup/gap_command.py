@@ -49,9 +49,9 @@ def parser() -> argparse.ArgumentParser:
                    help="values of robot.yaml that may be wrong and are fitted along")  # fmt: skip
     p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
                    help="only these effects are offered as causes (default: all)")  # fmt: skip
-    p.add_argument("--accuracy", type=float, metavar="SHARE",
-                   help="of real hardware: an error below this share of a signal's deviation "
-                   "counts as explained (default 0, down to the noise)")  # fmt: skip
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                   help="a setting of the search (repeatable), e.g. accuracy=0.1: an error below a "
+                   "tenth of a signal's deviation counts as explained")  # fmt: skip
     p.add_argument("--seed", type=int, default=0, help="of everything that is drawn (default 0)")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--live", action="store_true",
