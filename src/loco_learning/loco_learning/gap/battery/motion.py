@@ -166,7 +166,10 @@ def _hold_late(state, target, machine, hidden, held, line, step, t, dt):
         seen = state[MOTOR, j] if soft else state[Q, j]
         speed = state[MOTOR_V, j] if soft else state[V, j]
         line[step % LINE, j] = laws.wanted(drives[j], target[:, j], seen, speed)
-        held[j] = line[(step - int(round(delay / dt))) % LINE, j]
+        whole = int(delay / dt)
+        part = delay / dt - whole
+        due, before = line[(step - whole) % LINE, j], line[(step - whole - 1) % LINE, j]
+        held[j] = (1.0 - part) * due + part * before
 
 
 @njit(cache=True)
