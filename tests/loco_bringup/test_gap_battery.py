@@ -62,7 +62,7 @@ def test_a_battery_goes_on_and_refuses_another_one(tmp_path, monkeypatch):
 
     monkeypatch.setattr(gap_battery_pool, "run", fake)
     told = []
-    a = options("--cases", "3", "--seed", "4", "--robots", "linear_axis")
+    a = options("--cases", "3", "--seed", "4", "--robots", "linear_axis", "--baselines")
     gap_battery.run(a, tmp_path, lambda *news: told.append(news))
     a.cases = 5
     found = gap_battery.run(a, tmp_path, lambda *news: told.append(news))
