@@ -20,6 +20,7 @@ from .record import Record
 
 FINE = 0.25  # physics step over the model's where no engine is needed
 ENGINE = ("push", "cable_force", "slip")  # effects that need the engine
+DELAYS = ("command_delay", "actuation_delay")
 PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
@@ -79,13 +80,34 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         self.count += len(only)
         step = 1.0 if coarse else self.step_of(specs)
-        predicted = self.forward(specs, overrides or {}, only, step)
+        predicted = self._predicted(specs, overrides or {}, only, step)
         lacks = self.correction[step]
         residuals = []
         for i, p in zip(only, predicted, strict=True):
             measured = [self.forward.measured[i]]
             residuals += evidence.whiten(measured, [p + lacks[i]], self.floors[i])
         return residuals
+
+    def _predicted(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
+    ) -> list[np.ndarray]:
+        """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
+        late = [i for i, s in enumerate(specs) if s["name"] in DELAYS]
+        if step == 1.0 or len(late) != 1:
+            return self.forward(specs, overrides, only, step)
+        (index,), period = late, step / self.rate
+        below, between = divmod(specs[index]["delay"] / period, 1.0)
+        runs = []
+        for whole in (below, below + 1.0):
+            changed = list(specs)
+            changed[index] = {**specs[index], "delay": whole * period}
+            runs.append(self.forward(changed, overrides, only, step))
+        return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
+
+    @cached_property
+    def rate(self) -> float:
+        """Physics rate of the model as it came [Hz]."""
+        return float(self.forward._robot(0, {}, 1.0).sim.physics_rate)
 
     def step_of(self, specs: Sequence[Mapping]) -> float:
         """Physics step over the model's: fine for what runs without the engine."""

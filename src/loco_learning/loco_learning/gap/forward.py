@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any
 
@@ -155,6 +156,7 @@ class Forward:
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
         starts, dt = self._starts[index], running.period(self.records[index])
+        starts = turned(self.records[index], robot, specs, starts)
         return running.run(robot, specs, self._told[index], starts, dt, self.channels)
 
     @cached_property
@@ -197,6 +199,25 @@ def start(record: Record, robot: Robot) -> list[Start]:
         return []
     moving = np.where(known, at, standing), np.where(known, speed, 0.0)
     return [Start(0, len(record.t), *moving)]
+
+
+def turned(
+    record: Record, robot: Robot, specs: Sequence[Mapping[str, Any]], starts: list[Start]
+) -> list[Start]:
+    """Starts where joints that are bolted on with a turn really are: their sensors say less."""
+    offsets = np.zeros(len(robot.joints))
+    for spec in specs:
+        if spec.get("name") == "joint_offset" and not spec.get("start"):
+            named = [fnmatchcase(joint, spec.get("joint") or "*") for joint in robot.joints]
+            driven = np.isin(np.arange(len(robot.joints)), robot.driven)
+            offsets[np.array(named) & driven] += spec.get("offset", 0.0)
+    if not offsets.any():
+        return starts
+    if not starts:
+        q = record.joints_of(robot, "q")[0]
+        at = np.where(np.isfinite(q) & (offsets != 0.0), q, robot.standing)
+        starts = [Start(0, len(record.t), at, np.zeros(len(robot.joints)))]
+    return [piece._replace(q=piece.q + offsets) for piece in starts]
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
