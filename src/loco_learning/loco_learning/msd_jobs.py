@@ -28,6 +28,7 @@ from loco_sim.msd.params import NoiseParams
 from loco_sim.msd.simulation import MsdSimulation
 
 from . import archive
+from .mortal import end_with_parent
 from .msd_gait import Gait, MsdResult, MsdTask, optimise, task
 from .msd_reservoir import LOOPS, LoopParams, nrmse, run_loop
 
@@ -296,7 +297,7 @@ def _results(
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
+    with ProcessPoolExecutor(min(workers, len(jobs)), context, end_with_parent) as pool:
         futures = {pool.submit(do, job, str(folder)): job for job in jobs}
         try:
             for future in as_completed(futures):

@@ -20,6 +20,7 @@ from loco_control.params import to_dict
 from . import experiment as experiments
 from .case import CaseResult, run_case
 from .experiment import Experiment, override, read_yaml
+from .mortal import end_with_parent
 from .params import PHASES
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def _results(cases: list[Case], folder: Path, workers: int) -> Iterator[CaseResu
     context = multiprocessing.get_context("spawn")
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
-    with ProcessPoolExecutor(min(workers, len(cases)), mp_context=context) as pool:
+    with ProcessPoolExecutor(min(workers, len(cases)), context, end_with_parent) as pool:
         futures = [
             pool.submit(run_case, case.name, case.variant, case.seed, case.experiment, folder)
             for case in cases

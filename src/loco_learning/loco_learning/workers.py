@@ -24,6 +24,8 @@ import numpy as np
 
 from loco_control.exceptions import GraphError, LocoError, ParameterError
 
+from .mortal import end_with_parent
+
 CONNECT_SECONDS = 10.0  # for a scheduler and its workers to answer
 TRIES = 2  # evaluations of a task whose process dies
 
@@ -206,6 +208,7 @@ class Pool:
 
 def _serve(pipe: Any, payload: bytes) -> None:
     """Life of a process of the pool: it ends when the other end of the pipe is closed."""
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
     problem, failure = pickle.loads(payload)  # noqa: S301, made by our parent
     try:

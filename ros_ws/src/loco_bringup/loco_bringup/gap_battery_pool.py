@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any
 
+from loco_learning.mortal import end_with_parent
+
 LOOK = 0.5  # seconds between looks at the clock
 
 
@@ -95,6 +97,7 @@ def _start(function: Callable[..., Any]) -> _Hand:
 
 
 def _serve(pipe: Any, function: Callable[..., Any]) -> None:
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
     try:
         while True:

@@ -19,6 +19,7 @@ from typing import Any
 
 from loco_control.exceptions import LocoError
 
+from ..mortal import end_with_parent
 from .params import CalibrationParams
 from .progress import Fit, Generation
 from .recording import Recording
@@ -136,6 +137,7 @@ def _work(
     robot: str,
     options: CalibrationParams,
 ) -> None:
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller decides, also after Ctrl-C
     try:
         found = recording() if callable(recording) else recording

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
+from ..mortal import end_with_parent
 from .case import Case
 
 _case: Case | None = None
@@ -18,15 +18,7 @@ _case: Case | None = None
 def _begin(case: Case) -> None:
     global _case
     _case = case
-    threading.Thread(target=_outlive_nobody, daemon=True).start()
-
-
-def _outlive_nobody() -> None:
-    """End with the process that asked, however that one ended."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    end_with_parent()
 
 
 def _call(function: Callable, arguments: tuple) -> Any:

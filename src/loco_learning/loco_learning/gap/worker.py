@@ -18,6 +18,8 @@ from typing import Any
 
 from loco_control.exceptions import LocoError
 
+from ..mortal import end_with_parent
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -91,6 +93,7 @@ class Worker:
 
 
 def _work(pipe: Connection, task: Task) -> None:
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller decides, also after Ctrl-C
     try:
         result = task(lambda *news: pipe.send(Progress(*news)))
