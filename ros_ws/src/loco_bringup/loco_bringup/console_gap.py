@@ -20,7 +20,7 @@ def show_gap(a: argparse.Namespace) -> int:
     """Search as the options say, with live progress; returns the exit code."""
     job, folder = job_of(a)
     with bar("{task.percentage:3.0f} %", "{task.fields[best]}") as progress:
-        task, told = progress.add_task("reading", total=1.0, best=""), [-1]
+        task, told = progress.add_task("reading", total=1.0, best=""), [0]
 
         def tell(share: float, stage: str, best: str) -> None:
             progress.update(task, completed=share, description=stage, best=best)
