@@ -150,9 +150,10 @@ def compare(result: Mapping, model: Model, fit: Sequence[Record], held: Sequence
 
     records, roles = [*fit, *held], [FIT] * len(fit) + [HELD_OUT] * len(held)
     before = Forward(model, records)
-    floor = result["gap"].get("floor")
-    scale = before.numeric if np.size(floor) != len(before.channels) else floor
-    return gap_curves.curves(before, Forward(patched(result), records), records, roles, scale)
+    floor = np.array([channel["floor"] for channel in result["gap"]["channels"]])
+    if len(floor) != len(before.channels):
+        floor = before.numeric
+    return gap_curves.curves(before, Forward(patched(result), records), records, roles, floor)
 
 
 def patched(result: Mapping[str, Any]) -> Model:
