@@ -183,7 +183,7 @@ class _Judgement:
         new = [
             (s.hypothesis, s.x)
             for s in _leading(self.found.screened, mine)
-            if s.hypothesis.key not in fitted
+            if s.hypothesis.key not in (*fitted, *others)
         ]
         rest = tuple(part for i, part in enumerate(best.parts) if i != index)
         room = max(0, NAMES - len({m.key for m in fitted.values()}))
