@@ -27,6 +27,8 @@ from .record import Record
 from .search import Search
 from .tell import contents
 
+SEARCH = 0.9  # share of the time that the search takes
+
 
 def find(
     model: Model,
@@ -53,7 +55,7 @@ def find(
     report = progress or (lambda fraction, stage, best: None)
     report(0.0, "reading the model", "")
     forward = Forward(model, [*records, *held_out])
-    robots = [forward._robot(i, {}, 1.0) for i in range(len(forward.records))]
+    robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out)
@@ -61,11 +63,15 @@ def find(
     wanted = params.effects
     hypotheses = [h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)]
     tasks = Tasks(case, workers)
+
+    def searching(fraction: float, stage: str, best: str) -> None:
+        report(SEARCH * fraction, stage, best)
+
     try:
         bundled = partial(bundles, robot, forward.channels, fixed_base=fixed)
-        search = Search(case, hypotheses, params, tasks, report, nominal, bundled)
+        search = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
         found = search.run()
-        report(0.9, "weighing", " + ".join(found.best.names))
+        report(SEARCH, "weighing", " + ".join(found.best.names))
         judged = judge(case, search, found)
         result = contents(model, case, judged, params)
         result = lattice.tell(result, case.records, robot, params.effects)
