@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -31,6 +31,10 @@ class Limits(Params):
         1.15, "rms of a channel [floors], beyond chance, from which on it is a gap", low=1.0
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
+    worse: float = parameter(
+        3.0, "rms over the selected model's, on fitted and on held-out data, beyond which a rival "
+        "is none, however few the independent blocks are", low=1.0
+    )  # fmt: skip
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
     adequate_rms: float = parameter(
@@ -95,6 +99,8 @@ class Rival:
         over: Evidence for the candidate over this one.
         closed: Share of the gap that it closes.
         trifle: It is too small to matter on any robot.
+        worse: Rms that it leaves over that of the selected model, the smaller of the ratios on
+            fitted and on held-out data.
     """
 
     name: str
@@ -102,6 +108,7 @@ class Rival:
     over: Comparison
     closed: float = math.nan
     trifle: bool = False
+    worse: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -303,6 +310,7 @@ def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
 
 def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
+    c = replace(c, rivals=tuple(r for r in c.rivals if r.worse <= limits.worse))
     close = [r for r in c.rivals if r.over.odds <= limits.odds]
     others = tuple(sorted({r.name for r in close} - {c.name}))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))

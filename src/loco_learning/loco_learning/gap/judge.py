@@ -143,7 +143,7 @@ class _Judgement:
 
     def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
-        if self._odds(a, b).odds <= limits.odds:
+        if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= limits.worse:
             return False
         base, rms = self.found.base.held.rms, b.held.rms
         more = evidence.closed(base, a.held.rms) - evidence.closed(base, rms)
@@ -228,9 +228,8 @@ class _Judgement:
         for model, over in rivals:
             (other,) = [h for h, _ in model.parts if h.key not in others]
             small = trifle(*next(part for part in model.parts if part[0] is other))
-            made.append(
-                Rival(other.effect, other.place, over, evidence.closed(base, model.held.rms), small)
-            )
+            closed = evidence.closed(base, model.held.rms)
+            made.append(Rival(other.effect, other.place, over, closed, small, _ratio(model, best)))
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
@@ -241,6 +240,11 @@ class _Judgement:
             trifle(*best.parts[index]),
             self._total(best, without),
         )
+
+
+def _ratio(a: Fitted, b: Fitted) -> float:
+    """How much more a model leaves than another, on fitted and on held-out data at least."""
+    return min(a.fit_rms / b.fit_rms, a.held.rms / b.held.rms)
 
 
 def _leading(screened: Sequence, mine: Hypothesis) -> list:
