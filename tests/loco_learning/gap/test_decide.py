@@ -148,3 +148,9 @@ def test_what_leaves_three_times_as_much_is_no_rival_however_few_the_blocks():
     for worse, wanted in ((2.9, AMBIGUOUS), (3.1, NAMED)):
         rival = Rival("backlash", "knee", CLOSE, worse=worse)
         assert verdict(dataclasses.replace(GOOD, rivals=(rival,))).verdict == wanted
+
+
+def test_an_effect_that_strains_nominal_values_is_not_told_from_them():
+    found = verdict(dataclasses.replace(GOOD, traded=("drives.knee.gain",)))
+    assert found.verdict == AMBIGUOUS and found.ambiguous == (("drives.knee.gain", "friction"),)
+    assert "drives.knee.gain cannot be excluded" in found.rulings[0].evidence

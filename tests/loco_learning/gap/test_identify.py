@@ -142,3 +142,10 @@ def test_stability_tells_one_parameter_from_several():
     assert found.spread[0] == pytest.approx(moving[::1000].std(ddof=1), rel=0.3)
     assert found.probability[1] > 0.01
     np.testing.assert_allclose(found.shifts[:, 0], moving[::1000], atol=0.2)
+
+
+def test_what_nuisance_can_imitate_is_told():
+    j = columns(np.sin, lambda t: np.sin(t) + 0.1 * np.cos(t), np.cos)
+    found = identify.analyse(j, ["gain", "payload", "friction"], ["gain"])
+    assert found.imitated["payload"] == pytest.approx(1.0 / np.hypot(1.0, 0.1), rel=0.01)
+    assert found.imitated["friction"] < 0.1 and set(found.imitated) == {"payload", "friction"}

@@ -32,8 +32,7 @@ class Limits(Params):
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     worse: float = parameter(
-        3.0, "rms over the selected model's, on fitted and on held-out data, beyond which a rival "
-        "is none, however few the independent blocks are", low=1.0
+        3.0, "rms over the selected model's beyond which a rival is none", low=1.0
     )  # fmt: skip
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
@@ -47,6 +46,13 @@ class Limits(Params):
         0.3, "deviation of a strength between parts of the data, over its value, from which on "
         "it is no constant of the robot", low=0.0
     )  # fmt: skip
+    imitated: float = parameter(
+        0.9, "cosine of an effect with what refitted nominal values can make, from which on it is "
+        "not told from one of them that is strained", low=0.0, high=1.0
+    )  # fmt: skip
+    strained: float = parameter(
+        2.0, "deviations of its prior that a nominal value may be from what the robot says", low=0.0
+    )
     trifle: float = parameter(
         3.0, "rms [floors] on all records up to which a gap that something too small to matter "
         "explains is none", low=1.0
@@ -134,6 +140,7 @@ class Candidate:
     closed: float
     rivals: tuple[Rival, ...] = ()
     trifle: bool = False
+    traded: tuple[str, ...] = ()
     total: Comparison | None = None
 
 
@@ -312,7 +319,7 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
     c = replace(c, rivals=tuple(r for r in c.rivals if r.worse <= limits.worse))
     close = [r for r in c.rivals if r.over.odds <= limits.odds]
-    others = tuple(sorted({r.name for r in close} - {c.name}))
+    others = tuple(sorted(({r.name for r in close} - {c.name}) | set(c.traded)))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
     lacks = _lacks(c, found, limits)
     verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
@@ -351,7 +358,8 @@ def _sentence(
     )
     rivals = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
     if verdict == AMBIGUOUS:
-        text += f"; {' and '.join(others)} cannot be excluded (odds {rivals[0].over.odds:.2g} to 1)"
+        odds = f" (odds {rivals[0].over.odds:.2g} to 1)" if rivals and not c.traded else ""
+        text += f"; {' and '.join(others)} cannot be excluded{odds}"
     elif rivals:
         text += f"; odds {rivals[0].over.odds:.2g} to 1 against the next name, {rivals[0].name}"
     if places:

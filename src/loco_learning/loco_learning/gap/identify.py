@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
@@ -38,6 +38,8 @@ class Identifiability:
         worst: Direction in parameter space that the data determine least, in words.
         worst_error: Standard error along it.
         condition: Ratio of the largest to the smallest standard error of any direction.
+        imitated: Cosine of each column that is no nuisance with what all nuisance columns
+            together make of it, by name.
     """
 
     names: tuple[str, ...]
@@ -50,6 +52,7 @@ class Identifiability:
     worst: str
     worst_error: float
     condition: float
+    imitated: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,8 @@ def analyse(
     kept = [name for name, lives in zip(names, alive, strict=True) if lives]
     worst, worst_error, condition = _worst(j[:, alive], kept)
     free = [i for i, name in enumerate(names) if name not in set(nuisance)]
-    cosines = _cosines(j, free, [i for i in range(len(names)) if i not in free])
+    others = [i for i in range(len(names)) if i not in free]
+    cosines = _cosines(j, free, others)
     return Identifiability(
         tuple(names),
         errors,
@@ -137,6 +141,7 @@ def analyse(
         worst,
         worst_error,
         condition,
+        {names[i]: _imitated(j[:, i], j[:, others]) for i in free},
     )
 
 
@@ -245,6 +250,15 @@ def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.
     lengths = np.linalg.norm(columns, axis=0)
     unit = np.where(lengths > DEAD, columns / np.maximum(lengths, DEAD), 0.0)
     return unit.T @ unit
+
+
+def _imitated(column: np.ndarray, nuisance: np.ndarray) -> float:
+    """Cosine of a column with its projection on others."""
+    length = float(np.linalg.norm(column))
+    if not nuisance.size or length <= DEAD:
+        return 0.0
+    made = nuisance @ np.linalg.lstsq(nuisance, column, rcond=1e-9)[0]
+    return float(np.linalg.norm(made)) / length
 
 
 def _pairs(cosines: np.ndarray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:

@@ -120,7 +120,8 @@ class _Judgement:
             mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
             weighed = [(m, self._odds(best, m)) for m in mine]
             rivals += weighed
-            candidates.append(self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed))
+            made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed)
+            candidates.append(replace(made, traded=self._traded(best, hypothesis, known, limits)))
         base = self.found.base
         whole = base.whole, best.whole
         size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
@@ -212,6 +213,18 @@ class _Judgement:
         if model.key not in self.scores:
             self.scores[model.key] = evidence.score(model.whole)
         return self.scores[model.key]
+
+    def _traded(self, best: Fitted, of: Hypothesis, known, limits: Limits) -> tuple[str, ...]:
+        """Nominal values beyond what is plausible, where they can imitate an effect."""
+        spread, nominal = self.search.params.free_spread, self.search.nominal
+        strained = [
+            name
+            for name, value in best.overrides.items()
+            if abs(math.log(value / nominal[name])) > limits.strained * spread
+        ]
+        names = {f"{of.effect}.{c.label} {of.place}".strip() for c in of.coordinates if c.strength}
+        alike = max((known.imitated.get(name, 0.0) for name in names), default=0.0)
+        return tuple(strained) if alike > limits.imitated else ()
 
     def _candidate(
         self,

@@ -174,6 +174,7 @@ def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
         "cannot be told apart": [
             {"a": a, "b": b, "cosine": cosine} for a, b, cosine in known.alike
         ],
+        "imitated by nominal values": known.imitated if any(known.imitated.values()) else {},
         "without effect on the data": list(known.dead),
         "hardly determined": list(known.weak),
     }
