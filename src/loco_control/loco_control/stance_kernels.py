@@ -121,9 +121,7 @@ def trunk_torque(
     for row in range(3):
         for k in range(3):
             spin[row] += R[row, k] * angular_velocity[k]
-    all_feet, all_J, all_velocity = turned_feet(
-        q.reshape(4, 3), dq.reshape(4, 3), R, spin, lengths
-    )
+    all_feet, all_J, all_velocity = turned_feet(q.reshape(4, 3), dq.reshape(4, 3), R, spin, lengths)
     feet, velocity = standing(stance, all_feet), standing(stance, all_velocity)
     J = standing(stance, all_J.reshape(4, 9)).reshape(count, 3, 3)
     height, rise = -feet[:, 2].sum() / count, -velocity[:, 2].sum() / count

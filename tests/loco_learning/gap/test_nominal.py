@@ -22,7 +22,9 @@ def test_no_name_is_no_value():
     assert nominal.values(ROBOT, ("",)) == {}
 
 
-@pytest.mark.parametrize("name", ["wheels.x", "drives.knee.kp", "drives.pivot.taste", "masses.head"])
+@pytest.mark.parametrize(
+    "name", ["wheels.x", "drives.knee.kp", "drives.pivot.taste", "masses.head"]
+)
 def test_unknown_names_are_refused(name):
     with pytest.raises(NameUnknownError):
         nominal.values(ROBOT, (name,))
