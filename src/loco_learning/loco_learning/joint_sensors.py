@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from loco_control.exceptions import ParameterError
 from loco_control.orientation import roll_pitch_yaw
 
 KINDS = ("joint", "gyro", "tilt")
@@ -41,3 +43,27 @@ def sensor_vector(state: Any, robot: Any, passive: np.ndarray | None = None) -> 
     values[p : p + 3] = state.angular_velocity
     values[p + 3 :] = roll_pitch_yaw(state.orientation)[:2]
     return values
+
+
+def columns(
+    name: str, wanted: Sequence[str], found: Sequence[str], what: str, robot: Any
+) -> list[int]:
+    """Where joints stand among the columns of a recording.
+
+    Args:
+        name: Of the recording, for the message.
+        wanted: Joints of the robot.
+        found: Joints of the columns.
+        what: What the columns are, for the message.
+        robot: With `name`.
+
+    Raises:
+        ParameterError: The recording lacks a joint.
+    """
+    missing = [joint for joint in wanted if joint not in found]
+    if missing:
+        raise ParameterError(
+            f"{name} has no {what} of {', '.join(missing)}, joints of robot {robot.name!r}; "
+            f"it has {', '.join(found) or 'none'}"
+        )
+    return [found.index(joint) for joint in wanted]

@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from loco_learning.gap import evidence, judge, sensitivity, tell
+from loco_learning.gap import evidence, judge, sensitivity
 from loco_learning.gap.coordinates import Coordinate
 from loco_learning.gap.fit import Fitted
 from loco_learning.gap.hypotheses import Hypothesis
@@ -63,9 +61,3 @@ def test_intervals_are_in_the_unit_and_may_pass_zero():
 def test_halves_follow_flat():
     whole = [np.zeros((4, 2)), np.zeros((2, 2))]
     assert sensitivity.halves(whole).tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 2
-
-
-def test_what_is_told_is_json():
-    told = tell._plain({"a": (np.float64(1.5), np.nan, np.inf), 2: np.arange(2), "b": np.bool_(1)})
-    assert json.loads(json.dumps(told, allow_nan=False)) == told
-    assert told == {"a": [1.5, None, None], "2": [0, 1], "b": True}

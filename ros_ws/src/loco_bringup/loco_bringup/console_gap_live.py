@@ -9,10 +9,8 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import from_dict
 
 from . import live_calibration, live_gap
-from .bag import Bag
-from .console import bar, console
-from .live_run import read_live
-from .report import write_report
+from .console import bar
+from .console_live import show_outcome
 from .run import default_folder
 
 
@@ -39,11 +37,5 @@ def show_live(a: argparse.Namespace) -> int:
 
         robot = a.robot or measured.plant.name
         outcome = live_gap.find_live(measured, robot, folder, options, params, tell)
-    console.print(f"live gap: {outcome.status or 'interrupted'}, {outcome.run.text}")
-    if outcome.status == "done":
-        run = read_live(Bag(outcome.folder))
-        before, after = run.error(run.before), run.error(run.after)
-        console.print(f"  gap over topics: {before:.3f} rad before, {after:.3f} rad after")
-        console.print(f"  page: {write_report(run.bag)}")
-    console.print(f"  bag: {outcome.folder}")
+    show_outcome("live gap", outcome)
     return outcome.exit_code

@@ -38,7 +38,7 @@ def show_live(a: argparse.Namespace) -> int:
             progress.update(task, description=p.phase, completed=p.generation, state=_state(p))
 
         outcome = runner.calibrate_live(measured, a.robot, folder, chosen, live, tell)
-    _show(outcome)
+    show_outcome("live calibration", outcome)
     return outcome.exit_code
 
 
@@ -48,8 +48,9 @@ def _state(p: runner.LiveProgress) -> str:
     return f"{p.sim_time:6.1f} s  {best}  {gap}"
 
 
-def _show(outcome: runner.LiveOutcome) -> None:
-    console.print(f"live calibration: {outcome.status or 'interrupted'}, {outcome.run.text}")
+def show_outcome(what: str, outcome: runner.LiveOutcome) -> None:
+    """How a live run ended: the gap before and after, where page and bag are."""
+    console.print(f"{what}: {outcome.status or 'interrupted'}, {outcome.run.text}")
     if outcome.status == "done":
         run = read_live(Bag(outcome.folder))
         before, after = run.error(run.before), run.error(run.after)

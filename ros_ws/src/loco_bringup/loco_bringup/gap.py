@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from loco_control.exceptions import MissingFileError, NameUnknownError, Paramete
 from loco_learning.gap import curves as gap_curves
 from loco_learning.gap.curves import FIT, HELD_OUT, Curves
 from loco_learning.gap.record import Record
+from loco_learning.plain import plain
 from loco_sim import effects
 from loco_sim import model as models
 from loco_sim.model import Model
@@ -220,18 +220,3 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 def dumps(values: Mapping[str, Any]) -> str:
     """Text of a JSON file with sorted keys."""
     return json.dumps(plain(values), sort_keys=True, indent=1, allow_nan=False) + "\n"
-
-
-def plain(value: Any) -> Any:
-    """Values as JSON has them; NaN and infinities become None."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -11,7 +11,7 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_sim.robot import Robot
 
-from ..joint_sensors import passive_joints
+from ..joint_sensors import columns, passive_joints
 
 GAP = 0.25  # longest silence that is bridged [s]
 
@@ -48,7 +48,7 @@ class Recording:
             ParameterError: The recording lacks a driven joint.
         """
         wanted = [robot.joints[i] for i in robot.driven]
-        return self.command[:, self._columns(wanted, self.driven, "commands", robot)]
+        return self.command[:, columns(self.name, wanted, self.driven, "commands", robot)]
 
     def sensors_of(self, robot: Robot) -> np.ndarray:
         """Measured angles of the joints that `passive` names, (T, J).
@@ -56,18 +56,7 @@ class Recording:
         Raises:
             ParameterError: The recording lacks a passive joint.
         """
-        return self.q[:, self._columns(passive(robot), self.joints, "sensors", robot)]
-
-    def _columns(
-        self, wanted: Sequence[str], found: tuple[str, ...], what: str, robot: Robot
-    ) -> list[int]:
-        missing = [name for name in wanted if name not in found]
-        if missing:
-            raise ParameterError(
-                f"{self.name} has no {what} of {', '.join(missing)}, joints of robot "
-                f"{robot.name!r}; it has {', '.join(found) or 'none'}"
-            )
-        return [found.index(name) for name in wanted]
+        return self.q[:, columns(self.name, passive(robot), self.joints, "sensors", robot)]
 
 
 def passive(robot: Robot) -> list[str]:

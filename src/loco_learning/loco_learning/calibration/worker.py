@@ -1,28 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A calibration in a process of its own, for callers that have to stay responsive.
 
-    worker = Worker(recording, "tigrillo", options)
-    while worker.alive: for news in worker.news(): ...
-
-The process is spawned, not forked: its caller may have threads (DDS has).
+worker = Worker(recording, "tigrillo", options)
+while worker.alive: for news in worker.news(): ...
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from loco_control.exceptions import LocoError
-
-from ..mortal import end_with_parent
+from ..child import Child, Failed
 from .params import CalibrationParams
 from .progress import Fit, Generation
 from .recording import Recording
+
+__all__ = [
+    *("Done", "Failed", "Maker", "News", "Progress", "Started", "Worker"),
+    "make_calibration",
+]
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,6 @@ class Done:
     model: str  # text of the best model.yaml
 
 
-@dataclass(frozen=True)
-class Failed:
-    """There is no result."""
-
-    text: str
-
-
 News = Started | Progress | Done | Failed
 # Makes what has `run`, `cancel`, `model`, `before` and `options`: a `fit.Calibration`.
 Maker = Callable[[Recording, str, CalibrationParams], Any]
@@ -67,8 +59,8 @@ def make_calibration(recording: Recording, robot: str, options: CalibrationParam
     return Calibration(recording, robot, options)
 
 
-class Worker:
-    """A calibration that runs in a child process.
+class Worker(Child):
+    """A calibration that runs in a child process; its news are `News`.
 
     Args:
         recording: What was measured, or a function that reads it, to be called in the child.
@@ -84,33 +76,8 @@ class Worker:
         options: CalibrationParams,
         make: Maker = make_calibration,
     ):
-        context = multiprocessing.get_context("spawn")
-        self._ours, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_work, args=(theirs, make, recording, robot, options), daemon=True
-        )
-        self._process.start()
-        self._pid = int(self._process.pid or 0)
-        theirs.close()
-        self._ended = False
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._pid
-
-    def news(self) -> list[News]:
-        """What has happened since the last call, oldest first; `Done` or `Failed` is the last."""
-        found: list[News] = []
-        try:
-            while not self._ended and self._ours.poll():
-                found.append(self._ours.recv())
-                self._ended = isinstance(found[-1], (Done, Failed))
-        except (EOFError, OSError):
-            self._process.join(1.0)
-            self._ended = True
-            found.append(Failed(f"the fit died with exit code {self._process.exitcode}"))
-        return found
+        arguments = make, recording, robot, options
+        super().__init__("the fit", Done, _work, arguments, duplex=True)
 
     def cancel(self) -> None:
         """Ask for an end after the generation that is running."""
@@ -118,16 +85,6 @@ class Worker:
             self._ours.send("cancel")
         except OSError:
             pass  # it has ended
-
-    def close(self) -> None:
-        """End the process at once."""
-        if self._process.is_alive():
-            self._process.terminate()
-            self._process.join(2.0)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
-        self._ours.close()
 
 
 def _work(
@@ -137,20 +94,13 @@ def _work(
     robot: str,
     options: CalibrationParams,
 ) -> None:
-    end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller decides, also after Ctrl-C
-    try:
-        found = recording() if callable(recording) else recording
-        calibration = make(found, robot, options)
-        before = calibration.before.error[options.loss]
-        pipe.send(Started(before))
-        threading.Thread(target=_obey, args=(pipe, calibration), daemon=True).start()
-        fit = calibration.run(_teller(pipe, calibration, before))
-        pipe.send(Done(fit, calibration.model(fit.values).dumps()))
-    except LocoError as error:
-        pipe.send(Failed(str(error)))
-    except BrokenPipeError:
-        return  # nobody listens any more
+    found = recording() if callable(recording) else recording
+    calibration = make(found, robot, options)
+    before = calibration.before.error[options.loss]
+    pipe.send(Started(before))
+    threading.Thread(target=_obey, args=(pipe, calibration), daemon=True).start()
+    fit = calibration.run(_teller(pipe, calibration, before))
+    pipe.send(Done(fit, calibration.model(fit.values).dumps()))
 
 
 def _obey(pipe: Connection, calibration: Any) -> None:

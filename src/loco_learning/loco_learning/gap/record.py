@@ -12,6 +12,8 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_sim.robot import Robot
 
+from ..joint_sensors import columns
+
 COMMANDS = ("position", "velocity", "torque")
 JOINT_SIGNALS = ("q", "dq", "tau")
 WIDTHS = {"gyro": 3, "acceleration": 3, "base_position": 3, "orientation": 4, "base_orientation": 4}
@@ -104,7 +106,7 @@ class Record:
                 f"{self.name} has no {kind} command; it has {', '.join(self.command) or 'none'}"
             )
         wanted = [robot.joints[i] for i in robot.driven]
-        return self.command[kind][:, self._columns(wanted, self.driven, "commands", robot)]
+        return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
 
     def joints_of(self, robot: Robot, signal: str) -> np.ndarray:
         """A joint signal in the order of the robot's joints, (T, n); NaN where not measured."""
@@ -148,17 +150,6 @@ class Record:
         near = 1e-6 * self.dt
         first, stop = np.searchsorted(self.t, [start - near, end + near])
         return self.rows(int(first), int(stop), name)
-
-    def _columns(
-        self, wanted: Sequence[str], found: tuple[str, ...], what: str, robot: Robot
-    ) -> list[int]:
-        missing = [name for name in wanted if name not in found]
-        if missing:
-            raise ParameterError(
-                f"{self.name} has no {what} of {', '.join(missing)}, joints of robot "
-                f"{robot.name!r}; it has {', '.join(found) or 'none'}"
-            )
-        return [found.index(name) for name in wanted]
 
 
 def _check_axis(name: str, t: np.ndarray) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from loco_control.params import to_dict
 from loco_sim.model import Model
 
+from ..plain import plain
 from . import correction, evidence, identify
 from .case import Case
 from .decide import NO_GAP, UNKNOWN, Candidate, Ruling
@@ -39,7 +39,7 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
     decision = judged.decision
     after = judged.base if decision.verdict in (NO_GAP, UNKNOWN) else judged.best
     told = decision.verdict != NO_GAP
-    return _plain(
+    return plain(
         {
             "format": FORMAT,
             "verdict": decision.verdict,
@@ -178,20 +178,3 @@ def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
         "without effect on the data": list(known.dead),
         "hardly determined": list(known.weak),
     }
-
-
-def _plain(value: Any) -> Any:
-    """Numbers as JSON knows them: none that is not finite, none of NumPy."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value
