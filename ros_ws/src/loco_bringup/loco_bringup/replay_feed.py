@@ -19,7 +19,7 @@ from .replay_compare import Comparison
 
 START_TIMEOUT = 60.0  # wall time until the controllers must be ready [s]
 ANSWER_TIMEOUT = 10.0  # wall time for the answers to one tick [s]
-_HEARING = 1.0  # wall time for a controller to say that it heard a person [s]
+_HEARING = 5.0  # wall time for a controller to say that it heard a person [s]
 
 
 @dataclass

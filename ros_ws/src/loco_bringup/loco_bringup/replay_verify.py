@@ -173,24 +173,34 @@ class _Plan:
     def _put(self, row: Topic, steps: list[Step]) -> None:
         """Messages of people, before the tick that they first counted for.
 
-        The controller said which one it was; in a bag without its events it is the one after
-        the newest when the message was recorded.
+        The controller said which one it was and what it heard; discovery can make it miss the
+        first messages. In a bag without its events it is the tick after the newest one when the
+        message was recorded.
         """
         times, data = self._bag.raw(row.name)
         heard = self._heard(row.name)
-        if len(heard) != len(times):
+        if heard:
+            said = dict(zip(map(_said, self._bag.messages(row.name)), data, strict=True))
+            pairs = [(tick, said.get(value)) for tick, value in heard]
+        else:
             starts = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
-            heard = [bisect_right(starts, int(t) + 1) for t in times]
-        for tick, message in zip(heard, data, strict=True):
+            pairs = [
+                (bisect_right(starts, int(t) + 1), m) for t, m in zip(times, data, strict=True)
+            ]
+        for tick, message in pairs:
+            if message is None:
+                raise BagError(
+                    f"{self._bag.path}: the controller heard a message on {row.name} at tick "
+                    f"{tick} that the recorder missed, so it cannot be said again"
+                )
             if tick < len(steps):
                 steps[tick].before.append((row.name, message))
 
-    def _heard(self, name: str) -> list[int]:
-        """Ticks from which on messages of a topic counted, as its reader said."""
-        if not self._has(self.table["events"]):
-            return []
-        events = self._bag.messages("events")
-        return [event.tick for event in events if (event.kind, event.text) == ("heard", name)]
+    def _heard(self, name: str) -> list[tuple[int, str]]:
+        """From which tick on which value of a topic counted, as its reader said."""
+        events = self._bag.messages("events") if self._has(self.table["events"]) else []
+        texts = [(e.tick, *e.text.split(" ", 1)) for e in events if e.kind == "heard"]
+        return [(tick, *value) for tick, topic, *value in texts if topic == name]
 
     def start(self, folder: Path, layout: str, guard: Guard) -> list[Process]:
         """Start the controllers."""
@@ -215,3 +225,8 @@ class _Plan:
 
 def _tick(data: bytes) -> int:
     return int.from_bytes(data[TICK], "little")
+
+
+def _said(message: Any) -> str:
+    """What a person's message says, as the event ``heard`` has it."""
+    return str(message.data if hasattr(message, "data") else message.twist.linear.x)

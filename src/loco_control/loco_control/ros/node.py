@@ -118,6 +118,10 @@ class LocoNode(Node):
         message = Event(stamp=to_stamp(t), tick=tick, node=self.get_name(), kind=kind, text=text)
         self._events.publish(message)
 
+    def heard(self, topic: str, value: Any, tick: int) -> None:
+        """Tell what somebody said and the first tick for which it counts; replay needs it."""
+        self.event("heard", f"{topic} {value}", tick)
+
     def diagnose(self) -> dict[str, Any]:
         """Values for ``/diagnostics`` beside the tick period; nodes extend it."""
         return {}

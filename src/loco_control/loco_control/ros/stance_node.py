@@ -47,8 +47,7 @@ class StanceControllerNode(LocoNode):
         self._stance(self._pack_stance(stance))
 
     def _on_estimator(self, message: String) -> None:
-        # With the first tick that it counts for.
-        self.event("heard", "stance_estimator", self._join.done + 1)
+        self.heard("stance_estimator", message.data, self._join.done + 1)
         try:
             self.controller.set_estimator(message.data)
         except LocoError as error:

@@ -48,7 +48,7 @@ class TargetGeneratorNode(LocoNode):
         self._try("gait_frequency", frequency=message.data)
 
     def _try(self, topic: str, **change: float) -> None:
-        self.event("heard", topic, self._join.done + 1)  # the first tick that it counts for
+        self.heard(topic, *change.values(), self._join.done + 1)
         try:
             self.generator.set(**change)
         except LocoError as error:
