@@ -251,7 +251,7 @@ class _Judgement:
             evidence.closed(without.held.rms, best.held.rms),
             tuple(made),
             trifle(*best.parts[index]),
-            self._total(best, without),
+            total=self._total(best, without),
         )
 
 
