@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands beside a running graph: `loco top`, `loco doctor`, `loco estop`."""
+"""Commands beside a running graph: `loco top`, `loco doctor`, `loco estop`; and `loco soak`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 
 
 def add(make: Callable[..., argparse.ArgumentParser]) -> None:
@@ -28,6 +29,15 @@ def add(make: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--keys", action="store_true",
                    help="stay: space stops, r resets, q quits")  # fmt: skip
     p.add_argument("--namespace", default=None, help="only the robot in this namespace")
+    p = make(
+        "soak", soak, "run a graph for long and see whether anything grows (exit code 1: it does)",
+        "In lockstep; memory, descriptors, threads and /dev/shm of each process, once a second.\n"
+        "Of the bag only events and diagnostics are written, and it is removed at the end.",
+    )  # fmt: skip
+    p.add_argument("experiment", nargs="?", default="hyq_trot_reflex", help="as in `loco run`")
+    p.add_argument("--ticks", type=int, default=1_000_000, help="how long (default 1,000,000)")
+    p.add_argument("--layout", default="composed", help="composed or processes")
+    p.add_argument("--out", type=Path, help="folder of table and picture (default results/soak)")
 
 
 def top(a: argparse.Namespace) -> int:
@@ -49,3 +59,10 @@ def estop(a: argparse.Namespace) -> int:
     from .console_estop import show_estop
 
     return show_estop(a.reset, a.keys, a.namespace)
+
+
+def soak(a: argparse.Namespace) -> int:
+    """`loco soak`."""
+    from .console_soak import show_soak
+
+    return show_soak(a)

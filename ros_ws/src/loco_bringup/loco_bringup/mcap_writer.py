@@ -12,7 +12,7 @@ import os
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import zstandard
@@ -39,6 +39,9 @@ from .mcap_scan import HEAD, MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log and publish time [ns]
 _ENTRY = struct.Struct("<QQ")  # of a message index: time, offset in the chunk
+# What is kept of a chunk until the end, as bytes: long recordings have many thousand chunks.
+_CHUNK = struct.Struct("<QQQQQQQ")  # start, length, index length, packed, unpacked, first, last
+_COUNT = struct.Struct("<HQI")  # of a channel in it: id, where its index is, messages
 
 
 class McapWriter:
@@ -64,7 +67,7 @@ class McapWriter:
         self._packer = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[tuple[ChunkIndex, dict[int, int]]] = []  # and messages by channel
+        self._chunks: list[bytes] = []  # as `_CHUNK`, and `_COUNT` for each channel
         self._tail: list[Callable[[], Attachment | Metadata]] = []
         self.messages = 0
         self._clear()
@@ -129,20 +132,17 @@ class McapWriter:
         self._clear()
         packed = self._packer.compress(records)
         chunk = _bytes(Chunk("zstd", packed, last, first, zlib.crc32(records), len(records)))
-        offsets, tables, at = {}, [], self._offset + len(chunk)
+        offsets, tables, at = [], [], self._offset + len(chunk)
         for channel, entries in index.items():
-            offsets[channel] = at
+            offsets.append(_COUNT.pack(channel, at, len(entries)))
             data = b"".join(entries)
             tables.append(struct.pack("<BQHI", 7, 6 + len(data), channel, len(data)) + data)
             at += len(tables[-1])
         start = self._put(chunk + b"".join(tables))
-        row = ChunkIndex(
-            chunk_length=len(chunk), chunk_start_offset=start, compression="zstd",
-            compressed_size=len(packed), message_end_time=last, message_start_time=first,
-            message_index_length=at - start - len(chunk), message_index_offsets=offsets,
-            uncompressed_size=len(records),
-        )  # fmt: skip
-        self._chunks.append((row, {channel: len(e) for channel, e in index.items()}))
+        row = _CHUNK.pack(
+            start, len(chunk), at - start - len(chunk), len(packed), len(records), first, last
+        )
+        self._chunks.append(row + b"".join(offsets))
         self.messages += count
 
     def _clear(self) -> None:
@@ -172,15 +172,14 @@ class McapWriter:
     @property
     def span(self) -> tuple[int, int]:
         """Times of the first and last message in the file [ns]; zeros when there is none."""
-        rows = [row for row, counts in self._chunks if counts]
-        first = min((row.message_start_time for row in rows), default=0)
-        return first, max((row.message_end_time for row in rows), default=0)
+        rows = [_CHUNK.unpack_from(row) for row in self._chunks if len(row) > _CHUNK.size]
+        return min((row[5] for row in rows), default=0), max((row[6] for row in rows), default=0)
 
     def counts(self) -> dict[int, int]:
         """Messages in the file by channel."""
         total: dict[int, int] = defaultdict(int)
-        for _, counts in self._chunks:
-            for channel, count in counts.items():
+        for row in self._chunks:
+            for channel, _, count in _channels_in(row):
                 total[channel] += count
         return dict(total)
 
@@ -196,9 +195,9 @@ class McapWriter:
         """
         try:
             while not self._ended(then, make_room and bool(self._chunks)):
-                row, counts = self._chunks.pop()
-                self.messages -= sum(counts.values())
-                self._rewind(row.chunk_start_offset)
+                row = self._chunks.pop()
+                self.messages -= sum(count for _, _, count in _channels_in(row))
+                self._rewind(_CHUNK.unpack_from(row)[0])
             os.fsync(self._fd)
         finally:
             os.close(self._fd)
@@ -233,7 +232,7 @@ class McapWriter:
                 )  # fmt: skip
         out += _bytes(DataEnd(0))
         start = self._offset + len(out)
-        chunks = [row for row, _ in self._chunks]
+        chunks = [_chunk_index(row) for row in self._chunks]
         numbers = self._statistics(len(files), len(texts))
         groups = [self._schemas, self._channels, [numbers], chunks, files, texts]
         return bytes(out) + _summary([g for g in groups if g], start) + MAGIC
@@ -259,6 +258,21 @@ def _summary(groups: list[list[McapRecord]], start: int) -> bytes:
     out += offsets
     head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
     return bytes(out) + _bytes(Footer(start, at, zlib.crc32(head, zlib.crc32(out))))
+
+
+def _channels_in(row: bytes) -> Iterator[tuple[int, int, int]]:
+    """Channel, where its index is, and messages: of each channel of a chunk."""
+    return _COUNT.iter_unpack(row[_CHUNK.size :])
+
+
+def _chunk_index(row: bytes) -> ChunkIndex:
+    start, length, index, packed, size, first, last = _CHUNK.unpack_from(row)
+    return ChunkIndex(
+        chunk_length=length, chunk_start_offset=start, compression="zstd",
+        compressed_size=packed, message_end_time=last, message_start_time=first,
+        message_index_length=index, uncompressed_size=size,
+        message_index_offsets={channel: at for channel, at, _ in _channels_in(row)},
+    )  # fmt: skip
 
 
 def _bytes(record: McapRecord) -> bytes:

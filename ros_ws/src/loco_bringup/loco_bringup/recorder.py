@@ -42,6 +42,8 @@ class RecorderNode(LocoNode):
         folder = Path(self.declare_parameter("bag", "bags/unnamed").value)
         custom = json.loads(self.declare_parameter("custom_data", "{}").value)
         wanted = [n for n in self.declare_parameter("topics", [""]).value if n]
+        # Nodes wait for a recorder on every topic; one that is not written is heard all the same.
+        self._written = [n for n in self.declare_parameter("written", [""]).value if n]
         graphs = self._graphs()
         self._rate = self.declare_parameter("control_rate", 250.0).value
         # With flow control no queue can overflow, and acknowledging each message would
@@ -50,6 +52,8 @@ class RecorderNode(LocoNode):
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.table = {**self.table, **_merged(graphs)}
         chosen = {space: _chosen(wanted, TABLES[table]) for space, table in graphs}
+        for _, table in graphs:
+            _chosen(self._written, TABLES[table])
         self.writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
         self._received, self._dropped, self._stopped = 0, 0, False
         self._next_tick: dict[str, int] = {}
@@ -82,12 +86,14 @@ class RecorderNode(LocoNode):
         if key in self._inputs:
             return  # a topic of all robots, such as /diagnostics
         name = self.resolve_topic_name(key)
-        self.writer.add_row(name, row)
+        written = not self._written or row.name in self._written
+        if written:
+            self.writer.add_row(name, row)
         fields = list(row.type.get_fields_and_field_types())
         tick_of = self._tick_of(robot, row, fields)
         # Topics of other people and /diagnostics are stamped with wall time.
         stamped = fields[0] in ("stamp", "header") and (row.writer != "any" or row.name == "events")
-        write = self.writer.write
+        write = self.writer.write if written else _leave
 
         def receive(data: bytes) -> None:
             self._received += 1
@@ -204,6 +210,10 @@ def _merged(graphs: list[tuple[str, str]]) -> dict[str, Topic]:
         for space, table in graphs
         for row in TABLES[table].values()
     }
+
+
+def _leave(topic: str, data: bytes, t: int) -> None:
+    """In the place of the writer, for topics that are not written."""
 
 
 def _time(data: bytes) -> int:

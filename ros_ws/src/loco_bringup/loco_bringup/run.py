@@ -89,6 +89,7 @@ def run_robots(
     nodes: str | None = None,
     on_progress: Callable[[Progress], Any] = lambda progress: None,
     helpers: Sequence[Helper] = (),
+    written: Sequence[str] = (),
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -102,6 +103,7 @@ def run_robots(
         nodes: As in `run`.
         on_progress: As in `run`.
         helpers: Further nodes, each in a process of its own, without a namespace.
+        written: Topics that go into the bag, all when empty.
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -115,7 +117,7 @@ def run_robots(
     with _domain_lock(robots):
         folder = Path(folder).resolve()
         tick = {"clock": clock, "speed": float(speed), **tick}
-        plan = _Plan(robots, folder, layout, tick, nodes, helpers)
+        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written)
         plan.write()
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
@@ -172,11 +174,12 @@ class _Plan:
         tick: dict[str, Any],
         nodes: str | None,
         helpers: Sequence[Helper],
+        written: Sequence[str],
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
-        self._helpers = helpers
+        self._helpers, self._written = helpers, written
 
         # Files of the only robot are named as if it had no namespace.
         self._tags = {s: s.replace("/", "_") if len(robots) > 1 else "" for s in robots}
@@ -231,6 +234,7 @@ class _Plan:
             "control_rate": first.control_rate,
             "namespaces": list(tables),
             "tables": list(tables.values()),
+            "written": list(self._written) or [""],
         }
 
     def start(self, guard: Guard) -> list[Process]:

@@ -26,6 +26,7 @@ class Progress:
     sim_time: float = 0.0
     duration: float = 0.0
     real_time_factor: float = 0.0
+    pids: dict[str, int] = field(default_factory=dict)  # of the processes, by name
 
 
 @dataclass
@@ -103,6 +104,7 @@ class Watch:
                 while not self._stopped and not all(g.done for g in self._graphs.values()):
                     listener.spin()
                     self._check()
+                    self._progress.pids = {p.name: p.pid for p in self._processes}
                     self._stopped = bool(self._on_progress(self._progress))
         except KeyboardInterrupt:
             self.outcome.interrupted = True
@@ -238,5 +240,6 @@ class _Listener:
         self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
 
     def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()  # first: it looks at the node's timers and subscriptions
         self._node.destroy_node()
         self._context.try_shutdown()
