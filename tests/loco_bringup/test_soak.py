@@ -57,7 +57,7 @@ def test_a_sample_of_this_process_and_of_none():
 
 @pytest.mark.ros
 @pytest.mark.xdist_group("graph")
-def test_a_short_soak_writes_table_and_picture(tmp_path, capsys):
+def test_a_short_soak_writes_table_and_picture(tmp_path):
     with pytest.raises(SystemExit) as end:
         cli.main(["soak", "hyq_short", "--ticks", "1500", "--out", str(tmp_path)])
     assert end.value.code in (0, 1)  # too short to judge memory
