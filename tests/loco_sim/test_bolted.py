@@ -85,11 +85,28 @@ def test_a_robot_with_an_effect(name, effect):
     made = effects.from_list(listed)
     if effect not in effects.applicable(plant):
         return  # it says so itself
-    if effects.base.overrides(made[0], "on_step"):
+    if effects.base.overrides(made[0], "on_step") and made[0].pull() is None:
         assert "acts on the world" in needs_engine(plant, made)
         return
     told = commands(plant, 40)
     same(Bolted(plant, made).run(*told), with_engine(plant, listed, told))
+
+
+@pytest.mark.parametrize("name", ["linear_axis", "hyq_leg", "tigrillo"])
+def test_pushes_and_cables(name):
+    plant = loaded(name)
+    at = {"point": [0.02, -0.01, 0.03]}
+    listed = [
+        {"name": "push", "force": [0.4, -0.2, 0.3], "start": 0.1, "stop": 0.3, **at},
+        {"name": "cable_force", "stiffness": 2.0, "anchor": [0.5, 0.2, 1.5], "length": 0.3, **at},
+    ]
+    told = commands(plant, 100)
+    made = effects.from_list(listed)
+    run = Bolted(plant, made).run(*told)
+    same(run, with_engine(plant, listed, told))
+    assert not np.allclose(run.q, Bolted(plant).run(*told).q, atol=1e-5)
+    made[0].random = 1.0
+    assert "push acts on the world" in needs_engine(plant, made)
 
 
 def test_effects_that_come_and_go_and_mix():

@@ -28,6 +28,8 @@ from .effects.actuator import JointOffset, SeriesElasticity
 from .effects.base import Effect, overrides, span, streams, windows
 from .effects.chain import NO_LAWS, Chain, Laws
 from .effects.delay import CommandDelay
+from .effects.pulls import laid_out
+from .effects.pulls import of as pulls
 from .effects.readings import Layout, Measuring
 from .params import SimParams
 from .robot import Robot, joint_index
@@ -104,7 +106,8 @@ class Bolted:
         for effect in self._effects:
             if overrides(effect, "configure"):
                 effect.configure(setting)
-        self._tree, self._order = tree.build(setting.description, self.robot.joints)
+        described = tree.build(setting.description, self.robot.joints)
+        self._tree, self._order, self._frames = described
         self._gravity, self._description = np.array(setting.gravity), setting.description
 
     def _substeps(self) -> int:
@@ -154,6 +157,7 @@ class Bolted:
             effect.reset(rng)
         said, which = self._heard(*self._ramped(np.stack(targets, axis=1).astype(float), ramps))
         change, brakes = self._chain("on_torque"), self._chain("on_brake")
+        forces = laid_out(self._effects, self._frames, self.robot.height, self.physics_dt)
         if pieces is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
             pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq]], dtype=float))
@@ -171,7 +175,7 @@ class Bolted:
         drive = Actuators(self.robot, self.physics_dt)
         loop.run(
             self._tree, self._order, self._gravity, *pieces, said, which, power, *drive.rows(),
-            change, brakes, slow, self.physics_dt, out, memories,
+            change, brakes, forces, slow, self.physics_dt, out, memories,
         )  # fmt: skip
         return self._measured(out, pieces.rows, measures, change, memories)
 
@@ -274,8 +278,8 @@ def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
     if robot.sensors and not robot.sensors.exact:
         return "its sensors round and rustle"
     acting = [effect for effect in effects if not effect.absent()]
-    for effect in acting:
-        if overrides(effect, "on_step"):
+    for effect, pull in pulls(acting):
+        if pull is None:
             return f"{effect.name} acts on the world"
     spring = False
     for effect in (e for e in acting if overrides(e, "on_command")):

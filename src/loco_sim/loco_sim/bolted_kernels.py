@@ -12,7 +12,7 @@ from .effects.chain import SERIES
 from .effects.chain_kernels import budgets, torques
 from .tree_kernels import advance, workshop
 
-MADE_OF = "d4019f04447e"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "bf4d384c0904"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)
@@ -30,6 +30,7 @@ def run(
     rotors,
     change,
     brakes,
+    pulls,
     slow,
     dt,
     out,
@@ -51,6 +52,7 @@ def run(
         rotors: As there, (n, 2); changed.
         change: `effects.chain.Laws` of the effects on torques.
         brakes: The same of the effects that brake.
+        pulls: `effects.pulls.Pulls`.
         slow: From `braking.stopped_per_torque`, per piece, in the robot's order, (w, n).
         dt: Physics step [s].
         out: Filled in: positions, velocities and mean torques before each row, (T, 3, n).
@@ -66,7 +68,7 @@ def run(
         line[:] = 0.0
         follow(
             tree, order, gravity, q, dq, pieces[w, 0], pieces[w, 1], targets, which, power,
-            drives, springs, rotors, change, brakes, slow[w], dt, out, memories,
+            drives, springs, rotors, change, brakes, pulls, slow[w], dt, out, memories,
         )  # fmt: skip
 
 
@@ -87,6 +89,7 @@ def follow(
     rotors,
     change,
     brakes,
+    pulls,
     slow,
     dt,
     out,
@@ -131,7 +134,7 @@ def follow(
                 for i in range(n):
                     push[i] += drag[order[i]]
                     motor[i] = held[order[i]]
-            advance(tree, gravity, push, motor, q, dq, dt, room, factor)
+            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, room, factor)
             step += 1
         mean /= steps
 

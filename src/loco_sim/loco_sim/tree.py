@@ -37,11 +37,21 @@ class Tree(NamedTuple):
     fastest: float  # velocities are clipped at this, as by the engine
 
 
-def build(description: Description, joints: tuple[str, ...]) -> tuple[Tree, np.ndarray]:
+class Frame(NamedTuple):
+    """Where a link of the description is in the tree."""
+
+    body: int  # joint whose body it is part of, -1 is the base
+    place: np.ndarray  # its origin in the frame of that body [m], (3,)
+    turn: np.ndarray  # rotation into that frame, (3, 3)
+
+
+def build(
+    description: Description, joints: tuple[str, ...]
+) -> tuple[Tree, np.ndarray, dict[str, Frame]]:
     """Tree of a robot whose joints are all its moving ones.
 
     Returns:
-        The tree, and for each of its joints the index in `joints`, (n,).
+        The tree, for each of its joints the index in `joints`, (n,), and the frames of all links.
 
     Raises:
         ParameterError: A moving link has no inertia that a body can have, or another joint
@@ -70,7 +80,7 @@ def build(description: Description, joints: tuple[str, ...]) -> tuple[Tree, np.n
         high=np.array([high for _, high in limits]),
         fastest=description.fastest(),
     )
-    return tree, order
+    return tree, order, found.frames
 
 
 class _Walk:
@@ -84,10 +94,12 @@ class _Walk:
         self.names, self.parent, self.slides = [], [], []
         self.place, self.turn, self.axis = [], [], []
         self.mass, self.com, self.inertia = [], [], []
+        self.frames: dict[str, Frame] = {}
         self._visit(description.root_link(), -1, np.zeros(3), np.eye(3))
 
     def _visit(self, link: str, carrier: int, place: np.ndarray, turn: np.ndarray) -> None:
         """Add a link that is fixed to the link of joint `carrier` there, and what hangs on it."""
+        self.frames[link] = Frame(carrier, place, turn)
         if carrier >= 0:
             self._add(self._links[link], carrier, place, turn)
         for joint in self._children.get(link, ()):

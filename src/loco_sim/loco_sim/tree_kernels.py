@@ -242,7 +242,46 @@ def solve(parent, factor, x):
 
 
 @njit(cache=True)
-def advance(tree, gravity, tau, brake, q, dq, dt, room, factor):
+def pulled(tree, room, pulls, step, x):
+    """Take what forces from outside do at the joints from torques, in place.
+
+    Args:
+        tree: `tree.Tree`.
+        room: After `outwards`.
+        pulls: `effects.pulls.Pulls`.
+        step: Of the run.
+        x: Torques [N·m], (n,).
+    """
+    parent, slides = tree[0], tree[1]
+    at, along, rot = room[0][0], room[0][1], room[1][1]
+    body, window, const = pulls
+    point, force, moment = room[2][0], room[2][1], room[2][2]
+    for k in range(len(body)):
+        i = body[k]
+        if i < 0 or not window[k, 0] <= step < window[k, 1]:
+            continue
+        applied(rot[i], const[k, 0:3], point)
+        distance = 0.0
+        for r in range(3):
+            point[r] += at[i, r]
+            force[r] = const[k, 3 + r]
+            distance += (const[k, 6 + r] - point[r]) ** 2
+        distance = np.sqrt(distance)
+        if const[k, 9] > 0.0 and distance > const[k, 10]:
+            pull = const[k, 9] * (distance - const[k, 10]) / distance
+            for r in range(3):
+                force[r] += pull * (const[k, 6 + r] - point[r])
+        while i >= 0:
+            for r in range(3):
+                room[2][3][r] = point[r] - at[i, r]
+            cross(room[2][3], force, moment)
+            for r in range(3):
+                x[i] -= along[i, r] * (force[r] if slides[i] else moment[r])
+            i = parent[i]
+
+
+@njit(cache=True)
+def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room, factor):
     """One step in time, in place.
 
     Args:
@@ -250,6 +289,8 @@ def advance(tree, gravity, tau, brake, q, dq, dt, room, factor):
         gravity: Acceleration of gravity [m/s²], (3,).
         tau: Joint torques [N·m], (n,).
         brake: Torque that is there to stop each joint [N·m], (n,), >= 0.
+        pulls: `effects.pulls.Pulls`.
+        step: Number of this step.
         q: Joint positions, (n,).
         dq: Joint velocities, (n,).
         dt: Step [s].
@@ -259,6 +300,7 @@ def advance(tree, gravity, tau, brake, q, dq, dt, room, factor):
     parent, damping, low, high, fastest = tree[0], tree[8], tree[9], tree[10], tree[11]
     n, x = len(parent), room[4][1]
     dynamics(tree, gravity, q, dq, room, factor, x)
+    pulled(tree, room, pulls, step, x)
     for i in range(n):
         x[i] = tau[i] - damping[i] * dq[i] - x[i]
     factorise(parent, factor)

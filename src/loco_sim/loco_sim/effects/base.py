@@ -186,6 +186,10 @@ class Effect:
     def on_step(self, world: World, t: float) -> None:
         """Act on the world, e.g. push it. Called before every physics step."""
 
+    def pull(self) -> Any:
+        """What `on_step` does, where that is one force of a law: `pulls.Pull`; None if not."""
+        return None
+
     def on_measurement(self, state: RobotState) -> RobotState:
         """What the sensors say, given the truth. Called once per control period."""
         return state

@@ -15,6 +15,7 @@ from loco_control.params import parameter
 from .base import Effect
 from .chain import JointEffect
 from .identity import Identity, LookAlike, Prior
+from .pulls import Pull
 
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
@@ -190,6 +191,8 @@ class CableForce(Effect, name="cable_force"):
     point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
     link: str = parameter("", "link that it pulls; empty is the base (last link if fixed)")
 
+    _link = None  # the base
+
     identity = Identity(
         site="body",
         equation="F = stiffness max(0, |r| - length) r / |r|, r from the link to the anchor",
@@ -219,6 +222,10 @@ class CableForce(Effect, name="cable_force"):
             pull = self.stiffness * self._stretch / distance
             force = (pull * (ax - x), pull * (ay - y), pull * (az - z))
             world.push(force, self._link, at=at)
+
+    def pull(self) -> Pull:
+        cable = {"anchor": self.anchor, "stiffness": self.stiffness, "length": self.length}
+        return Pull(self._link, self.point, **cable)
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         return 0.5 * self.stiffness * self._stretch**2

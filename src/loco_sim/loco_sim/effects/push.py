@@ -13,6 +13,7 @@ from loco_control.params import parameter
 from .base import Effect
 from .body import carrier
 from .identity import Identity, LookAlike, Prior
+from .pulls import Pull
 
 if TYPE_CHECKING:
     from ..world import World
@@ -63,6 +64,9 @@ class Push(Effect, name="push"):
         self._rng = rng
         self._next = -np.inf
         self._now, self._drawn = np.array(self.force), None
+
+    def pull(self) -> Pull | None:
+        return None if self.random > 0.0 else Pull(self._link, self.point, self.force)
 
     def on_step(self, world: World, t: float) -> None:
         if self.random > 0.0 and t >= self._next:
