@@ -103,6 +103,10 @@ class JointCodec:
             return self._read_any(data)
         return Joints(stamp_ns(data), *(found.get(f, self._zeros) for f in self._fields))
 
+    def finite(self, data: bytes, value: Joints) -> bool:
+        """Whether a message has positions and velocities; drivers may leave out the effort."""
+        return bool(np.isfinite(value.q).all() and np.isfinite(value.dq).all())
+
     def _read_any(self, data: bytes) -> Joints:
         message = deserialize_message(data, JointState)
         for name in message.name:
@@ -153,6 +157,10 @@ class ImuReader:
             np.array([w.x, w.y, w.z]),
             np.array([a.x, a.y, a.z]),
         )
+
+    def finite(self, data: bytes, value: ImuSample) -> bool:
+        """Whether all numbers are finite."""
+        return bool(np.isfinite(np.concatenate(value[1:])).all())
 
 
 class _Layout:

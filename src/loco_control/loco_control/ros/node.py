@@ -25,14 +25,18 @@ from .convert import TICK, Converter
 from .endpoints import living, own_host
 from .health import WARN, HealthParams, PeriodMeter, UsageMeter, judge
 from .parameters import declare
-from .topics import TOPICS, Topic, to_stamp, topic
+from .topics import TOPICS, Topic, faulty, starts_tick, to_stamp, topic
 
-__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "run_nodes"]
+__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "loco_tick", "run_nodes"]
 
 log = logging.getLogger(__name__)
 
+_PENDING = 8  # ticks of which messages wait for others
+_BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
 
-def _tick(data: bytes) -> int:
+
+def loco_tick(data: bytes) -> int:
+    """Tick in the bytes of a message of `loco_msgs`."""
     return int.from_bytes(data[TICK], "little")
 
 
@@ -51,6 +55,8 @@ class LocoNode(Node):
     def __init__(self, name: str):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
         self.recorded = self.declare_parameter("recorded", False).value
+        # Topics between whose writers and readers the node `faults` stands.
+        self.faulted = {n for n in self.declare_parameter("faulted", [""]).value if n}
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
         self._health = declare(self, HealthParams(), "diagnostics.")
@@ -83,8 +89,9 @@ class LocoNode(Node):
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
         """Subscription of a topic of the table."""
         row = self.row(name)
+        heard = faulty(row.name) if name in self.faulted else row.name
         self._inputs[name] = self.create_subscription(
-            row.type, row.name, callback, row.qos.reader(), raw=raw
+            row.type, heard, callback, row.qos.reader(), raw=raw
         )
         return self._inputs[name]
 
@@ -94,7 +101,11 @@ class LocoNode(Node):
         return self.join_by(readers, step)
 
     def join_by(
-        self, readers: dict[str, Any], step: Callable, tick_of: Callable[[bytes], int] = _tick
+        self,
+        readers: dict[str, Any],
+        step: Callable,
+        tick_of: Callable[[bytes], int] = loco_tick,
+        *limits: Any,
     ) -> TickJoin:
         """As `join`, with an object per topic whose `read` decodes its bytes.
 
@@ -102,8 +113,9 @@ class LocoNode(Node):
             readers: By topic.
             step: Gets what they read, in their order.
             tick_of: Number in the bytes of a message that all messages of a tick share.
+            limits: `newest` and `refuse` of `TickJoin`.
         """
-        join = TickJoin(readers, step, self._periods, tick_of)
+        join = TickJoin(readers, step, self._periods, tick_of, *limits)
         self._joins.append(join)
         for name in readers:
             self.input(name, join.receiver(name), raw=True)
@@ -137,7 +149,8 @@ class LocoNode(Node):
                 missing.append(f"{name} (no writer)")
         for name, publisher in self._outputs.items():
             row = self.row(name)
-            wanted = len(row.readers) + bool(self.recorded)
+            wanted = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
+            wanted += bool(self.faulted) and row == starts_tick(self.table)  # `faults` follows it
             if _paced(row) and publisher.get_subscription_count() < wanted:
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
         return missing
@@ -201,54 +214,94 @@ class LocoNode(Node):
 class TickJoin:
     """Collects one message per topic and calls `step` when all have the same tick.
 
-    A tick is any number that grows: the tick itself, or the stamp. The newest counts:
-    an older one, or one that was answered already, is stale; it is counted and not
-    answered.
+    A tick is any number that grows: the tick itself, or the stamp. One that was answered
+    already, or an older one, is stale: counted and not answered. A message that cannot be
+    used is refused: nobody steps with numbers that are not finite.
+
+    Args:
+        readers: By topic: `read` decodes its bytes, ``finite(data, value)`` judges them.
+        step: Gets what they read.
+        meter: Is told of each step.
+        tick_of: Number in the bytes of a message that all messages of a tick share.
+        newest: For plants: the newest tick that anyone can know of; what claims to be newer
+            is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
+            is believed: the plant's clock was set back.
+        refuse: Is told why a tick was refused: an error in words, or "" for not finite;
+            without it an error is raised.
     """
 
     def __init__(
         self,
-        converters: dict[str, Any],
+        readers: dict[str, Any],
         step: Callable,
         meter: PeriodMeter,
-        tick_of: Callable[[bytes], int] = _tick,
+        tick_of: Callable[[bytes], int] = loco_tick,
+        newest: Callable[[], int] | None = None,
+        refuse: Callable[[str], None] | None = None,
     ):
-        self._converters, self._tick_of = converters, tick_of
-        self._step = step
-        self._meter = meter
-        self._waiting: dict[str, bytes] = {}  # of tick `_tick`
-        self._tick = -1
+        self._readers, self._tick_of = readers, tick_of
+        self._step, self._meter = step, meter
+        self._newest, self._refuse = newest, refuse
+        self._waiting: dict[int, dict[str, bytes]] = {}  # by tick, then topic
+        self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
         self.done = -1  # newest tick answered
-        self.stale = 0
+        self.stale = self.refused = 0
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
-        tick_of = self._tick_of
+        tick_of, waiting, count = self._tick_of, self._waiting, len(self._readers)
+        first = name == next(iter(self._readers)) and self._newest is None
 
         def receive(data: bytes) -> None:
             tick = tick_of(data)
-            if tick <= self.done or tick < self._tick:
+            if tick <= self.done or (self._newest is not None and tick > self._newest()):
                 self.stale += 1
-                return
-            if tick > self._tick:
-                self._tick = tick
-                self._waiting.clear()
-            self._waiting[name] = data
-            if len(self._waiting) == len(self._converters):
-                self._answer(tick)
+                if not first or not self._set_back(tick):
+                    return
+            found = waiting.setdefault(tick, {})
+            found[name] = data
+            if len(found) == count:
+                self._answer(tick, found)
+            elif len(waiting) > _PENDING:
+                del waiting[next(iter(waiting))]
 
         return receive
 
+    def _set_back(self, tick: int) -> bool:
+        """Whether the clock was set back, and not a message late; then begin anew there."""
+        if not self._period or tick > self.done - _BACK * self._period:
+            return False
+        self.done = tick - 1
+        self._waiting.clear()
+        return True
+
     def missing(self) -> list[str]:
         """Topics that the next step still waits for."""
-        old = self._tick <= self.done
-        return [name for name in self._converters if old or name not in self._waiting]
+        found = next(reversed(self._waiting.values()), {})
+        return [name for name in self._readers if name not in found]
 
-    def _answer(self, tick: int) -> None:
+    def _answer(self, tick: int, found: dict[str, bytes]) -> None:
+        if self.done >= 0:
+            self._period = min(self._period or tick, tick - self.done)
         self.done = tick
+        for old in [t for t in self._waiting if t <= tick]:
+            del self._waiting[old]
+        try:
+            values = [reader.read(found[name]) for name, reader in self._readers.items()]
+        except LocoError as error:
+            self.refused += 1
+            if self._refuse is None:
+                raise
+            self._refuse(str(error))
+            return
+        pairs = zip(self._readers.items(), values, strict=True)
+        if not all(reader.finite(found[name], value) for (name, reader), value in pairs):
+            self.refused += 1
+            if self._refuse is not None:
+                self._refuse("")
+            return
         self._meter.mark()
-        waiting = self._waiting
-        self._step(*[converter.read(waiting[name]) for name, converter in self._converters.items()])
+        self._step(*values)
 
 
 def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Bool, Float64, String
+from std_msgs.msg import Bool, Float64, String, UInt64
 from tf2_msgs.msg import TFMessage
 
 from loco_control.exceptions import NameUnknownError
@@ -202,6 +202,11 @@ def _rows() -> tuple[Topic, ...]:
 
 
 TOPICS = {topic.name: topic for topic in _rows()}
+# Only in graphs with faults, so it is in no table.
+LOST_TICK = Topic(
+    "lost_tick", UInt64, STATE, 0, "faults", ("robot_sim",),
+    "a fault has taken a message of this tick: no command will come for it",
+)  # fmt: skip
 NODES = ("robot_sim", "target_generator", "reflex_network", "stance_controller")
 
 
@@ -215,6 +220,16 @@ def topic(name: str, table: dict[str, Topic] | None = None) -> Topic:
     if name not in table:
         raise NameUnknownError("topic", name, table)
     return table[name]
+
+
+def starts_tick(table: dict[str, Topic]) -> Topic:
+    """Row of the topic by which the plant begins a tick: the first that has a rate."""
+    return next(row for row in table.values() if row.rate > 0)
+
+
+def faulty(name: str) -> str:
+    """Name under which readers hear a topic that the node `faults` damages."""
+    return f"/faulty{name}" if name.startswith("/") else f"faulty/{name}"
 
 
 def to_stamp(t: float) -> Time:

@@ -21,7 +21,7 @@ from loco_control.params import from_dict, to_dict
 from loco_control.ros.codec import Codec
 from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.joint_topics import JOINT_NODES, JOINT_TOPICS
-from loco_control.ros.node import TickJoin, run_nodes
+from loco_control.ros.node import run_nodes
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
 from loco_sim import model as models
 from loco_sim.joint_commands import JointCommands
@@ -50,12 +50,12 @@ class JointSimNode(PlantNode):
         base = models.load_any(robot)
         model = models.Model(base.robot, {**base.overrides, **overrides}, [*base.effects, *effects])
         self.sim = self._make_sim(model)
-        self._from, self._bad_command = 0, False  # tick at the last change of the plant
+        self._from = 0  # tick at the last change of the plant
         self._travelled = self._x = 0.0  # before the last swap, since then [m]
         self._make_outputs()
         self._connect()
         self.input("model", self._on_model)
-        self._join = self._listen()
+        self._hear()
         self.announce_ready()
 
     def _make_sim(self, model: models.Model, standing: Any = None) -> Simulation:
@@ -79,34 +79,21 @@ class JointSimNode(PlantNode):
             codec = Codec(Float64MultiArray(data=[0.0] * len(counts)))
             self._adc_record = codec.record()
 
-    def _listen(self) -> TickJoin:
+    def _hear(self) -> None:
         robot = self.sim.robot
         driven = [robot.joints[i] for i in robot.driven]
-        self._codec = JointCodec(driven, "joint_command", ("position", "velocity"))
-        return self.join_by({"joint_command": self}, self._on_joints, stamp_ns)
+        codec = JointCodec(driven, "joint_command", ("position", "velocity"))
+        self.listen({"joint_command": codec}, self._on_joints, stamp_ns)
 
     # ---- commands
 
-    def read(self, data: bytes) -> Joints | None:
-        """Arrays of a joint_command; None, and one event, if it cannot be used."""
-        try:
-            return self._codec.read(data)
-        except LocoError as error:
-            if not self._bad_command:
-                self.event("error", str(error), *self._now())
-            self._bad_command = True
-            return None
-
-    def _on_joints(self, command: Joints | None) -> None:
-        if command is None:
-            return
+    def _on_joints(self, command: Joints) -> None:
         tick = tick_of(command.time, self.rate)
         self._on_commands(*self._commands_of(tick, tick * self.sim.dt, command.q, command.dq))
 
-    @property
-    def stale(self) -> int:
-        """Commands that came too late to be used."""
-        return self._join.stale
+    def newest(self) -> int:
+        """Stamp of the newest state [ns]."""
+        return round(self.state.t * 1e9) if self.started else -1
 
     # ---- the plant
 
@@ -133,17 +120,14 @@ class JointSimNode(PlantNode):
                 )
             self.sim = self._make_sim(model, old.true_q if self.started else None)
         except LocoError as error:
-            self.event("model refused", str(error), *self._now())
+            self.event("model refused", str(error), *self.now())
             return
         self._make_safety()
-        self._from = self._now()[0]
+        self._from = self.now()[0]
         self._travelled, self._x = self._travelled + self._x, 0.0
         old.close()
         self._description.publish(String(data=self.sim.robot_description))
-        self.event("model loaded", _words(model), *self._now())
-
-    def _now(self) -> tuple[int, float]:
-        return (self.state.tick, self.state.t) if self.started else (0, 0.0)
+        self.event("model loaded", _words(model), *self.now())
 
     def send(self, state: RobotState) -> None:
         """Publish sensors and ground truth, all with one stamp."""

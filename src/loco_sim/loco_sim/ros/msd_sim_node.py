@@ -97,7 +97,7 @@ class MsdSimNode(PlantNode):
         self._clock_output = self.output("/clock") if self.get_namespace() == "/" else None
         self._connect()
         codec = JointCodec(link_names(network.links.tolist()), "link_command", ("position",))
-        self._join = self.join_by({"link_command": codec}, self._on_links, stamp_ns)
+        self.listen({"link_command": codec}, self._on_links, stamp_ns)
         self.announce_ready()
 
     def _on_links(self, command: Joints) -> None:
@@ -115,10 +115,9 @@ class MsdSimNode(PlantNode):
         """Silence: the links go back to their rest lengths."""
         return self._rest._replace(tick=self.state.tick), None
 
-    @property
-    def stale(self) -> int:
-        """Commands that came too late to be used."""
-        return self._join.stale
+    def newest(self) -> int:
+        """Stamp of the newest state [ns]."""
+        return round(self.state.t * 1e9) if self.started else -1
 
     def send(self, state: NodeStates) -> None:
         """Publish the nodes and the clock with one stamp."""

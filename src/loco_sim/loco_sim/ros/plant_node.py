@@ -9,12 +9,16 @@ tick k+1.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from std_msgs.msg import UInt64
+
 from loco_control.params import Params, parameter
-from loco_control.ros.node import LocoNode
+from loco_control.ros.node import LocoNode, TickJoin, loco_tick
 from loco_control.ros.parameters import declare
+from loco_control.ros.topics import LOST_TICK
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim.ros.estop import EmergencyStop
@@ -46,7 +50,7 @@ class TickParams(Params):
         40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50
     )
     command_timeout: float = parameter(
-        0.1, "realtime: damp the joints when no command came for this long", "s", 0.004, 10.0
+        0.06, "damp the joints when the newest command is older than this", "s", 0.004, 10.0
     )
 
 
@@ -63,6 +67,7 @@ class PlantNode(LocoNode):
     controllers: ClassVar[tuple[str, ...]] = ()
     sim: Simulation
     state: RobotState
+    _join: TickJoin
 
     def __init__(self, rate: float) -> None:
         super().__init__("robot_sim")
@@ -74,12 +79,19 @@ class PlantNode(LocoNode):
         """Listen to events and recorder; to be called when all outputs are made."""
         self._last = round(self.tick.duration * self.rate) if self.tick.duration else None
         self._waiting_for = set(self.controllers) | ({"recorder"} if self.recorded else set())
+        if self.faulted:
+            self._waiting_for.add(LOST_TICK.writer)
+            self.create_subscription(
+                LOST_TICK.type, LOST_TICK.name, self._on_lost, LOST_TICK.qos.reader()
+            )
         self._recorder_tick = -1
         self._held: RobotState | None = None
         self.started = self._finished = False
         self._nudges: Any = None  # timer, while a controller comes back
         self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
-        self._silent = False
+        self._late = 0
+        self._silent = self._unreadable = False
+        self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
         self._estop = EmergencyStop(self, self._on_estop)
         self._make_safety()
         self.input("events", self._on_event)
@@ -99,10 +111,21 @@ class PlantNode(LocoNode):
         """One control period of the plant."""
         return self.sim.step(command, trunk)
 
-    @property
-    def stale(self) -> int:
-        """Commands that came too late to be used."""
-        raise NotImplementedError
+    def listen(
+        self, readers: dict[str, Any], step: Callable, tick_of: Callable = loco_tick
+    ) -> None:
+        """Hear commands; those that are stale or cannot be used are counted.
+
+        Args:
+            readers: As for `join_by`.
+            step: As for `join_by`.
+            tick_of: As for `join_by`; `newest` has the same unit.
+        """
+        self._join = self.join_by(readers, step, tick_of, self.newest, self._refuse)
+
+    def newest(self) -> int:
+        """Tick that a command may answer: the newest that was published, -1 before."""
+        return self.state.tick if self.started else -1
 
     # ---- start
 
@@ -121,8 +144,6 @@ class PlantNode(LocoNode):
         self.state, self.started = self.sim.reset(), True
         self._began = self._paced_at = time.perf_counter()
         self.event("started", f"clock {self.tick.clock}", 0, 0.0)
-        self._late = self._late_in_a_row = 0
-        self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None
         if self.tick.clock == "realtime":
             self.create_timer(1.0 / self.rate, self._on_deadline)
         self._publish(self.state)
@@ -152,7 +173,25 @@ class PlantNode(LocoNode):
         if self.tick.clock == "realtime":
             self._commands = (command, trunk)
         elif not self._finished and command.tick == self.state.tick:
-            self._advance(command, trunk)
+            self._commands = (command, trunk)
+            self._step(command.tick)
+
+    def _refuse(self, reason: str) -> None:
+        """A command cannot be used, so it is none; words say what is wrong with its form."""
+        if not reason and self._join.done == self.newest():
+            self._on_lost(UInt64(data=self.state.tick))
+        elif reason and not self._unreadable:
+            self._unreadable = True
+            self.event("error", reason, *self.now())
+
+    def _on_lost(self, lost: UInt64) -> None:
+        """No command will come for a tick: without a clock that runs on, step now."""
+        if self.started and self.tick.clock != "realtime" and not self._finished:
+            self._step(lost.data)
+
+    def now(self) -> tuple[int, float]:
+        """Tick and simulated time [s]."""
+        return (self.state.tick, self.state.t) if self.started else (0, 0.0)
 
     def _on_deadline(self) -> None:
         """Realtime: step up to now, with the newest commands there are.
@@ -161,19 +200,20 @@ class PlantNode(LocoNode):
         """
         due = int((time.perf_counter() - self._began) * self.rate)
         while self.state.tick < due and not self._finished:
-            self._step_on_time()
+            self._step(self.state.tick)
 
-    def _step_on_time(self) -> None:
-        fresh = self._commands is not None and self._commands[0].tick == self.state.tick
-        self._late += not fresh
-        self._late_in_a_row = 0 if fresh else self._late_in_a_row + 1
-        silent = self._late_in_a_row / self.rate > self.tick.command_timeout
-        if silent != self._silent and self._commands is not None:
-            text = "no command for" if silent else "commands are back after"
-            kind, text = "timeout", f"{text} {self.tick.command_timeout:g} s"
-            self.event(kind, text, self.state.tick, self.state.t)
+    def _step(self, tick: int) -> None:
+        """Step the tick that we are at with the newest commands, or damped if they are too old."""
+        if tick != self.state.tick or self._held is not None:
+            return
+        last = self._commands[0].tick if self._commands else -1
+        self._late += last < tick
+        silent = (tick - last) / self.rate > self.tick.command_timeout
+        if silent != self._silent and self._commands:
+            text = "no command since tick" if silent else "commands are back at tick"
+            self.event("timeout", f"{text} {last}", *self.now())
         self._silent = silent
-        self._advance(*(self._damping() if silent or self._commands is None else self._commands))
+        self._advance(*(self._damping() if silent or not self._commands else self._commands))
 
     def _damping(self) -> tuple[MotionCommand, TrunkTorque]:
         """Safe state: hold the measured position with no velocity wanted."""
@@ -185,8 +225,7 @@ class PlantNode(LocoNode):
         )
 
     def _on_estop(self, kind: str, text: str) -> None:
-        tick, t = (self.state.tick, self.state.t) if self.started else (0, 0.0)
-        self.event(kind, text, tick, t)
+        self.event(kind, text, *self.now())
 
     def _kept_safe(
         self, command: MotionCommand, trunk: TrunkTorque | None
@@ -252,7 +291,8 @@ class PlantNode(LocoNode):
         if self._waiting_for:
             return {"waiting for nodes": ", ".join(sorted(self._waiting_for))}
         wall = time.perf_counter() - self._began
-        now = (self.state.tick, self._late, self.sim.rejected)
+        refused = self._join.refused + self.sim.rejected
+        now = (self.state.tick, self._late, refused)
         ticks, late, rejected = (a - b for a, b in zip(now, self._reported, strict=True))
         self._reported = now
         values: dict[str, Any] = {"silence": 0.0} if self._finished else {}
@@ -265,8 +305,8 @@ class PlantNode(LocoNode):
             "sim_time": self.state.t,
             "real_time_factor": self.state.t / wall if wall > 0 else 0.0,
             "late_ticks": self._late,
-            "stale_commands": self.stale,
-            "rejected_commands": self.sim.rejected,
+            "stale_commands": self._join.stale,
+            "rejected_commands": refused,
             "late_share": late / ticks if ticks else 0.0,
             "rejected": rejected,
             "clock": self.tick.clock,

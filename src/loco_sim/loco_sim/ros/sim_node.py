@@ -48,9 +48,8 @@ class RobotSimNode(PlantNode):
         self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)
         self.output("robot_description").publish(String(data=self.sim.robot_description))
         self._connect()
-        self._join = self.join(
-            {"motion_command": MotionCommand, "trunk_torque": TrunkTorque}, self._on_commands
-        )
+        wanted = {"motion_command": MotionCommand, "trunk_torque": TrunkTorque}
+        self.listen({name: Converter(cls) for name, cls in wanted.items()}, self._on_commands)
         self.announce_ready()
 
     def send(self, state: RobotState) -> None:
@@ -58,11 +57,6 @@ class RobotSimNode(PlantNode):
         truth = self.sim.ground_truth()
         self._state_topic(self._pack(state))  # first: others wait for it
         self._tools.publish(state, truth)
-
-    @property
-    def stale(self) -> int:
-        """Commands that came too late to be used."""
-        return self._join.stale
 
 
 def main(args: list[str] | None = None) -> None:
