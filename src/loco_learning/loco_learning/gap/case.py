@@ -19,7 +19,7 @@ from . import evidence, noise
 from .record import Record
 
 FINE = 0.25  # physics step over the model's where no engine is needed
-ENGINE = ("push", "cable_force", "slip")  # effects that need the engine
+ENGINE = ("slip",)  # effects that need the engine
 DELAYS = ("command_delay", "actuation_delay")
 PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
@@ -93,7 +93,7 @@ class Case:
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
         late = [i for i, s in enumerate(specs) if s["name"] in DELAYS]
-        if step == 1.0 or len(late) != 1:
+        if len(late) != 1 or self.fine == 1.0:
             return self.forward(specs, overrides, only, step)
         (index,), period = late, step / self.rate
         below, between = divmod(specs[index]["delay"] / period, 1.0)

@@ -78,6 +78,7 @@ class Problem:
         spread: float,
         scale: float,
         only: Sequence[int] | None = None,
+        coarse: bool = False,
     ):
         """Lay out coordinates.
 
@@ -89,8 +90,10 @@ class Problem:
             spread: Standard deviation of their logarithm.
             scale: Of the robust loss [floors].
             only: Records that are fitted; default all.
+            coarse: Simulate in the model's own steps.
         """
         self.case, self.parts, self.scale, self.only = case, list(parts), scale, only
+        self.coarse = coarse
         self.free, self.nominal, self.spread = dict(free), dict(nominal), spread
         self.units = np.concatenate(
             [_units(h, x) for h, x in self.parts] + [np.full(len(self.free), 0.3)]
@@ -117,7 +120,8 @@ class Problem:
         """Robust residual of all fitted values, then what the priors say, (N + P,)."""
         parts, overrides = self.split(z)
         specs = [hypothesis.term(x).spec for hypothesis, x in parts]
-        residual = soft(self.case.vector(specs, overrides, self.only), self.scale)
+        residual = self.case.vector(specs, overrides, self.only, self.coarse)
+        residual = soft(residual, self.scale)
         priors = [
             v / _width(c)
             for hypothesis, x in parts
@@ -175,19 +179,20 @@ class Setting:
 
 
 def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
-    """A few steps on some of the records.
+    """A few steps on some of the records, simulated in the model's own steps.
 
     Returns:
         Whitened rms there, and the parts with their coordinates.
     """
     only, params = list(setting.only), setting.params
     problem = Problem(
-        case, parts, setting.free, setting.nominal, params.free_spread, setting.scale, only
+        case, parts, setting.free, setting.nominal, params.free_spread, setting.scale, only, True
     )
     count = len(problem.start)
     found = minimise(problem, problem.start, problem.bounds, STEP, params.rough + 2 * count)
     moved, overrides = problem.split(found.z)
-    residual = soft(case.vector([h.term(x).spec for h, x in moved], overrides, only), setting.scale)
+    specs = [h.term(x).spec for h, x in moved]
+    residual = soft(case.vector(specs, overrides, only, True), setting.scale)
     return float(np.sqrt(np.mean(np.square(residual)))), tuple(moved)
 
 

@@ -25,6 +25,8 @@ Report = Callable[[float, str, str], Any]
 AT_LEAST = 6  # effects that are tried beside others
 NEAR = 5.0  # floors: more is not the end, however much is closed
 PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
+FAR = 0.1  # share of what the best explains below which an effect is not fitted
+DEEP = 3  # models of two effects and more that are fitted to the end at each step
 
 
 @dataclass
@@ -98,7 +100,8 @@ class Search:
         if self.adequate(base):
             return found
         found.screened = self._screen(base, 0.05, 0.35)
-        self._tournament([((s.hypothesis, s.x),) for s in self._chosen(found.screened)])
+        singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
+        self._tournament(singles, self.params.finalists)
         self.report(0.6, "fitted single effects", self._best(base))
         level = self._ranked(base)[: self.params.beam]
         for depth in range(2, self.params.most_terms + 1):
@@ -127,8 +130,8 @@ class Search:
         return worst <= self.params.adequate
 
     def enough(self, model: Fitted, base: Fitted) -> bool:
-        """Nothing is left that another effect would be worth."""
-        if self.adequate(model):
+        """Nothing is left that another effect would be worth, or could be seen to close."""
+        if self.adequate(model) or model.held.rms <= 1.0:
             return True
         pairs = ((base.held.rms, model.held.rms), (base.fit_rms, model.fit_rms))
         return all(
@@ -147,7 +150,7 @@ class Search:
 
     # ---- steps -----------------------------------------------------------------------
 
-    def _tournament(self, wanted: Sequence[tuple]) -> list[Fitted]:
+    def _tournament(self, wanted: Sequence[tuple], most: int) -> list[Fitted]:
         """Fit roughly, and the best of them to the end."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
@@ -157,7 +160,7 @@ class Search:
         )
         for rms, key, _ in tried:
             log.info("rough %-50s %8.3f", key, rms)
-        last = [parts for _, _, parts in tried[: self.params.finalists]]
+        last = [parts for _, _, parts in tried[:most]]
         fitted = self._fit(last)
         best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
         tasks = [(model, self.setting) for model in best]
@@ -225,8 +228,9 @@ class Search:
 
     def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
         """Best places of each effect, those effects that explain most."""
-        least = self.params.screen_share
         ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
+        most = ordered[0].share if ordered else 0.0
+        least = max(self.params.screen_share, FAR * most)
         chosen: dict[tuple[str, str], list[Screened]] = {}
         for one in ordered:
             places = chosen.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
@@ -242,7 +246,8 @@ class Search:
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
             more = self._screen(model, at, at + 0.05, screened)
             chosen = self._chosen(more, AT_LEAST)
-            self._tournament([(*model.parts, (s.hypothesis, s.x)) for s in chosen])
+            wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
+            self._tournament(wanted, min(DEEP, self.params.finalists))
 
 
 def _key(parts: Sequence[tuple]) -> str:

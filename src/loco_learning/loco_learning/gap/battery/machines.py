@@ -58,6 +58,7 @@ class Machine:
         overrides: What the workflow has to know of the set-up: values of robot.yaml.
         known: The same, as effects: weights that hang on the robot.
         steps: Integration steps per tick.
+        quick: The same while sizes are sought; 0 is half of them.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Machine:
     overrides: dict[str, Any] = field(default_factory=dict)
     known: tuple[dict[str, Any], ...] = ()
     steps: int = 80
+    quick: int = 0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -193,6 +195,7 @@ def tigrillo() -> Machine:
         "tigrillo", body, 100.0, _servo(8, hips), springs, np.array([-0.5, 1.0] * 4),
         np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, 0.3), np.full(4, 0.6), 9.0,
         (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=known,
+        steps=320, quick=40,
     )  # fmt: skip
 
 
