@@ -159,3 +159,12 @@ def test_supply_and_switch_of_a_record_reach_the_servo():
     off = replace(record, inputs={"enable": 0.0 * half})
     full, weak, off = Forward(Model("servo_pendulum"), [record, weak, off])()
     assert np.std(full[:, 0]) > np.std(weak[:, 0]) > np.std(off[:, 0]) == 0.0
+
+
+def test_late_sensors_say_what_was_true_a_while_ago():
+    forward = Forward(Model("servo_pendulum", EXACT), [recorded("servo_pendulum", EXACT)])
+    now, late = forward()[0], forward([{"name": "sensor_latency", "delay": 0.02}])[0]
+    np.testing.assert_allclose(late[10:], now[8:-2], atol=1e-9)
+    half = forward([{"name": "sensor_latency", "delay": 0.025}])[0]
+    linear = 0.5 * (now[7:-3] + now[8:-2])
+    assert np.max(np.abs(half[10:] - linear)) < 5e-3 * np.ptp(now)

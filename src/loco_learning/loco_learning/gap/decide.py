@@ -32,7 +32,7 @@ class Limits(Params):
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     worse: float = parameter(
-        3.0, "rms over the selected model's beyond which a rival is none", low=1.0
+        2.0, "rms over the selected model's beyond which a rival is none", low=1.0
     )  # fmt: skip
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
@@ -105,8 +105,8 @@ class Rival:
         over: Evidence for the candidate over this one.
         closed: Share of the gap that it closes.
         trifle: It is too small to matter on any robot.
-        worse: Rms that it leaves over that of the selected model, the smaller of the ratios on
-            fitted and on held-out data.
+        worse: Rms that it leaves on all data over that of the selected model; at most 1 if it
+            leaves less on held-out data.
     """
 
     name: str

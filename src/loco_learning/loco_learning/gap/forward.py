@@ -146,6 +146,9 @@ class Forward:
             LocoError: An effect or an override is not possible.
         """
         rows = range(len(self.records)) if only is None else only
+        late = [e for e in effects if _late(e)]
+        effects = [e for e in effects if not _late(e)]
+        shift += sum(e["delay"] for e in late)
         found = [self._run(i, effects, overrides or {}, step) for i in rows]
         if shift:
             found = [
@@ -218,6 +221,11 @@ def turned(
         at = np.where(np.isfinite(q) & (offsets != 0.0), q, robot.standing)
         starts = [Start(0, len(record.t), at, np.zeros(len(robot.joints)))]
     return [piece._replace(q=piece.q + offsets) for piece in starts]
+
+
+def _late(spec: Mapping[str, Any]) -> bool:
+    """All sensors are late by the same time, all the time: an effect on no more than the clock."""
+    return spec["name"] == "sensor_latency" and {"delay"} == {*spec} - {"name"}
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:

@@ -109,11 +109,9 @@ class _Judgement:
         self.scores: dict[str, evidence.Score] = {}  # of finished models
 
     def run(self, limits: Limits) -> Judged:
-        best = self._best(limits)
+        best, lost = self._pruned(self._best(limits), limits)
         swaps = [self._swaps(best, i) for i in range(len(best.parts))]
-        lost = [self._without(best, i) for i in range(len(best.parts))]
-        finished = self._finished([*lost, *(m for each in swaps for m in each)])
-        lost, rest = finished[: len(lost)], finished[len(lost) :]
+        rest = self._finished([m for each in swaps for m in each])
         estimates, known = sensitivities(self.case, best)
         candidates, rivals = [], []
         for i, (hypothesis, _) in enumerate(best.parts):
@@ -141,6 +139,15 @@ class _Judgement:
             if not any(self._beats(r, model, limits) for r in rivals):
                 return model
         return min(models, key=lambda m: (self.search.energy(m), m.key))
+
+    def _pruned(self, best: Fitted, limits: Limits) -> tuple[Fitted, list[Fitted]]:
+        """A model without effects that it can do without, and what it is without each left."""
+        while True:
+            lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
+            idle = [m for m in lost if m.parts and not self._beats(best, m, limits)]
+            if not idle:
+                return best, lost
+            best = min(idle, key=lambda m: (self.search.energy(m), m.key))
 
     def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
@@ -256,8 +263,9 @@ class _Judgement:
 
 
 def _ratio(a: Fitted, b: Fitted) -> float:
-    """How much more a model leaves than another, on fitted and on held-out data at least."""
-    return min(a.fit_rms / b.fit_rms, a.held.rms / b.held.rms)
+    """How much more a model leaves than another on all data, 1 where it judges better."""
+    more = evidence.rms(a.whole) / evidence.rms(b.whole)
+    return more if a.held.rms > b.held.rms else min(more, 1.0)
 
 
 def _leading(screened: Sequence, mine: Hypothesis) -> list:
