@@ -19,6 +19,7 @@ setup(
             "target_generator = loco_control.ros.target_node:main",
             "stance_controller = loco_control.ros.stance_node:main",
             "cpg = loco_control.ros.cpg_node:main",
+            "faults = loco_control.ros.fault_node:main",
         ]
     },
     zip_safe=False,

@@ -27,6 +27,15 @@ examples:
   loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
 """
 
+FAULTS = """\
+Faults stand between the writer and the readers of a topic; any number, also on one topic:
+  --fault motion_command:drop:probability=0.1          every tenth command is lost
+  --fault robot_state:delay:messages=3:start=2:stop=4  three ticks late, from 2 s to 4 s
+kinds: drop, delay (messages), duplicate (times), reorder (messages), nan, freeze,
+       clock_jump (offset [s]), stuck; all have start and stop [s], probability and seed.
+Topics are those of docs/topics.md; docs/faults.md says what the robot does then.
+"""
+
 # `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
 ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term:skip-covered",
              "--cov-fail-under=90"]  # fmt: skip
@@ -85,7 +94,8 @@ def _add_run(commands) -> None:
         "Clocks: lockstep steps when every command has arrived and the recorder keeps up\n"
         "(deterministic); asap does not wait for the recorder; realtime follows the wall clock.\n"
         "Layouts: composed puts all nodes in one process, processes gives each its own,\n"
-        "rollout calls the same objects without ROS and writes the same topics to a bag.",
+        "rollout calls the same objects without ROS and writes the same topics to a bag.\n\n"
+        + FAULTS,
     )  # fmt: skip
     p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
     p.add_argument("--layout", default="composed", help="composed, processes or rollout")
@@ -95,6 +105,8 @@ def _add_run(commands) -> None:
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
     p.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
+    p.add_argument("--fault", action="append", default=[], metavar="TOPIC:KIND[:NAME=VALUE]",
+                   help="damage the messages of a topic (repeatable)")  # fmt: skip
     p.add_argument("--namespace", default="", help="namespace of all nodes")
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     p.add_argument("--report", action="store_true", help="write the report when it is done")
@@ -224,6 +236,7 @@ def _add_rest(commands) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """`loco run`."""
+    from loco_control.exceptions import ParameterError
     from loco_learning.experiment import load
 
     from . import run as runner
@@ -232,6 +245,8 @@ def run(a: argparse.Namespace) -> int:
     experiment = load(a.experiment, overrides(a.set, a.seed))
     folder = a.out or runner.default_folder(experiment)
     if a.layout == "rollout":
+        if a.fault:
+            raise ParameterError("layout rollout has no topics, so no --fault; take composed")
         from .rollout_bag import run_rollout
 
         outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell))
@@ -239,7 +254,7 @@ def run(a: argparse.Namespace) -> int:
         outcome = show_run(
             experiment,
             lambda tell: runner.run(
-                experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace
+                experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace, a.fault
             ),
         )
     if a.report and not outcome.interrupted:

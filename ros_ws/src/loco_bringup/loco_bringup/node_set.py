@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "impedance", "effects", "seed", "tick", "gait", "learner", "stance",
-          "trunk", "weights", "plant", "joints", "target", "network", "loop")  # fmt: skip
+          "trunk", "weights", "plant", "joints", "target", "network", "loop", "faults")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,9 @@ class NodeSpec:
     parameters: tuple[str, ...]
     executable: str  # for ``ros2 run``, in the package of the class
     restart: Restart = NEVER  # what happens when its process dies
+
+
+FAULTS = NodeSpec("faults", "loco_control.ros.fault_node:FaultNode", ("faults",), "faults")
 
 
 def load(name: str) -> list[NodeSpec]:
@@ -113,7 +116,8 @@ def parameter_file(
         experiment: Checked experiment.
         tick: Clock, speed, duration … of `TickParams`.
         run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
-            has a file of its own) and `weights` (file that the reflex network writes).
+            has a file of its own), `weights` (file that the reflex network writes), `faulted`
+            (topics that the node `faults` damages, if any) and `faults` (its parameters).
     """
     content: dict[str, Any] = {}
     for spec in specs:
@@ -121,6 +125,8 @@ def parameter_file(
             "recorded": run["recorded"],
             "control_rate": experiment.control_rate,
         }
+        if run.get("faulted") and spec != FAULTS:
+            parameters["faulted"] = list(run["faulted"])  # YAML: no aliases
         for part in spec.parameters:
             parameters.update(_part(part, experiment, tick, run))
         content[f"/**/{spec.name}"] = {"ros__parameters": parameters}
@@ -136,6 +142,8 @@ def recorder_parameters(values: dict[str, Any]) -> dict[str, Any]:
 
 def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any]) -> dict:
     needed = {"plant": "plant", "joints": "plant", "robot": "gait"}.get(part, part)
+    if part == "faults":
+        return run["faults"]
     if part not in ("tick", "weights") and not hasattr(experiment, needed):
         raise ParameterError(
             f"the node set wants {part!r}, which experiment {experiment.name} has not; "

@@ -22,13 +22,14 @@ from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_control.ros.convert import TICK
 from loco_control.ros.joint_topics import TABLES
 from loco_control.ros.node import LocoNode, run_nodes
-from loco_control.ros.topics import Topic, to_stamp
+from loco_control.ros.topics import LOST_TICK, Topic, faulty, to_stamp
 from loco_msgs.msg import Event, RecorderStatus
 
 from .bag_writer import BagWriter
 
 log = logging.getLogger(__name__)
 
+FAULTS = LOST_TICK.writer
 _STATUS_EVERY = 20  # ticks between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
 _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
@@ -50,7 +51,7 @@ class RecorderNode(LocoNode):
         # cost the writers more than writing it.
         self._reliable = self.declare_parameter("reliable", True).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
-        self.table = {**self.table, **_merged(graphs)}
+        self.table = {**self.table, **_merged(graphs, self.faulted)}
         chosen = {space: _chosen(wanted, TABLES[table]) for space, table in graphs}
         for _, table in graphs:
             _chosen(self._written, TABLES[table])
@@ -61,6 +62,8 @@ class RecorderNode(LocoNode):
         for robot in self.robots:
             for row in chosen[robot.namespace]:
                 self._subscribe(robot, row)
+                if row.name in self.faulted:
+                    self._subscribe(robot, _heard(row))
         self.create_timer(0.1, self._tell_if_new)
         self.create_timer(1.0, self.writer.flush)
         self.announce_ready()
@@ -93,6 +96,7 @@ class RecorderNode(LocoNode):
         tick_of = self._tick_of(robot, row, fields)
         # Topics of other people and /diagnostics are stamped with wall time.
         stamped = fields[0] in ("stamp", "header") and (row.writer != "any" or row.name == "events")
+        stamped = stamped and row.writer != FAULTS  # who may say any time
         write = self.writer.write if written else _leave
 
         def receive(data: bytes) -> None:
@@ -203,13 +207,20 @@ def _key(namespace: str, name: str) -> str:
     return name if name.startswith("/") or not namespace else f"{namespace}/{name}"
 
 
-def _merged(graphs: list[tuple[str, str]]) -> dict[str, Topic]:
+def _merged(graphs: list[tuple[str, str]], faulted: set[str]) -> dict[str, Topic]:
     """One table of all graphs, with the namespaces in the names."""
-    return {
-        _key(space, row.name): dataclasses.replace(row, name=_key(space, row.name))
-        for space, table in graphs
-        for row in TABLES[table].values()
-    }
+    merged = {}
+    for space, table in graphs:
+        rows = TABLES[table].values()
+        for row in [*rows, *(_heard(row) for row in rows if row.name in faulted)]:
+            name = _key(space, row.name)
+            merged[name] = dataclasses.replace(row, name=name)
+    return merged
+
+
+def _heard(row: Topic) -> Topic:
+    """Row of what the readers of a damaged topic hear; its ticks are not counted."""
+    return dataclasses.replace(row, name=faulty(row.name), writer=FAULTS, rate=0.0)
 
 
 def _leave(topic: str, data: bytes, t: int) -> None:

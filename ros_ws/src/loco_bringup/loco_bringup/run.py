@@ -59,6 +59,7 @@ def run(
     nodes: str | None = None,
     on_progress: Callable[[Progress], Any] = lambda progress: None,
     namespace: str = "",
+    faults: Sequence[str] = (),
 ) -> Outcome:
     """Run an experiment as a ROS graph and record it.
 
@@ -71,13 +72,16 @@ def run(
         nodes: Node set, by name or path; default the one of the experiment's class.
         on_progress: Called about ten times a second of wall time; a true answer ends the run.
         namespace: Of all nodes.
+        faults: Of topics, as `loco_control.faults.parse` reads them.
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run
             has the ROS domain.
-        ParameterError: `layout` is unknown or `folder` holds a bag.
+        ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is none.
     """
-    return run_robots({namespace: experiment}, folder, layout, clock, speed, nodes, on_progress)
+    return run_robots(
+        {namespace: experiment}, folder, layout, clock, speed, nodes, on_progress, faults=faults
+    )
 
 
 def run_robots(
@@ -90,6 +94,7 @@ def run_robots(
     on_progress: Callable[[Progress], Any] = lambda progress: None,
     helpers: Sequence[Helper] = (),
     written: Sequence[str] = (),
+    faults: Sequence[str] = (),
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -104,6 +109,7 @@ def run_robots(
         on_progress: As in `run`.
         helpers: Further nodes, each in a process of its own, without a namespace.
         written: Topics that go into the bag, all when empty.
+        faults: As in `run`, in the graph of each robot.
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -117,7 +123,7 @@ def run_robots(
     with _domain_lock(robots):
         folder = Path(folder).resolve()
         tick = {"clock": clock, "speed": float(speed), **tick}
-        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written)
+        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults)
         plan.write()
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
@@ -175,11 +181,15 @@ class _Plan:
         nodes: str | None,
         helpers: Sequence[Helper],
         written: Sequence[str],
+        faults: Sequence[str],
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
-        self._helpers, self._written = helpers, written
+        self._helpers, self._written, self._faults = helpers, written, list(faults)
+        self._faulted = _faulted(faults, self._sets.values())
+        if faults:
+            self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
 
         # Files of the only robot are named as if it had no namespace.
         self._tags = {s: s.replace("/", "_") if len(robots) > 1 else "" for s in robots}
@@ -202,6 +212,8 @@ class _Plan:
             files[self._path("experiment", tag, ".yaml")] = to_dict(experiment)
             run = {"recorded": True, "recorder": None if tag else recorder}
             run["weights"] = str(self._path("weights", tag, ".npz"))
+            table = node_set.table_of(self._sets[space])
+            run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
             files[self._path("params", tag, ".yaml")] = content
@@ -219,6 +231,8 @@ class _Plan:
         if list(self._robots) != [""]:
             names = {space: e.name for space, e in self._robots.items()}
             custom["namespaces"] = json.dumps(names)
+        if self._faults:
+            custom["faults"] = json.dumps(self._faults)
         files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]
         if "" not in self._tags.values():
             files.append(self._folder / "params.yaml")
@@ -234,6 +248,7 @@ class _Plan:
             "control_rate": first.control_rate,
             "namespaces": list(tables),
             "tables": list(tables.values()),
+            "faulted": list(self._faulted) or [""],
             "written": list(self._written) or [""],
         }
 
@@ -263,6 +278,22 @@ class _Plan:
         log = self._folder / "logs" / f"{name.replace('/', '_')}.log"
         command = ["-m", "loco_bringup.composed", *classes, *ros]
         return Process(name, command, log, restart, self._guard)
+
+
+def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:
+    """Topics that faults damage, in the graphs of these node sets.
+
+    Raises:
+        ParameterError: A fault is none, or does not fit the messages of its topic.
+        NameUnknownError: A graph has no such topic, or there is no such fault.
+    """
+    if not faults:
+        return []
+    from loco_control.faults import check
+    from loco_control.ros.fault_node import abilities
+
+    made = [f for name in sets for f in check(faults, abilities(node_set.table_of(name)))]
+    return list(dict.fromkeys(topic for topic, _ in made))
 
 
 class _domain_lock:  # noqa: N801 (a context manager, used like a function)

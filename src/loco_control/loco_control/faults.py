@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of a topic: what happens to its messages between writer and readers.
+
+A fault turns each message into none, one or several. Faults of one topic act one after the
+other, in the order in which they are given. Texts such as
+``motion_command:drop:probability=0.1:start=2`` say them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from .exceptions import NameUnknownError, ParameterError
+from .params import Params, from_dict, parameter
+
+FAULTS: dict[str, type[Fault]] = {}
+EXAMPLE = "motion_command:drop:probability=0.1:start=2:stop=4"
+
+
+class Body(Protocol):
+    """What a fault can do to the bytes of a message."""
+
+    def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
+        """The message with the numbers of another one, or with NaN if that is None."""
+
+    def later(self, data: bytes, seconds: float) -> bytes:
+        """The message with another stamp, and the tick that goes with it."""
+
+
+@dataclass(frozen=True)
+class Fault(Params):
+    """Base of faults; a kind overrides `hit`."""
+
+    start: float = parameter(0.0, "when it begins, simulated time", "s", 0.0)
+    stop: float = parameter(np.inf, "when it ends, simulated time", "s", 0.0)
+    probability: float = parameter(1.0, "that a message is hit", "-", 0.0, 1.0)
+    seed: int = parameter(0, "of the draws", "-", 0)
+
+    kind: ClassVar[str]
+    needs: ClassVar[str] = ""  # what a message must have: numbers or a stamp
+
+    def __init_subclass__(cls, kind: str, needs: str = "", **more: Any) -> None:
+        super().__init_subclass__(**more)
+        cls.kind, cls.needs = kind, needs
+        FAULTS[kind] = cls
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """What becomes of a message that is hit."""
+        raise NotImplementedError
+
+    def passed(self, data: bytes, memory: Memory) -> list[bytes]:
+        """What becomes of a message that is not hit, also after the end."""
+        held, memory.held = memory.held, []
+        return [*held, data]
+
+
+@dataclass(frozen=True)
+class Drop(Fault, kind="drop"):
+    """Messages get lost."""
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """None."""
+        return []
+
+
+@dataclass(frozen=True)
+class Delay(Fault, kind="delay"):
+    """Messages come late, in their order."""
+
+    messages: int = parameter(1, "how many messages later", "messages", 1, 1000)
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """The oldest that is held, once there are enough."""
+        memory.held.append(data)
+        return [memory.held.pop(0)] if len(memory.held) > self.messages else []
+
+
+@dataclass(frozen=True)
+class Duplicate(Fault, kind="duplicate"):
+    """Messages come more than once."""
+
+    times: int = parameter(1, "how often again", "-", 1, 100)
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """Several of it."""
+        return [data] * (1 + self.times)
+
+
+@dataclass(frozen=True)
+class Reorder(Fault, kind="reorder"):
+    """Messages come in groups, the newest first."""
+
+    messages: int = parameter(2, "size of a group", "messages", 2, 1000)
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """None until a group is whole."""
+        memory.held.append(data)
+        if len(memory.held) < self.messages:
+            return []
+        held, memory.held = memory.held, []
+        return held[::-1]
+
+
+@dataclass(frozen=True)
+class Nan(Fault, kind="nan", needs="numbers"):
+    """All numbers of a message are not a number; stamp and tick stay."""
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """The same without numbers."""
+        return [memory.body.with_numbers(data, None)]
+
+
+@dataclass(frozen=True)
+class Freeze(Fault, kind="freeze"):
+    """The message of its beginning comes again and again, stamp and all."""
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """An older one."""
+        memory.kept = data if memory.kept is None else memory.kept
+        return [memory.kept]
+
+
+@dataclass(frozen=True)
+class ClockJump(Fault, kind="clock_jump", needs="stamp"):
+    """Stamp and tick are those of another time."""
+
+    offset: float = parameter(0.2, "how far ahead; below 0: behind", "s", -1e6, 1e6)
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """The same of another time."""
+        return [memory.body.later(data, self.offset)]
+
+
+@dataclass(frozen=True)
+class Stuck(Fault, kind="stuck", needs="numbers"):
+    """Numbers stay as they were when it began; stamp and tick go on."""
+
+    def hit(self, data: bytes, memory: Memory) -> list[bytes]:
+        """The same with older numbers."""
+        memory.kept = data if memory.kept is None else memory.kept
+        return [memory.body.with_numbers(data, memory.kept)]
+
+
+class Memory:
+    """State of one fault at work.
+
+    Args:
+        fault: What it does.
+        topic: Where.
+        body: Reads and writes the messages of the topic.
+
+    Attributes:
+        held: Messages that are kept back, oldest first.
+        kept: Message that is repeated.
+    """
+
+    def __init__(self, fault: Fault, topic: str, body: Body):
+        self._fault, self.body = fault, body
+        key = zlib.crc32(f"{topic} {fault.kind} {fault.start:g}".encode())
+        self._rng = np.random.default_rng([fault.seed, key])
+        self.held: list[bytes] = []
+        self.kept: bytes | None = None
+
+    def feed(self, messages: list[bytes], t: float) -> list[bytes]:
+        """What becomes of messages that were written at simulated time t [s]."""
+        fault = self._fault
+        if t < fault.start - 1e-9 or (t >= fault.stop - 1e-9 and not self.held):
+            return messages
+        out: list[bytes] = []
+        for data in messages:
+            on = t < fault.stop - 1e-9 and self._rng.random() < fault.probability
+            out += fault.hit(data, self) if on else fault.passed(data, self)
+        return out
+
+
+def parse(text: str) -> tuple[str, Fault]:
+    """Topic and fault of ``TOPIC:KIND[:NAME=VALUE]…``.
+
+    Raises:
+        ParameterError: The text is none, or a value is out of range.
+        NameUnknownError: There is no such kind or value.
+    """
+    parts = text.split(":")
+    if len(parts) < 2 or not all(parts):
+        raise ParameterError(f"a fault is TOPIC:KIND[:NAME=VALUE], e.g. {EXAMPLE}; got {text!r}")
+    topic, kind, *pairs = parts
+    if kind not in FAULTS:
+        raise NameUnknownError("fault", kind, FAULTS)
+    values = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        try:
+            values[key] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise ParameterError(f"{pair!r} in fault {text!r} must be NAME=NUMBER, e.g. start=2")
+    fault = from_dict(FAULTS[kind], values, f"fault {kind}")
+    if fault.stop <= fault.start:
+        raise ParameterError(
+            f"fault {text!r} must stop after it starts, got stop {fault.stop:g} s, "
+            f"start {fault.start:g} s"
+        )
+    return topic, fault
+
+
+def to_text(topic: str, fault: Fault) -> str:
+    """Text that `parse` reads: values that are not the defaults."""
+    values = [
+        f":{f.name}={getattr(fault, f.name):.10g}"
+        for f in dataclasses.fields(fault)
+        if getattr(fault, f.name) != f.default
+    ]
+    return f"{topic}:{fault.kind}{''.join(values)}"
+
+
+def check(texts: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, Fault]]:
+    """Faults of texts, for a graph.
+
+    Args:
+        texts: As for `parse`.
+        topics: What the messages of each topic have: numbers, stamp.
+
+    Raises:
+        ParameterError: As `parse`, or the messages of a topic lack what a fault changes.
+        NameUnknownError: As `parse`, or the graph has no such topic.
+    """
+    made = []
+    for text in texts:
+        topic, fault = parse(text)
+        if topic not in topics:
+            raise NameUnknownError("topic", topic, topics)
+        if fault.needs and fault.needs not in topics[topic]:
+            able = ", ".join(name for name, has in topics.items() if fault.needs in has)
+            raise ParameterError(
+                f"fault {fault.kind} changes {fault.needs}, and messages of {topic} have none; "
+                f"possible: {able}"
+            )
+        made.append((topic, fault))
+    return made

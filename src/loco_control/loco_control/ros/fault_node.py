@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `faults`: stands between the writers and the readers of topics and damages messages.
+
+Readers of a topic in the parameter `faulted` listen to ``faulty/TOPIC``, which this node
+writes. The topic itself stays as it was said. Beginning and end of each fault are events.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import UInt64
+
+from loco_control import faults
+
+from .codec import Codec
+from .convert import TICK
+from .joint_codec import tick_of
+from .joint_topics import TABLES
+from .node import LocoNode, run_nodes
+from .topics import LOST_TICK, Topic, faulty, starts_tick
+
+NAME = LOST_TICK.writer
+_TIME, _HEADER = "builtin_interfaces/Time", "std_msgs/Header"
+
+
+def abilities(table: str) -> dict[str, set[str]]:
+    """What the messages of each topic of a table have: numbers, stamp."""
+    found = {}
+    for row in TABLES[table].values():
+        has = {"numbers": has_numbers(row.type), "stamp": stamp_at(row.type) is not None}
+        found[row.name] = {what for what, there in has.items() if there}
+    return found
+
+
+@functools.cache
+def has_numbers(cls: type) -> bool:
+    """Whether messages have floating-point fields, however deep."""
+    for kind in cls.get_fields_and_field_types().values():
+        element = kind.removeprefix("sequence<").rstrip(">").partition("[")[0].partition(",")[0]
+        if element in ("double", "float") or ("/" in element and has_numbers(_class(element))):
+            return True
+    return False
+
+
+@functools.cache
+def stamp_at(cls: type) -> int | None:
+    """Byte at which the stamp of a message begins, None if it has none at its beginning."""
+    kind = next(iter(cls.get_fields_and_field_types().values()), "")
+    if kind in (_TIME, _HEADER):
+        return 4
+    if kind.startswith("sequence<"):  # its length comes first
+        inner = kind.removeprefix("sequence<").rstrip(">")
+        return 8 if "/" in inner and stamp_at(_class(inner)) == 4 else None
+    return None
+
+
+def _class(kind: str) -> type:
+    package, _, name = kind.partition("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+class Bytes:
+    """Stamp, tick and numbers in the bytes of the messages of a topic.
+
+    Args:
+        row: The topic.
+        rate: Ticks per second [Hz].
+    """
+
+    def __init__(self, row: Topic, rate: float):
+        fields = list(row.type.get_fields_and_field_types())
+        self._type, self._rate, self._at = row.type, rate, stamp_at(row.type)
+        self._has_tick = fields[:2] == ["stamp", "tick"]
+        self._constant, self._codec = row.rate > 0, None
+
+    def time(self, data: bytes) -> int | None:
+        """Stamp [ns]; None if the messages have none."""
+        if self._at is None or len(data) < self._at + 8:
+            return None
+        seconds = int.from_bytes(data[self._at : self._at + 4], "little", signed=True)
+        return seconds * 1_000_000_000 + int.from_bytes(data[self._at + 4 : self._at + 8], "little")
+
+    def tick(self, data: bytes) -> int:
+        """Tick that a message with a stamp belongs to."""
+        if self._has_tick:
+            return int.from_bytes(data[TICK], "little")
+        return tick_of(self.time(data) or 0, self._rate)
+
+    def finite(self, data: bytes) -> bool:
+        """Whether all numbers are finite."""
+        words = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)  # as `Converter.finite`
+        return bool(np.isfinite(words).all())
+
+    def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
+        """The message with the numbers of another one of its layout, or with NaN."""
+        if self._codec is None or not self._constant:
+            self._codec = Codec(deserialize_message(data, self._type))
+        if source is not None and len(source) != len(data):
+            return data
+        record = self._codec.decode(bytearray(data))
+        other = None if source is None else self._codec.decode(source)
+        for name in self._codec.dtype.names:
+            if record[name].dtype.kind == "f":
+                record[name] = float("nan") if other is None else other[name]
+        return record.tobytes()
+
+    def later(self, data: bytes, seconds: float) -> bytes:
+        """The message with another stamp, not before 0, and the tick that goes with it."""
+        time = max(0, (self.time(data) or 0) + round(seconds * 1e9))
+        whole, rest = divmod(time, 1_000_000_000)
+        changed = bytearray(data)
+        changed[self._at : self._at + 4] = whole.to_bytes(4, "little")
+        changed[self._at + 4 : self._at + 8] = rest.to_bytes(4, "little")
+        if self._has_tick:
+            tick = max(0, self.tick(data) + round(seconds * self._rate))
+            changed[TICK] = tick.to_bytes(8, "little")
+        return bytes(changed)
+
+
+class FaultNode(LocoNode):
+    """One subscription and one publisher per damaged topic."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME)
+        table = self.declare_parameter("table", "hyq").value
+        self.table = TABLES[table]
+        self._rate = self.declare_parameter("control_rate", 250.0).value
+        texts = [t for t in self.declare_parameter("faults", [""]).value if t]
+        made = faults.check(texts, abilities(table))
+        self._now, self._tick = 0.0, 0
+        self._edges = sorted(_edges(made), reverse=True)
+        self._lost = self.create_publisher(LOST_TICK.type, LOST_TICK.name, LOST_TICK.qos.writer())
+        self._states: Any = None
+        for name in dict.fromkeys(name for name, _ in made):
+            self._stand_between(name, [f for n, f in made if n == name])
+        self._follow(starts_tick(self.table))
+        self.announce_ready()
+
+    def _follow(self, row: Topic) -> None:
+        """Know the simulated time from the topic that starts the ticks."""
+        body = Bytes(row, self._rate)
+
+        def receive(data: bytes) -> None:
+            self._at(body.tick(data), (body.time(data) or 0) / 1e9)
+
+        self._states = self.create_subscription(
+            row.type, row.name, receive, row.qos.reader(), raw=True
+        )
+
+    def _at(self, tick: int, t: float) -> None:
+        self._tick, self._now = tick, t
+        while self._edges and self._edges[-1][0] <= t + 1e-9:
+            _, kind, text = self._edges.pop()
+            self.event(kind, text, tick, t)
+
+    def _stand_between(self, name: str, chosen: list[faults.Fault]) -> None:
+        row, body = self.row(name), Bytes(self.row(name), self._rate)
+        chain = [faults.Memory(fault, name, body) for fault in chosen]
+        output = self.create_publisher(row.type, faulty(row.name), row.qos.writer())
+        self._outputs[name] = output
+        publish = output.handle.publish_raw
+        # Without any of these no command comes of the tick. The plant judges commands itself.
+        waited_for = row.rate > 0 and bool(row.readers)
+        judged = row.readers == ("robot_sim",)
+
+        def receive(data: bytes) -> None:
+            time = body.time(data)
+            t = self._now if time is None or row.writer == "any" else time / 1e9
+            out = [data]
+            for memory in chain:
+                out = memory.feed(out, t)
+            for each in out:
+                publish(each)
+            if waited_for and not any(
+                body.time(each) == time and (judged or each == data or body.finite(each))
+                for each in out
+            ):
+                self._lost.publish(UInt64(data=body.tick(data)))
+
+        self.input(name, receive, raw=True)
+
+    def unmatched(self) -> list[str]:
+        """As of every node, and the plant must hear of lost ticks."""
+        missing = super().unmatched()
+        if self._lost.get_subscription_count() < 1:
+            missing.append(f"{LOST_TICK.name} (0/1 readers)")
+        if self._states.get_publisher_count() < 1:
+            missing.append(f"{self._states.topic_name} (no writer)")
+        return missing
+
+
+def _edges(made: list[tuple[str, faults.Fault]]) -> Iterator[tuple[float, str, str]]:
+    """Time, kind and text of the event at each begin and end."""
+    for name, fault in made:
+        text = faults.to_text(name, fault)
+        yield fault.start, "fault", text
+        if np.isfinite(fault.stop):
+            yield fault.stop, "fault over", text
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_control faults``."""
+    sys.exit(run_nodes([FaultNode], args))
+
+
+if __name__ == "__main__":
+    main()
