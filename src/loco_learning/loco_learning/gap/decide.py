@@ -31,9 +31,7 @@ class Limits(Params):
         1.15, "rms of a channel [floors], beyond chance, from which on it is a gap", low=1.0
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
-    worse: float = parameter(
-        2.0, "rms over the selected model's beyond which a rival is none", low=1.0
-    )  # fmt: skip
+    worse: float = parameter(2.0, "rms over the best model's beyond which it is no rival", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
     adequate_rms: float = parameter(
@@ -131,6 +129,7 @@ class Candidate:
         trifle: It is too small to matter on any robot.
         total: As `gain`, on all data, its parameters paid: a few seconds of held-out data of
             slow motion are too few blocks to tell chance from an effect.
+        worse: As of a rival, of the model without the term: what acts in a few blocks only.
     """
 
     name: str
@@ -142,6 +141,7 @@ class Candidate:
     trifle: bool = False
     traded: tuple[str, ...] = ()
     total: Comparison | None = None
+    worse: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -332,8 +332,8 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
 def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
     """What keeps a candidate from being considered at all."""
     lacks = []
-    sure = c.total is not None and c.gain.gain > 0.0 and c.total.low > 0.0
-    if not (c.gain.low > 0.0 or sure):
+    sure = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
+    if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and sure):
         lacks.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
     if c.gain.blocks_improved < limits.blocks:
         lacks.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")

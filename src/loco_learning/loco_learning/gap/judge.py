@@ -18,11 +18,12 @@ from loco_sim.effects.base import EFFECTS
 
 from . import evidence, identify
 from .case import Case
-from .decide import LIMITS, Candidate, Decision, Estimate, Limits, Rival, decide
+from .decide import LIMITS, Candidate, Decision, Estimate, Limits, Rival, adequate, decide
 from .fit import Fitted, fit, polish
 from .hypotheses import Hypothesis
 from .search import Found, Search
 from .sensitivity import sensitivities
+from .traded import LeftOut, Nominal
 
 NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
@@ -44,6 +45,7 @@ class Judged:
         candidates: Its effects with the evidence, in order.
         rivals: Other models of as many effects, each with the evidence of the best over it.
         identifiability: Of the best model's parameters; None without any.
+        left_out: Models that nominal values imitate.
     """
 
     decision: Decision
@@ -52,6 +54,7 @@ class Judged:
     candidates: tuple[Candidate, ...]
     rivals: tuple[tuple[Fitted, evidence.Comparison], ...]
     identifiability: identify.Identifiability | None
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
@@ -107,9 +110,15 @@ class _Judgement:
         self.seed = search.params.seed
         self.done: dict[str, Fitted] = {}
         self.scores: dict[str, evidence.Score] = {}  # of finished models
+        self.nominal = Nominal(search.nominal, search.params.free_spread)
+        size = np.nanstd(np.concatenate(case.forward.measured), axis=0) / case.floor
+        self.enough = search.params.accuracy * size
 
     def run(self, limits: Limits) -> Judged:
-        best, lost = self._pruned(self._best(limits), limits)
+        models, out = self.nominal.believed(
+            self.case, self.found.models, limits, lambda m: self._explains(m, limits)
+        )
+        best, lost = self._pruned(self._best(models, limits), limits)
         swaps = [self._swaps(best, i) for i in range(len(best.parts))]
         rest = self._finished([m for each in swaps for m in each])
         estimates, known = sensitivities(self.case, best)
@@ -119,19 +128,22 @@ class _Judgement:
             weighed = [(m, self._odds(best, m)) for m in mine]
             rivals += weighed
             made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed)
-            candidates.append(replace(made, traded=self._traded(best, hypothesis, known, limits)))
+            traded = self.nominal.traded(best, hypothesis, known, limits)
+            candidates.append(replace(made, traded=traded))
         base = self.found.base
         whole = base.whole, best.whole
-        size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
-        enough = self.search.params.accuracy * size
-        decision = decide(candidates, base.held, best.held, limits, whole, enough)
+        decision = decide(candidates, base.held, best.held, limits, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
-        return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
+        return Judged(decision, base, best, tuple(candidates), tuple(rivals), known, tuple(out))
 
-    def _best(self, limits: Limits) -> Fitted:
+    def _explains(self, model: Fitted, limits: Limits) -> bool:
+        """A model explains the data."""
+        return adequate(self.found.base.whole, model.whole, limits, self.enough)
+
+    def _best(self, found: Sequence[Fitted], limits: Limits) -> Fitted:
         """Simplest of the leading models that none of them beats."""
-        first = {len(m.parts): m for m in reversed(self.found.models)}.values()
-        leading = {m.key: m for m in (*self.found.models[:LEADING], *first)}
+        first = {len(m.parts): m for m in reversed(found)}.values()
+        leading = {m.key: m for m in (*found[:LEADING], *first)}
         models = self._finished(list(leading.values()))
         models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
         for model in models:
@@ -221,18 +233,6 @@ class _Judgement:
             self.scores[model.key] = evidence.score(model.whole)
         return self.scores[model.key]
 
-    def _traded(self, best: Fitted, of: Hypothesis, known, limits: Limits) -> tuple[str, ...]:
-        """Nominal values beyond what is plausible, where they can imitate an effect."""
-        spread, nominal = self.search.params.free_spread, self.search.nominal
-        strained = [
-            name
-            for name, value in best.overrides.items()
-            if abs(math.log(value / nominal[name])) > limits.strained * spread
-        ]
-        names = {f"{of.effect}.{c.label} {of.place}".strip() for c in of.coordinates if c.strength}
-        alike = max((known.imitated.get(name, 0.0) for name in names), default=0.0)
-        return tuple(strained) if alike > limits.imitated else ()
-
     def _candidate(
         self,
         best: Fitted,
@@ -259,6 +259,7 @@ class _Judgement:
             tuple(made),
             trifle(*best.parts[index]),
             total=self._total(best, without),
+            worse=_ratio(without, best),
         )
 
 
