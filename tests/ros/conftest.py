@@ -11,6 +11,7 @@ from rclpy.experimental import EventsExecutor
 
 from loco_control.ros.convert import Converter
 from loco_control.ros.node import LocoNode
+from loco_control.ros.spin import until_deadline
 from loco_control.ros.topics import TOPICS, topic
 
 
@@ -61,7 +62,7 @@ class Bench:
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, "timed out"
-            self.executor.spin_once(timeout_sec=0.02)
+            until_deadline(self.executor, self.node, 0.02)
 
     def close(self):
         self.node.close()

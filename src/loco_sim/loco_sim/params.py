@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the simulated world; what belongs to a robot is in its ``robot.yaml``."""
+"""Parameters of the simulated world and its clock; a robot's are in its ``robot.yaml``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from loco_control.params import Params, parameter
+
+CLOCKS = ("lockstep", "asap", "realtime")
 
 
 @dataclass(frozen=True)
@@ -46,4 +48,46 @@ class SimParams(Params):
     )
     safety: bool = parameter(
         True, "keep the last good command when one is not finite (and count it), else raise"
+    )
+
+
+@dataclass(frozen=True)
+class TickParams(Params):
+    """How ticks follow each other."""
+
+    clock: str = parameter(
+        "lockstep",
+        "lockstep waits for every command and for the recorder, asap for the "
+        "commands alone, realtime for the wall clock",
+        choices=CLOCKS,
+    )
+    speed: float = parameter(
+        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0
+    )
+    duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
+    stop_on_fall: bool = parameter(True, "end the run when the robot falls")
+    # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
+    # all nodes in one process is 10 messages and 4.3 KiB.
+    flow_window: int = parameter(
+        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50
+    )
+    catch_up: int = parameter(
+        25,
+        "realtime: missed ticks that are made up after a stall, at most; the others are dropped",
+        "ticks",
+        1,
+        1000,
+    )
+    command_timeout: float = parameter(
+        0.06,
+        "a command is held until it is older than this; then `late` counts",
+        "s",
+        0.004,
+        10.0,
+    )
+    late: str = parameter(
+        "hold",
+        "when commands are too late: hold damps the joints until commands are back, safe-stop "
+        "until the emergency stop is reset",
+        choices=("hold", "safe-stop"),
     )

@@ -23,8 +23,9 @@ from rclpy.task import Future
 from loco_control.exceptions import GraphError, LocoError
 from loco_control.params import Params, parameter
 from loco_control.ros.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
-from loco_control.ros.node import LocoNode, run_nodes
+from loco_control.ros.node import LocoNode
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_control.ros.topics import to_stamp
 from loco_learning.calibration.live import GapMeter
 from loco_learning.calibration.params import CalibrationParams

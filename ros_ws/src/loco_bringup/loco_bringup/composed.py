@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-from loco_control.ros.node import run_nodes
+from loco_control.ros.spin import run_nodes
 
 
 def main() -> None:

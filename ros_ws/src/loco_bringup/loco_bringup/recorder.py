@@ -21,7 +21,8 @@ from typing import Any
 from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_control.ros.convert import TICK
 from loco_control.ros.joint_topics import TABLES
-from loco_control.ros.node import LocoNode, run_nodes
+from loco_control.ros.node import LocoNode
+from loco_control.ros.spin import run_nodes
 from loco_control.ros.topics import LOST_TICK, Topic, faulty, to_stamp
 from loco_msgs.msg import Event, RecorderStatus
 

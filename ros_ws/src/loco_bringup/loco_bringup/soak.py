@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from loco_control.exceptions import ParameterError
 from loco_learning.experiment import override
@@ -28,6 +27,7 @@ from . import run as runner
 LIMIT = 1.0  # growth of memory that still counts as flat [MB in a million ticks]
 WARM_UP = 0.2  # share of the samples at the start that is not judged
 BLOCKS = 10  # that the rest is cut into: neighbouring samples are not independent
+STUDENT = 2.306  # t for 95 % of both sides, with two degrees of freedom less than blocks
 COUNTS = ("descriptors", "threads", "shm_files")
 WRITTEN = ("events", "/diagnostics")  # topics that go into the bag, so that disk stays small
 _PAGE = resource.getpagesize()
@@ -148,16 +148,16 @@ def judge(samples: Iterable[Sample]) -> list[Verdict]:
 
 def _verdict(process: str, what: str, ticks: np.ndarray, values: np.ndarray) -> Verdict:
     """Straight line through the means of the blocks; a count is flat if its median stays."""
-    cut = np.array_split(np.arange(len(ticks)), min(BLOCKS, len(ticks)))
+    cut = np.array_split(np.arange(len(ticks)), max(1, min(BLOCKS, len(ticks))))
     x = np.array([ticks[block].mean() for block in cut]) / 1e6
     y = np.array([values[block].mean() for block in cut])
     start, end = (float(np.median(values[block])) for block in (cut[0], cut[-1]))
-    if len(cut) < 3:  # noqa: PLR2004 (a line and its error)
+    if len(cut) < BLOCKS:
         return Verdict(process, what, start, end, float("nan"), float("inf"), "not settled")
-    free, spread = len(cut) - 2, np.sum((x - x.mean()) ** 2)
+    spread = np.sum((x - x.mean()) ** 2)
     slope = float(np.sum((x - x.mean()) * (y - y.mean())) / spread)
     rest = np.sum((y - y.mean() - slope * (x - x.mean())) ** 2)
-    error = float(np.sqrt(rest / free / spread) * stats.t.ppf(0.975, free))
+    error = float(np.sqrt(rest / (BLOCKS - 2) / spread) * STUDENT)
     low, high = slope - error, slope + error
     if what != "memory":
         says = "grows" if end > start else "flat"

@@ -10,8 +10,9 @@ from loco_control.oscillators import Cpg, CpgParams
 
 from .joint_codec import FRAME, JointCodec, Joints, stamp_ns, tick_of
 from .joint_topics import JOINT_TOPICS
-from .node import LocoNode, run_nodes
+from .node import LocoNode
 from .parameters import declare
+from .spin import run_nodes
 
 
 class JointNode(LocoNode):

@@ -23,7 +23,8 @@ from .codec import Codec
 from .convert import TICK
 from .joint_codec import tick_of
 from .joint_topics import TABLES
-from .node import LocoNode, run_nodes
+from .node import LocoNode
+from .spin import run_nodes
 from .topics import LOST_TICK, Topic, faulty, starts_tick
 
 NAME = LOST_TICK.writer

@@ -1,23 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every node of the graph has: topics from the table, readiness, ticks, diagnostics.
 
-`run_nodes` is the only way a node is spun. It waits in slices with a time-out,
-because ``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals.
+`spin.run_nodes` is the only way a node is spun.
 """
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from typing import Any, ClassVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.executors import ExternalShutdownException
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 
+from loco_control import realtime
 from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
@@ -25,11 +21,9 @@ from .convert import TICK, Converter
 from .endpoints import living, own_host
 from .health import WARN, HealthParams, PeriodMeter, UsageMeter, judge
 from .parameters import declare
-from .topics import TOPICS, Topic, faulty, starts_tick, to_stamp, topic
+from .topics import FAULT_DEPTH, TOPICS, Topic, faulty, starts_tick, to_stamp, topic
 
-__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "loco_tick", "run_nodes"]
-
-log = logging.getLogger(__name__)
+__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "loco_tick"]
 
 _PENDING = 8  # ticks of which messages wait for others
 _BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
@@ -48,9 +42,13 @@ class LocoNode(Node):
 
     Attributes:
         table: The topic table of the graph that the node belongs to.
+        timed: Ticks are due at times: `on_deadline` is called at each `deadline`.
+        granted: What the process was granted and refused of `RealtimeParams`.
     """
 
     table: ClassVar[dict[str, Topic]] = TOPICS
+    timed = False
+    deadline = math.inf  # next time of `time.monotonic` [s]
 
     def __init__(self, name: str):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
@@ -60,6 +58,8 @@ class LocoNode(Node):
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
         self._health = declare(self, HealthParams(), "diagnostics.")
+        self.realtime = declare(self, realtime.RealtimeParams(), "realtime.")
+        self.granted: list[str] = []
         self._periods, self._usage = PeriodMeter(), UsageMeter()
         self._joins: list[TickJoin] = []
         self._stale = 0  # at the last report
@@ -89,10 +89,10 @@ class LocoNode(Node):
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
         """Subscription of a topic of the table."""
         row = self.row(name)
-        heard = faulty(row.name) if name in self.faulted else row.name
-        self._inputs[name] = self.create_subscription(
-            row.type, heard, callback, row.qos.reader(), raw=raw
-        )
+        heard, qos = row.name, row.qos.reader()
+        if name in self.faulted:  # several messages may come at once
+            heard, qos = faulty(row.name), row.qos.reader(FAULT_DEPTH)
+        self._inputs[name] = self.create_subscription(row.type, heard, callback, qos, raw=raw)
         return self._inputs[name]
 
     def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
@@ -137,6 +137,9 @@ class LocoNode(Node):
     def diagnose(self) -> dict[str, Any]:
         """Values for ``/diagnostics`` beside the tick period; nodes extend it."""
         return {}
+
+    def on_deadline(self) -> None:
+        """A `deadline` has come."""
 
     def close(self) -> None:
         """Free what the node holds (physics client, files); called once at the end."""
@@ -183,6 +186,8 @@ class LocoNode(Node):
         self._refuse_strangers()
         values = {**self._periods.summary(), **self._usage.summary(), **self._inputs_report()}
         values |= self.diagnose()
+        if self.granted:
+            values["realtime"] = "; ".join(self.granted)
         level, text = judge(self._health, values)
         if self._ready_timer is not None:
             values["waiting for"] = ", ".join(self.unmatched())
@@ -302,47 +307,6 @@ class TickJoin:
             return
         self._meter.mark()
         self._step(*values)
-
-
-def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None = None) -> int:
-    """Spin nodes in one EventsExecutor until a signal.
-
-    Args:
-        makers: Constructors of the nodes, called after ``rclpy.init``.
-        args: ROS arguments, ``sys.argv`` when None.
-
-    Returns:
-        Exit code: 0 after a signal, 2 for a user's mistake.
-    """
-    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    rclpy.init(args=args)
-    nodes: list[LocoNode] = []
-    code = 0
-    try:
-        executor = EventsExecutor()
-        for make in makers:
-            nodes.append(make())
-            executor.add_node(nodes[-1])
-        never = Future()  # waiting for it stays in C++ between messages, unlike spin_once
-        while rclpy.ok():
-            executor.spin_until_future_complete(never, timeout_sec=0.2)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        code = 0
-    except LocoError as error:
-        code = 2
-        log.error("%s", error)
-        if nodes and rclpy.ok():
-            nodes[-1].event("error", str(error))
-    except Exception:
-        if rclpy.ok():
-            raise
-        code = 0  # a signal came while a node was being made
-    finally:
-        for node in nodes:
-            node.close()
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return code
 
 
 def _paced(row: Topic) -> bool:

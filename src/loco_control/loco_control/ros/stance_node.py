@@ -13,8 +13,9 @@ from loco_control.trunk import TrunkParams
 from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
 
 from .convert import Converter, blank
-from .node import LocoNode, run_nodes
+from .node import LocoNode
 from .parameters import declare, on_change
+from .spin import run_nodes
 
 
 class StanceControllerNode(LocoNode):

@@ -13,8 +13,9 @@ from loco_control.gait import GaitParams, TargetGenerator
 from loco_control.types import GaitTarget, RobotState
 
 from .convert import Converter
-from .node import LocoNode, run_nodes
+from .node import LocoNode
 from .parameters import declare, on_change
+from .spin import run_nodes
 
 _LIVE = ("speed", "frequency", "step_height", "duty_factor")
 

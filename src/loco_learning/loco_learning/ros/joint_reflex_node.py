@@ -19,8 +19,8 @@ from loco_control.ros.joint_codec import (
     Joints,
     stamp_ns,
 )
-from loco_control.ros.node import run_nodes
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_learning.joint_reflex import PHASES, JointLearnerParams, JointReflex
 from loco_learning.joint_sensors import passive_joints, sensor_kinds, sensor_vector
 

@@ -11,8 +11,9 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.msd_topics import MSD_TOPICS, RATE, link_names, node_names
-from loco_control.ros.node import LocoNode, run_nodes
+from loco_control.ros.node import LocoNode
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_learning.msd_gait import Gait
 from loco_learning.msd_reservoir import Controller, LoopParams
 from loco_sim.msd.network import chain

@@ -7,8 +7,9 @@ import sys
 from typing import Any
 
 from loco_control.ros.convert import Converter, blank
-from loco_control.ros.node import LocoNode, run_nodes
+from loco_control.ros.node import LocoNode
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
 from loco_learning.reflex import PHASES, LearnerParams, ReflexNetwork
 

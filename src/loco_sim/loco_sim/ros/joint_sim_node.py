@@ -21,7 +21,7 @@ from loco_control.params import from_dict, to_dict
 from loco_control.ros.codec import Codec
 from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.joint_topics import JOINT_NODES, JOINT_TOPICS
-from loco_control.ros.node import run_nodes
+from loco_control.ros.spin import run_nodes
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
 from loco_sim import model as models
 from loco_sim.joint_commands import JointCommands

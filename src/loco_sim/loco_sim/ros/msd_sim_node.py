@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 from loco_control.exceptions import LocoError
 from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.msd_topics import MSD_NODES, MSD_TOPICS, RATE, link_names, node_names
-from loco_control.ros.node import run_nodes
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_control.ros.topics import to_stamp
 from loco_sim.msd.energy import centre_of_mass
 from loco_sim.msd.network import chain

@@ -8,50 +8,27 @@ tick k+1.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from std_msgs.msg import UInt64
 
-from loco_control.params import Params, parameter
+from loco_control.pacing import Deadlines
 from loco_control.ros.node import LocoNode, TickJoin, loco_tick
 from loco_control.ros.parameters import declare
 from loco_control.ros.topics import LOST_TICK
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
+from loco_sim.params import CLOCKS, TickParams
 from loco_sim.ros.estop import EmergencyStop
 from loco_sim.safety import Safety, SafetyParams
 from loco_sim.simulation import Simulation
 
+__all__ = ["CLOCKS", "PlantNode", "TickParams"]
+
 NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
-CLOCKS = ("lockstep", "asap", "realtime")
-
-
-@dataclass(frozen=True)
-class TickParams(Params):
-    """How ticks follow each other."""
-
-    clock: str = parameter(
-        "lockstep",
-        "lockstep waits for every command and for the recorder, asap for the "
-        "commands alone, realtime for the wall clock",
-        choices=CLOCKS,
-    )
-    speed: float = parameter(
-        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0
-    )
-    duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
-    stop_on_fall: bool = parameter(True, "end the run when the robot falls")
-    # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
-    # all nodes in one process is 10 messages and 4.3 KiB.
-    flow_window: int = parameter(
-        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 20, 50
-    )
-    command_timeout: float = parameter(
-        0.06, "damp the joints when the newest command is older than this", "s", 0.004, 10.0
-    )
 
 
 class PlantNode(LocoNode):
@@ -73,6 +50,7 @@ class PlantNode(LocoNode):
         super().__init__("robot_sim")
         self.rate = self.declare_parameter("control_rate", rate).value
         self.tick = declare(self, TickParams())
+        self.timed = self.tick.clock == "realtime"
         self._limits = declare(self, SafetyParams(), "safety.")
 
     def _connect(self) -> None:
@@ -144,8 +122,7 @@ class PlantNode(LocoNode):
         self.state, self.started = self.sim.reset(), True
         self._began = self._paced_at = time.perf_counter()
         self.event("started", f"clock {self.tick.clock}", 0, 0.0)
-        if self.tick.clock == "realtime":
-            self.create_timer(1.0 / self.rate, self._on_deadline)
+        self._deadlines = Deadlines(self.rate, self.tick.catch_up)
         self._publish(self.state)
 
     def _resume(self, node: str) -> None:
@@ -193,14 +170,17 @@ class PlantNode(LocoNode):
         """Tick and simulated time [s]."""
         return (self.state.tick, self.state.t) if self.started else (0, 0.0)
 
-    def _on_deadline(self) -> None:
-        """Realtime: step up to now, with the newest commands there are.
+    @property
+    def deadline(self) -> float:
+        """Realtime: when the next tick is due [s]."""
+        due = self.timed and self.started and not self._finished
+        return self._deadlines.next if due else math.inf
 
-        Timers skip the periods that they miss, so the time since the start counts.
-        """
-        due = int((time.perf_counter() - self._began) * self.rate)
-        while self.state.tick < due and not self._finished:
-            self._step(self.state.tick)
+    def on_deadline(self) -> None:
+        """Realtime: step what is due, with the newest commands there are."""
+        for _ in range(self._deadlines.due()):
+            if not self._finished:
+                self._step(self.state.tick)
 
     def _step(self, tick: int) -> None:
         """Step the tick that we are at with the newest commands, or damped if they are too old."""
@@ -209,6 +189,8 @@ class PlantNode(LocoNode):
         last = self._commands[0].tick if self._commands else -1
         self._late += last < tick
         silent = (tick - last) / self.rate > self.tick.command_timeout
+        if silent and self._commands and self.tick.late == "safe-stop":
+            self._estop.engage(f"no command since tick {last}")
         if silent != self._silent and self._commands:
             text = "no command since tick" if silent else "commands are back at tick"
             self.event("timeout", f"{text} {last}", *self.now())
@@ -310,6 +292,7 @@ class PlantNode(LocoNode):
             "late_share": late / ticks if ticks else 0.0,
             "rejected": rejected,
             "clock": self.tick.clock,
+            **(self._deadlines.report() if self.timed else {}),
         }
 
     def close(self) -> None:

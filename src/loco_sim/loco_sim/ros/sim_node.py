@@ -11,8 +11,8 @@ from std_msgs.msg import String
 from loco_control.gait import GaitParams, standing_pose
 from loco_control.impedance import ImpedanceParams
 from loco_control.ros.convert import Converter
-from loco_control.ros.node import run_nodes
 from loco_control.ros.parameters import declare
+from loco_control.ros.spin import run_nodes
 from loco_control.ros.topics import NODES
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_sim import effects
