@@ -18,7 +18,17 @@ from loco_sim.effects.base import EFFECTS
 
 from . import evidence, identify
 from .case import Case
-from .decide import LIMITS, Candidate, Decision, Estimate, Limits, Rival, adequate, decide
+from .decide import (
+    LIMITS,
+    UNKNOWN,
+    Candidate,
+    Decision,
+    Estimate,
+    Limits,
+    Rival,
+    adequate,
+    decide,
+)
 from .fit import Fitted, fit, polish
 from .hypotheses import Hypothesis
 from .search import Found, Search
@@ -118,7 +128,29 @@ class _Judgement:
         models, out = self.nominal.believed(
             self.case, self.found.models, limits, lambda m: self._explains(m, limits)
         )
-        best, lost = self._pruned(self._best(models, limits), limits)
+        judged = self._judged(self._best(models, limits), limits)
+        if judged.decision.verdict == UNKNOWN and judged.decision.adequate:
+            judged = self._instead(judged, {o.model.key for o in out}, limits)
+        return replace(judged, left_out=tuple(out))
+
+    def _instead(self, judged: Judged, out: set[str], limits: Limits) -> Judged:
+        """Where nothing is established: a rival that is, if it cannot be excluded."""
+        near = [
+            m
+            for m, over in judged.rivals
+            if over.odds <= limits.odds
+            and _ratio(m, judged.best) <= limits.worse
+            and m.key not in out
+        ]
+        for model in near[:PLACES]:
+            other = self._judged(model, limits)
+            if other.decision.verdict != UNKNOWN:
+                return other
+        return judged
+
+    def _judged(self, best: Fitted, limits: Limits) -> Judged:
+        """A model without what it can do without, weighed against its rivals."""
+        best, lost = self._pruned(best, limits)
         swaps = [self._swaps(best, i) for i in range(len(best.parts))]
         rest = self._finished([m for each in swaps for m in each])
         estimates, known = sensitivities(self.case, best)
@@ -134,7 +166,7 @@ class _Judgement:
         whole = base.whole, best.whole
         decision = decide(candidates, base.held, best.held, limits, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
-        return Judged(decision, base, best, tuple(candidates), tuple(rivals), known, tuple(out))
+        return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
 
     def _explains(self, model: Fitted, limits: Limits) -> bool:
         """A model explains the data."""

@@ -41,6 +41,7 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
             LookAlike("load_friction", "hang a weight on the joint: its torque grows"),
         ),
         touches=_TOUCHES,
+        kind="friction",
         passive=True,
         smooth=False,
     )
@@ -69,6 +70,7 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
             LookAlike("hysteresis", "small reversals: a spring gives before it slides"),
         ),
         touches=_TOUCHES,
+        kind="friction",
         passive=True,
         smooth=False,
     )
@@ -102,6 +104,7 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
             LookAlike("actuator_lag", "torque off: a lag leaves the free swing alone"),
         ),
         touches=_TOUCHES,
+        kind="friction",
         passive=True,
         smooth=True,
     )  # fmt: skip
@@ -128,6 +131,7 @@ class LoadFriction(BrakeEffect, name="load_friction"):
                       "sides, a torque constant does not"),
         ),
         touches=_TOUCHES,
+        kind="friction",
         passive=True,
         smooth=False,
     )  # fmt: skip

@@ -58,6 +58,7 @@ class Identity:
             gradients may be used.
         strengths: Parameters that are all zero when the effect is absent; by default the
             first of `priors`.
+        kind: What it is one law of, such as friction; data may tell the kind but not the law.
     """
 
     site: str
@@ -69,6 +70,7 @@ class Identity:
     passive: bool
     smooth: bool
     strengths: tuple[str, ...] = ()
+    kind: str = ""
 
     def __post_init__(self) -> None:
         if not self.strengths:
