@@ -27,6 +27,7 @@ class Progress:
     duration: float = 0.0
     real_time_factor: float = 0.0
     pids: dict[str, int] = field(default_factory=dict)  # of the processes, by name
+    events: list[tuple[float, Any]] = field(default_factory=list)  # when heard [s], what
 
 
 @dataclass
@@ -138,6 +139,7 @@ class Watch:
     def on_event(self, namespace: str, event: Any) -> None:
         """Something happened in a graph."""
         graph, self._moved = self._graphs[namespace], time.monotonic()
+        self._progress.events.append((self._moved, event))
         if event.kind == "started":
             graph.started = True
         elif event.kind == "phase":
