@@ -17,9 +17,10 @@ from .bundles import Bundle
 from .case import Case
 from .hypotheses import Hypothesis
 
-TRIES = 3  # sizes per start
+TRIES = 5  # sizes per start
 DEAD = 1e-3  # response over residual below which an effect cannot be seen
 GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
+BACK = 1e-3  # smallest part of a size to which it goes back
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ class _Trial:
     def begin(self, x: Sequence[float]) -> None:
         """Start from coordinates."""
         self.x, self.done = list(x), False
+        self.good: tuple[float, list[float]] | None = None  # best of this start
 
     def take(self, columns: np.ndarray) -> None:
         """Judge the response to each strength at the present sizes, and choose the next."""
@@ -116,12 +118,25 @@ class _Trial:
         bare = project(columns, self.tangent)
         factors = _solve(bare, self.left)
         share, factors = self._judged(bare, factors)
-        if len(size) == 1:
-            self._note(1.0 - _square(self.left + bare[:, 0]) / self.whole, before)
+        if len(size) == 1 and self._overshot(1.0 - _square(self.left + bare[:, 0]) / self.whole):
+            return
         self.x = _scaled(self.hypothesis, self.x, factors)
         if share <= 0.0 or self.x == before or np.allclose(factors, 1.0, atol=0.3):
             self.done = True
         self._note(share * (0.9 if len(size) > 1 else 0.5), self.x)
+
+    def _overshot(self, share: float) -> bool:
+        """Note what the present size explains; go half way back where another did more."""
+        self._note(share, self.x)
+        if self.good is None or share >= self.good[0]:
+            self.good = share, list(self.x)
+            return False
+        (at,) = self.hypothesis.strengths
+        ratio = self.good[1][at] / self.x[at] if self.x[at] else 0.0
+        if not BACK < ratio < 1.0:
+            return False
+        self.x[at] *= np.sqrt(ratio)
+        return True
 
     def _note(self, share: float, x: Sequence[float]) -> None:
         self.tried.append((float(share), tuple(x)))
