@@ -28,6 +28,8 @@ from loco_sim.simulation import Simulation
 
 __all__ = ["CLOCKS", "PlantNode", "TickParams"]
 
+FIRST = 2  # ticks of clock realtime that wait for their commands: kernels are loaded then
+PATIENCE = 1.0  # but no longer than this [s]
 NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
 
 
@@ -68,6 +70,7 @@ class PlantNode(LocoNode):
         self._nudges: Any = None  # timer, while a controller comes back
         self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
         self._late = 0
+        self._deadlines: Deadlines | None = None  # clock realtime, when it has begun
         self._silent = self._unreadable = False
         self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
         self._estop = EmergencyStop(self, self._on_estop)
@@ -122,7 +125,7 @@ class PlantNode(LocoNode):
         self.state, self.started = self.sim.reset(), True
         self._began = self._paced_at = time.perf_counter()
         self.event("started", f"clock {self.tick.clock}", 0, 0.0)
-        self._deadlines = Deadlines(self.rate, self.tick.catch_up)
+        self._patient_until = time.monotonic() + PATIENCE
         self._publish(self.state)
 
     def _resume(self, node: str) -> None:
@@ -132,7 +135,7 @@ class PlantNode(LocoNode):
         and again until the commands come.
         """
         self.event("resumed", f"{node} is back", self.state.tick, self.state.t)
-        if self.tick.clock != "realtime" and self._nudges is None:
+        if not self.timed and self._nudges is None:
             self._stuck_at = self.state.tick
             self._nudges = self.create_timer(NUDGE, self._nudge)
 
@@ -147,8 +150,11 @@ class PlantNode(LocoNode):
     # ---- one tick
 
     def _on_commands(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
-        if self.tick.clock == "realtime":
+        if self._deadlines:
             self._commands = (command, trunk)
+        elif self.timed and command.tick >= FIRST:
+            self._commands = (command, trunk)
+            self._begin()
         elif not self._finished and command.tick == self.state.tick:
             self._commands = (command, trunk)
             self._step(command.tick)
@@ -163,7 +169,7 @@ class PlantNode(LocoNode):
 
     def _on_lost(self, lost: UInt64) -> None:
         """No command will come for a tick: without a clock that runs on, step now."""
-        if self.started and self.tick.clock != "realtime" and not self._finished:
+        if self.started and not self.timed and not self._finished:
             self._step(lost.data)
 
     def now(self) -> tuple[int, float]:
@@ -173,14 +179,21 @@ class PlantNode(LocoNode):
     @property
     def deadline(self) -> float:
         """Realtime: when the next tick is due [s]."""
-        due = self.timed and self.started and not self._finished
-        return self._deadlines.next if due else math.inf
+        if not self.timed or not self.started or self._finished:
+            return math.inf
+        return self._deadlines.next if self._deadlines else self._patient_until
 
     def on_deadline(self) -> None:
         """Realtime: step what is due, with the newest commands there are."""
+        if self._deadlines is None:
+            self._begin()
         for _ in range(self._deadlines.due()):
             if not self._finished:
                 self._step(self.state.tick)
+
+    def _begin(self) -> None:
+        self._began = time.perf_counter()
+        self._deadlines = Deadlines(self.rate, self.tick.catch_up)
 
     def _step(self, tick: int) -> None:
         """Step the tick that we are at with the newest commands, or damped if they are too old."""
@@ -292,7 +305,7 @@ class PlantNode(LocoNode):
             "late_share": late / ticks if ticks else 0.0,
             "rejected": rejected,
             "clock": self.tick.clock,
-            **(self._deadlines.report() if self.timed else {}),
+            **(self._deadlines.report() if self._deadlines else {}),
         }
 
     def close(self) -> None:
