@@ -26,6 +26,7 @@ AT_LEAST = 6  # effects that are tried beside others
 NEAR = 5.0  # floors: more is not the end, however much is closed
 PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
 FAR = 0.1  # share of what the best explains below which an effect is not fitted
+ALIKE = 1.1  # times the smallest rms of a rough fit up to which twice as many go on
 DEEP = 3  # models of two effects and more that are fitted to the end at each step
 
 
@@ -108,7 +109,7 @@ class Search:
             ranked = self._ranked(base)
             if not ranked or self.enough(ranked[0], base):
                 break
-            self._deepen(level, found.screened, depth)
+            self._deepen(level, found, depth)
             level = [m for m in self._ranked(base) if len(m.parts) == depth][: self.params.beam]
             if not level:
                 break
@@ -160,7 +161,12 @@ class Search:
         )
         for rms, key, _ in tried:
             log.info("rough %-50s %8.3f", key, rms)
-        last = [parts for _, _, parts in tried[:most]]
+        near = ALIKE * tried[0][0] if tried else 0.0
+        last = [
+            parts
+            for i, (rms, _, parts) in enumerate(tried)
+            if i < most or (i < 2 * most and rms <= near)
+        ]
         fitted = self._fit(last)
         best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
         tasks = [(model, self.setting) for model in best]
@@ -240,14 +246,16 @@ class Search:
         kept = [places for places in chosen.values() if places][: count or self.params.keep]
         return [one for places in kept for one in places]
 
-    def _deepen(self, level: Sequence[Fitted], screened: Sequence[Screened], depth: int) -> None:
-        """One effect more on each of some models, the look-alikes of all tried as well."""
+    def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
+        """One effect more on each of some models, until one of them leaves nothing."""
         for i, model in enumerate(level):
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
-            more = self._screen(model, at, at + 0.05, screened)
+            more = self._screen(model, at, at + 0.05, found.screened)
             chosen = self._chosen(more, AT_LEAST)
             wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
-            self._tournament(wanted, min(DEEP, self.params.finalists))
+            fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
+            if any(self.enough(m, found.base) for m in fitted):
+                break  # rivals of its effects are sought when it is weighed
 
 
 def _key(parts: Sequence[tuple]) -> str:

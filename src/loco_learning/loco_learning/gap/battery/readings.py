@@ -22,7 +22,7 @@ def joints(
     ticks: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Readings of the joint sensors [rad], (T, n).
+    """Readings of the joint sensors [rad], (T, n); all NaN of a machine that fell apart.
 
     Args:
         machine: Whose sensors.
@@ -35,6 +35,8 @@ def joints(
     """
     late = sum(e.params["delay"] for e in effects if e.effect == "sensor_latency")
     when = np.clip(ticks - late, t[0], t[-1])
+    if not (np.isfinite(seen).all() and np.isfinite(speed).all()):
+        return np.full((len(ticks), len(machine.joints)), np.nan)
     out = np.empty((len(ticks), len(machine.joints)))
     for j, name in enumerate(machine.joints):
         curve = CubicHermiteSpline(t, seen[:, j], speed[:, j])
