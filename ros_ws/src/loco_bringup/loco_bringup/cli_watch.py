@@ -7,6 +7,14 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+CHAOS = """\
+Signals: SIGSTOP and SIGKILL to each process of the HyQ graph, at random moments.
+Faults: every kind of `loco run --fault`, and pairs of them, on every topic.
+docs/faults.md says what has to happen each time. Stop it and start it again: it goes on.
+  loco chaos --repeats 1 --only SIGKILL       a quick look at some of it
+  loco chaos --only faults_motion_command
+"""
+
 
 def add(make: Callable[..., argparse.ArgumentParser]) -> None:
     """Add the commands.
@@ -38,6 +46,19 @@ def add(make: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--ticks", type=int, default=1_000_000, help="how long (default 1,000,000)")
     p.add_argument("--layout", default="composed", help="composed or processes")
     p.add_argument("--out", type=Path, help="folder of table and picture (default results/soak)")
+    p = make("chaos", chaos, "stop, kill and damage everything, and judge the robot", CHAOS)
+    p.add_argument("--repeats", type=int, default=20, help="of each cell (default 20)")
+    p.add_argument("--seed", type=int, default=0, help="of moments and draws")
+    p.add_argument("--only", default="", metavar="TEXT",
+                   help="cells whose name has it: SIGSTOP, SIGKILL_recorder, faults_stance")  # fmt: skip
+    p.add_argument("--out", type=Path, default=Path("results/chaos"), help="results folder")
+
+
+def chaos(a: argparse.Namespace) -> int:
+    """`loco chaos`."""
+    from .console_chaos import show_chaos
+
+    return show_chaos(a)
 
 
 def top(a: argparse.Namespace) -> int:
@@ -55,7 +76,7 @@ def doctor(a: argparse.Namespace) -> int:
 
 
 def estop(a: argparse.Namespace) -> int:
-    """`loco estop`."""
+    """`loco estop`, `loco chaos`."""
     from .console_estop import show_estop
 
     return show_estop(a.reset, a.keys, a.namespace)

@@ -171,8 +171,7 @@ def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, 
     while time.monotonic() < deadline and any(p.code is None for p in processes):
         time.sleep(0.01)
     codes = {p.name: p.stop() for p in processes}
-    if any(p.restarts for p in processes) or any(code < 0 for code in codes.values()):
-        shm.clean()  # a killed process could not
+    shm.clean()  # a killed process could not; the last two to leave a port may both forget it
     if guard:
         guard.dismiss()
     return codes
