@@ -156,6 +156,12 @@ def test_the_command_says_verdict_and_files(found, tmp_path, capsys):
     assert tuple(found["params"].effects) == ("coulomb_friction",)
 
 
+def test_a_recording_that_is_held_out_is_never_fitted(found, tmp_path):
+    job = runner.Job("servo_pendulum", ("chirp", "./steps"), ("steps",))
+    runner.run(job, tmp_path / "out")
+    assert len(found["fit"]) == len(found["held"]) == 1
+
+
 def test_more_recordings_join_those_there_are(found, tmp_path):
     out = tmp_path / "out"
     assert call("chirp", "steps", "--robot", "servo_pendulum", "--output", out, "--seed", "3") == 0

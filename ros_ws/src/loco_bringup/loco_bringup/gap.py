@@ -105,7 +105,9 @@ def read_records(job: Job) -> tuple[Model, list[Record], list[Record]]:
     model = models.load_any(job.robot)
     robot = model.make_robot()
     mapping = Path(job.mapping) if job.mapping else None
-    fit = [r for path in job.bags for r in load(path, robot, mapping)]
+    apart = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may name them, too
+    bags = [path for path in job.bags if os.path.realpath(path) not in apart]
+    fit = [r for path in bags for r in load(path, robot, mapping)]
     held = [r for path in job.hold_out for r in load(path, robot, mapping)]
     held += [r for r in fit if r.role == HELD_OUT]
     fit = [r for r in fit if r.role != HELD_OUT]
