@@ -144,14 +144,14 @@ def test_shapes_need_not_exclude_zero_and_zero_is_no_bound():
     assert found.verdict == NAMED
 
 
-def test_what_acts_in_a_few_blocks_is_no_chance_where_twice_as_much_is_left_without_it():
+def test_what_acts_in_a_few_blocks_is_no_chance_where_much_more_is_left_without_it():
     rare = dataclasses.replace(GOOD, gain=dataclasses.replace(GOOD.gain, low=-1.0))
     assert verdict(rare).verdict == UNKNOWN
-    assert verdict(dataclasses.replace(rare, worse=2.1)).verdict == NAMED
+    assert verdict(dataclasses.replace(rare, worse=3.1)).verdict == NAMED
 
 
-def test_what_leaves_twice_as_much_is_no_rival_however_few_the_blocks():
-    for worse, wanted in ((1.9, AMBIGUOUS), (2.1, NAMED)):
+def test_what_leaves_three_times_as_much_is_no_rival_however_few_the_blocks():
+    for worse, wanted in ((2.9, AMBIGUOUS), (3.1, NAMED)):
         rival = Rival("backlash", "knee", CLOSE, worse=worse)
         assert verdict(dataclasses.replace(GOOD, rivals=(rival,))).verdict == wanted
 

@@ -31,7 +31,7 @@ class Limits(Params):
         1.15, "rms of a channel [floors], beyond chance, from which on it is a gap", low=1.0
     )
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
-    worse: float = parameter(2.0, "rms over the best model's beyond which it is no rival", low=1.0)
+    worse: float = parameter(3.0, "rms over the best model's beyond which it is no rival", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
     adequate_rms: float = parameter(

@@ -40,6 +40,7 @@ LEADING = 4  # models of which the simplest that nobody beats is selected
 COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
 TRIFLE = 0.25, 0.02  # of the low end of a prior, and of the high end of a two-sided one
 MOST_PRICE = 100.0  # odds that all parameters together cost at most
+CLEAR = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
@@ -128,10 +129,23 @@ class _Judgement:
         models, out = self.nominal.believed(
             self.case, self.found.models, limits, lambda m: self._explains(m, limits)
         )
-        judged = self._judged(self._best(models, limits), limits)
+        judged = self._swapped(self._judged(self._best(models, limits), limits), out, limits)
         if judged.decision.verdict == UNKNOWN and judged.decision.adequate:
             judged = self._instead(judged, {o.model.key for o in out}, limits)
         return replace(judged, left_out=tuple(out))
+
+    def _swapped(self, judged: Judged, out: Sequence, limits: Limits) -> Judged:
+        """The same for the best rival where that beats the selected model."""
+        known = {o.model.key for o in out}
+        better = [
+            model
+            for model, _ in judged.rivals
+            if self._beats(model, judged.best, limits)
+            and model.key not in known
+            and not any(trifle(*part) for part in model.parts)
+        ]
+        best = min(better, key=lambda m: (self.search.energy(m), m.key), default=None)
+        return self._judged(best, limits) if best else judged
 
     def _instead(self, judged: Judged, out: set[str], limits: Limits) -> Judged:
         """Where nothing is established: a rival that is, if it cannot be excluded."""
@@ -139,7 +153,7 @@ class _Judgement:
             m
             for m, over in judged.rivals
             if over.odds <= limits.odds
-            and _ratio(m, judged.best) <= limits.worse
+            and _ratio(m, judged.best) <= _sharp(limits, judged.best).worse
             and m.key not in out
         ]
         for model in near[:PLACES]:
@@ -164,7 +178,8 @@ class _Judgement:
             candidates.append(replace(made, traded=traded))
         base = self.found.base
         whole = base.whole, best.whole
-        decision = decide(candidates, base.held, best.held, limits, whole, self.enough)
+        sharp = _sharp(limits, best)
+        decision = decide(candidates, base.held, best.held, sharp, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
 
@@ -195,7 +210,7 @@ class _Judgement:
 
     def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
-        if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= limits.worse:
+        if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= _sharp(limits, a).worse:
             return False
         base, rms = self.found.base.held.rms, b.held.rms
         more = evidence.closed(base, a.held.rms) - evidence.closed(base, rms)
@@ -293,6 +308,12 @@ class _Judgement:
             total=self._total(best, without),
             worse=_ratio(without, best),
         )
+
+
+def _sharp(limits: Limits, model: Fitted) -> Limits:
+    """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
+    noise = evidence.rms(model.whole) <= limits.adequate_rms
+    return limits.replace(worse=min(limits.worse, CLEAR)) if noise else limits
 
 
 def _ratio(a: Fitted, b: Fitted) -> float:
