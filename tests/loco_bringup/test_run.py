@@ -17,7 +17,7 @@ from loco_bringup import run as runner
 from loco_bringup.bag import Bag
 from loco_bringup.interfaces import type_hash, type_name
 from loco_bringup.processes import _environment
-from loco_control.exceptions import GraphError, ParameterError
+from loco_control.exceptions import GraphError, NameUnknownError, ParameterError
 from loco_control.ros.topics import TOPICS
 from loco_learning.experiment import load
 
@@ -149,7 +149,7 @@ def test_a_folder_with_a_bag_is_not_written_over(outcomes, short):
 def test_unknown_layout_clock_and_node_set_name_the_choices(short, tmp_path):
     with pytest.raises(ParameterError, match="composed, processes"):
         runner.run(short, tmp_path / "a", layout="threads")
-    with pytest.raises(GraphError, match="lockstep"):
+    with pytest.raises(NameUnknownError, match="lockstep"):
         runner.run(short, tmp_path / "b", clock="sundial")
     with pytest.raises(KeyError, match="hyq"):
         runner.run(short, tmp_path / "c", nodes="hyqq")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from loco_control.exceptions import LocoError
 
-from . import __version__, cli_watch
+from . import __version__, cli_run, cli_watch
 
 EPILOG = """\
 exit codes: 0 done, 1 a run failed (node died, not ready), 2 a mistake in the input,
@@ -25,15 +25,6 @@ examples:
   loco run hyq_trot_open --layout processes --clock realtime
   loco run my_experiment.yaml --seed 3 --set gait.speed=0.3
   loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
-"""
-
-FAULTS = """\
-Faults stand between the writer and the readers of a topic; any number, also on one topic:
-  --fault motion_command:drop:probability=0.1          every tenth command is lost
-  --fault robot_state:delay:messages=3:start=2:stop=4  three ticks late, from 2 s to 4 s
-kinds: drop, delay (messages), duplicate (times), reorder (messages), nan, freeze,
-       clock_jump (offset [s]), stuck; all have start and stop [s], probability and seed.
-Topics are those of docs/topics.md; docs/faults.md says what the robot does then.
 """
 
 # `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
@@ -69,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"loco {__version__}")
     commands = top.add_subparsers(metavar="COMMAND", required=True)
-    _add_run(commands)
+    cli_run.add(functools.partial(_command, commands))
     _add_reading(commands)
     _add_studies(commands)
     cli_watch.add(functools.partial(_command, commands))
@@ -88,33 +79,9 @@ def _command(commands, name: str, function, text: str, more: str = "") -> argpar
     return made
 
 
-def _add_run(commands) -> None:
-    p = _command(
-        commands, "run", run, "run an experiment as a ROS 2 graph and record it",
-        "Clocks: lockstep steps when every command has arrived and the recorder keeps up\n"
-        "(deterministic); asap does not wait for the recorder; realtime follows the wall clock.\n"
-        "Layouts: composed puts all nodes in one process, processes gives each its own,\n"
-        "rollout calls the same objects without ROS and writes the same topics to a bag.\n\n"
-        + FAULTS,
-    )  # fmt: skip
-    p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
-    p.add_argument("--layout", default="composed", help="composed, processes or rollout")
-    p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
-    p.add_argument("--speed", type=float, default=0.0, help="lockstep: at most this x real time")
-    p.add_argument("--seed", type=int, help="seed, instead of the experiment's")
-    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                   help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
-    p.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
-    p.add_argument("--fault", action="append", default=[], metavar="TOPIC:KIND[:NAME=VALUE]",
-                   help="damage the messages of a topic (repeatable)")  # fmt: skip
-    p.add_argument("--namespace", default="", help="namespace of all nodes")
-    p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
-    p.add_argument("--report", action="store_true", help="write the report when it is done")
-    d = _command(commands, "demo", demo, "run hyq_trot_reflex, replay its bag, write its report")
-    d.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
-
-
 def _add_reading(commands) -> None:
+    p = _command(commands, "demo", demo, "run hyq_trot_reflex, replay its bag, write its report")
+    p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     p = _command(commands, "list", list_, "show experiments, studies, effects, topics and bags")
     p.add_argument("what", nargs="?", help="experiments, studies, effects, topics or bags")
     from .console_logs import add_arguments
@@ -232,55 +199,6 @@ def _add_rest(commands) -> None:
 
 
 # ---- commands: each returns the exit code
-
-
-def run(a: argparse.Namespace) -> int:
-    """`loco run`."""
-    from loco_control.exceptions import ParameterError
-    from loco_learning.experiment import load
-
-    from . import run as runner
-    from .console import show_run
-
-    experiment = load(a.experiment, overrides(a.set, a.seed))
-    folder = a.out or runner.default_folder(experiment)
-    if a.layout == "rollout":
-        if a.fault:
-            raise ParameterError("layout rollout has no topics, so no --fault; take composed")
-        from .rollout_bag import run_rollout
-
-        outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell))
-    else:
-        outcome = show_run(
-            experiment,
-            lambda tell: runner.run(
-                experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace, a.fault
-            ),
-        )
-    if a.report and not outcome.interrupted:
-        from .report import write_report
-
-        sys.stdout.write(f"report: {write_report(folder)}\n")
-    return outcome.exit_code
-
-
-def overrides(pairs: list[str], seed: int | None) -> dict:
-    """Values by dotted name from ``KEY=VALUE`` texts; the value is YAML."""
-    import yaml
-
-    from loco_control.exceptions import ParameterError
-
-    values = {} if seed is None else {"seed": seed}
-    for pair in pairs:
-        key, equals, text = pair.partition("=")
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            equals = ""
-        if not equals or not key:
-            raise ParameterError(f"--set wants KEY=VALUE, e.g. gait.speed=0.3, got {pair!r}")
-        values[key] = value
-    return values
 
 
 def demo(a: argparse.Namespace) -> int:

@@ -52,8 +52,21 @@ def show_run(
     console.print(
         f"  {outcome.real_time_factor:.1f} x real time, {outcome.dropped} messages dropped"
     )
+    for line in _punctual(outcome):
+        console.print(f"  {line}")
     console.print(f"  bag: {outcome.folder}")
     return outcome
+
+
+def _punctual(outcome: runner.Outcome) -> list[str]:
+    """What a run of the clock realtime says of its ticks, and the kernel of its requests."""
+    t = outcome.timing
+    lines = [] if not t else [
+        f"ticks began {t['lateness_p50_ms']:.2f} ms late (median), {t['lateness_p99_ms']:.2f} ms "
+        f"(99 %), {t['lateness_max_ms']:.1f} ms (worst); {t['missed_ticks']:.0f} missed, "
+        f"{t['dropped_ticks']:.0f} of them dropped; {t['late_ticks']:.0f} commands late"
+    ]  # fmt: skip
+    return lines + outcome.granted
 
 
 def show_study(name: str, out: Path | None, workers: int, seeds: int | None) -> int:

@@ -117,7 +117,8 @@ def parameter_file(
         tick: Clock, speed, duration … of `TickParams`.
         run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
             has a file of its own), `weights` (file that the reflex network writes), `faulted`
-            (topics that the node `faults` damages, if any) and `faults` (its parameters).
+            (topics that the node `faults` damages, if any), `faults` (its parameters) and
+            `realtime` (changes of `RealtimeParams`, if any).
     """
     content: dict[str, Any] = {}
     for spec in specs:
@@ -127,6 +128,8 @@ def parameter_file(
         }
         if run.get("faulted") and spec != FAULTS:
             parameters["faulted"] = list(run["faulted"])  # YAML: no aliases
+        if run.get("realtime"):
+            parameters["realtime"] = dict(run["realtime"])
         for part in spec.parameters:
             parameters.update(_part(part, experiment, tick, run))
         content[f"/**/{spec.name}"] = {"ros__parameters": parameters}

@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import yaml
 
 from loco_control.exceptions import GraphError, ParameterError
-from loco_control.params import to_dict
+from loco_control.params import Params, from_dict, to_dict
+from loco_control.realtime import RealtimeParams
 from loco_learning.experiment import Experiment
+from loco_sim.params import TickParams
 
 from . import node_set
 from .processes import NEVER, Guard, Process, Restart
@@ -60,6 +62,7 @@ def run(
     on_progress: Callable[[Progress], Any] = lambda progress: None,
     namespace: str = "",
     faults: Sequence[str] = (),
+    **more: Any,
 ) -> Outcome:
     """Run an experiment as a ROS graph and record it.
 
@@ -73,14 +76,16 @@ def run(
         on_progress: Called about ten times a second of wall time; a true answer ends the run.
         namespace: Of all nodes.
         faults: Of topics, as `loco_control.faults.parse` reads them.
+        more: As in `run_robots`.
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run
             has the ROS domain.
         ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is none.
     """
+    robots = {namespace: experiment}
     return run_robots(
-        {namespace: experiment}, folder, layout, clock, speed, nodes, on_progress, faults=faults
+        robots, folder, layout, clock, speed, nodes, on_progress, faults=faults, **more
     )
 
 
@@ -95,6 +100,7 @@ def run_robots(
     helpers: Sequence[Helper] = (),
     written: Sequence[str] = (),
     faults: Sequence[str] = (),
+    realtime: Mapping[str, Any] | None = None,
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -110,6 +116,7 @@ def run_robots(
         helpers: Further nodes, each in a process of its own, without a namespace.
         written: Topics that go into the bag, all when empty.
         faults: As in `run`, in the graph of each robot.
+        realtime: What the processes of the node sets ask of the kernel: `RealtimeParams`.
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -122,13 +129,21 @@ def run_robots(
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
     with _domain_lock(robots):
         folder = Path(folder).resolve()
-        tick = {"clock": clock, "speed": float(speed), **tick}
-        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults)
+        tick = _changes(TickParams(), {"clock": clock, "speed": speed, **tick}, "tick")
+        tick |= {"clock": clock, "speed": float(speed)}
+        asked = _changes(RealtimeParams(), realtime or {}, "realtime")
+        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults, asked)
         plan.write()
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
         processes = plan.start(guard)
         return Watch(processes, folder, duration, on_progress, list(robots), guard).run()
+
+
+def _changes(defaults: Params, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Those values that differ from the defaults, checked."""
+    made = to_dict(from_dict(type(defaults), values, where))
+    return {key: value for key, value in made.items() if value != getattr(defaults, key)}
 
 
 def default_folder(experiment: AnyExperiment, root: Path = Path("bags")) -> Path:
@@ -182,11 +197,13 @@ class _Plan:
         helpers: Sequence[Helper],
         written: Sequence[str],
         faults: Sequence[str],
+        realtime: dict[str, Any],
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
         self._helpers, self._written, self._faults = helpers, written, list(faults)
+        self._realtime = realtime
         self._faulted = _faulted(faults, self._sets.values())
         if faults:
             self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
@@ -214,6 +231,7 @@ class _Plan:
             run["weights"] = str(self._path("weights", tag, ".npz"))
             table = node_set.table_of(self._sets[space])
             run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
+            run["realtime"] = self._realtime
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
             files[self._path("params", tag, ".yaml")] = content

@@ -14,6 +14,10 @@ from loco_control.exceptions import GraphError
 from .processes import Guard, Process, stop_all
 
 START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
+_TIMING = (
+    "lateness_p50_ms", "lateness_p99_ms", "lateness_max_ms", "missed_ticks", "dropped_ticks",
+    "late_ticks",
+)  # fmt: skip
 _TOLD = ("recording stopped", "weights not saved")  # events that a person has to know of
 STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
 
@@ -42,6 +46,8 @@ class Outcome:
     dropped: int = 0
     exit_codes: dict[str, int] = field(default_factory=dict)
     restarts: dict[str, int] = field(default_factory=dict)
+    timing: dict[str, float] = field(default_factory=dict)  # clock realtime: of the plant's report
+    granted: list[str] = field(default_factory=list)  # and refused by the kernel
 
     @property
     def exit_code(self) -> int:
@@ -167,6 +173,9 @@ class Watch:
             for key in ("waiting for", "waiting for nodes"):
                 if values.get(key):
                     self._waiting[status.name] = values[key]
+            granted = filter(None, values.get("realtime", "").split("; "))
+            told = self.outcome.granted
+            told += [line for line in granted if line not in told]
             namespace, _, name = status.name.rpartition("/")
             if name == "robot_sim" and namespace in self._graphs and "sim_time" in values:
                 self._on_plant(self._graphs[namespace], values)
@@ -179,6 +188,8 @@ class Watch:
         self._progress.sim_time = min(g.sim_time for g in self._graphs.values())
         self._progress.real_time_factor = float(values["real_time_factor"])
         self.outcome.real_time_factor = self._progress.real_time_factor
+        if "lateness_p50_ms" in values:
+            self.outcome.timing = {key: float(values[key]) for key in _TIMING}
 
     def on_recorder(self, namespace: str, status: Any) -> None:
         """The recorder says how far it is with a graph."""
@@ -207,7 +218,6 @@ class _Listener:
 
     def __enter__(self) -> _Listener:
         import rclpy
-        import rclpy.task
         from rclpy.experimental import EventsExecutor
         from rclpy.signals import SignalHandlerOptions
 
@@ -222,7 +232,6 @@ class _Listener:
             self._subscribe("recorder_status", namespace, status)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._never = rclpy.task.Future()
         return self
 
     @staticmethod
@@ -239,7 +248,9 @@ class _Listener:
 
     def spin(self) -> None:
         """Handle what arrives within a tenth of a second."""
-        self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
+        end = time.monotonic() + 0.1
+        while (left := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)  # leaves nothing behind, unlike others
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()  # first: it looks at the node's timers and subscriptions
