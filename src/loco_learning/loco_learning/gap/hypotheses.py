@@ -136,7 +136,7 @@ def coordinate(cls: type[Effect], name: str, prior: Prior, strength: bool) -> Co
         size = prior.typical if prior.low > 0.0 else prior.high / 3.0
         return Coordinate(name, size, (1.0,), low, high, meta["unit"], strength=True)
     if prior.low <= 0.0:
-        return Coordinate(name, prior.high / 3.0, (0.0,), low, high, meta["unit"])
+        return Coordinate(name, prior.high / 3.0, (0.0, 1.0, -1.0), low, high, meta["unit"])
     wide = math.log(prior.high / prior.low) / 3.0
     return Coordinate(
         name, prior.typical, (0.0, -wide, wide), low, high, meta["unit"], logarithmic=True

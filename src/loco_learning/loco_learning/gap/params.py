@@ -31,7 +31,7 @@ class GapParams(Params):
     screen_share: float = parameter(
         0.02, "of the residual's energy that a hypothesis must explain to be fitted", "-", 0.0, 1.0
     )
-    keep: int = parameter(9, "effects that are fitted after screening", low=1, high=40)
+    keep: int = parameter(12, "effects that are fitted after screening", low=1, high=40)
     beam: int = parameter(2, "first effects to which a second one is sought", low=1, high=5)
     most_terms: int = parameter(3, "effects in one model", low=1, high=6)
     rough: int = parameter(6, "simulations of a first, rough fit, and 2 per parameter", low=2)
