@@ -13,7 +13,7 @@ from loco_control.params import to_dict
 from loco_sim.model import Model
 
 from ..plain import plain
-from . import correction, evidence, identify
+from . import correction, evidence, identify, kinds
 from .case import Case
 from .decide import NO_GAP, UNKNOWN, Candidate, Ruling
 from .fit import Fitted
@@ -48,11 +48,14 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
             "terms": terms(judged) if told else [],
             "rivals": rivals(judged) if told else [],
             "ambiguous": [list(group) for group in decision.ambiguous],
+            "kinds": kinds_of(judged) if told else [],
             "gap": gap(case, judged.base, after),
             "where": where(case, judged.base, params.seed) if told else [],
             "regions": regions_of(case, judged.base) if told else [],
             "alarms": list(decision.alarms),
-            "identifiability": identifiability(judged.identifiability) if told else {},
+            "identifiability": (identifiability(judged.identifiability) | left_out(judged))
+            if told
+            else {},
             "next": [],
             "correction": fallback(case, judged.base) if decision.verdict == UNKNOWN else None,
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
@@ -89,6 +92,33 @@ def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
         "look_alikes": list(ruling.look_alikes),
         "evidence": ruling.evidence,
     }
+
+
+def kinds_of(judged: Judged) -> list[dict[str, Any]]:
+    """Kinds that are named although their law is not."""
+    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
+    found = [kinds.shared(candidate, ruling) for candidate, ruling in pairs]
+    return [asdict(one) for one in found if one]
+
+
+def left_out(judged: Judged) -> dict[str, Any]:
+    """Effects that were not considered, since refitted nominal values do the same."""
+    there = {(h.effect, h.place) for h, _ in judged.best.parts}
+    rows = [
+        {
+            "effect": effect,
+            "place": place,
+            "value": name,
+            "goes to": one.model.overrides[name],
+            "cosine": cosine,
+            "gap would fall to": one.model.held.rms,
+        }
+        for one in judged.left_out
+        for effect, place, cosine in one.effects
+        for name in one.values
+        if (effect, place) not in there
+    ]
+    return {"cannot be told from free values": rows} if rows else {}
 
 
 def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
