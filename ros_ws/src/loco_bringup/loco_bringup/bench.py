@@ -12,23 +12,31 @@ from typing import Any
 
 from rich.table import Table
 
-from loco_control.exceptions import NameUnknownError
+from loco_control.exceptions import NameUnknownError, ParameterError
 
 from .console import console
 
 Rows = list[dict[str, Any]]
 
 
-def show_bench(what: str, out: Path | None = None) -> None:
+def show_bench(what: str, out: Path | None = None, **options: Any) -> None:
     """Run a bench and print its table; write the rows as JSON when `out` is given.
+
+    Args:
+        what: Which.
+        out: JSON file.
+        options: Of the bench `realtime`.
 
     Raises:
         NameUnknownError: There is no such bench.
+        ParameterError: It has no such option.
     """
     if what not in BENCHES:
         raise NameUnknownError("bench", what, BENCHES)
+    if options and what != "realtime":
+        raise ParameterError(f"bench {what} has no options {', '.join(sorted(options))}")
     title, bench = BENCHES[what]
-    rows = bench()
+    rows = bench(**options)
     table = Table(title=title, title_justify="left", box=None)
     for column in rows[0]:
         table.add_column(column, justify="right")
@@ -205,7 +213,14 @@ def bench_damage() -> Rows:
     return run()
 
 
-BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
+def bench_realtime(**options: Any) -> Rows:
+    """Lateness of ticks: the graph beside a bare loop."""
+    from .bench_realtime import bench_realtime as run
+
+    return run(**options)
+
+
+BENCHES: dict[str, tuple[str, Callable[..., Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", bench_rls),
     "graph": ("Lockstep with recorder, network and RLS", bench_graph),
     "messages": ("One message [µs]", bench_messages),
@@ -213,5 +228,6 @@ BENCHES: dict[str, tuple[str, Callable[[], Rows]]] = {
     "population": ("Evaluations per second, 7 parameters", bench_population),
     "bag": ("Reading: messages a second of processor time, from disk to an array", bench_bag),
     "damage": ("A bag cut off or with a byte changed, read and recovered", bench_damage),
+    "realtime": ("Clock realtime: how late ticks begin", bench_realtime),
     "effects": ("Effects, in shares of a physics step", bench_effects),
 }

@@ -121,8 +121,13 @@ def _add_studies(commands) -> None:
     p.add_argument("--scheduler", default="", help="dask scheduler to use instead, tcp://HOST:PORT")
     p.add_argument("--out", type=Path, help="results folder (default results/msd_PRESET_PLAN)")
     p = _command(commands, "bench", bench, "measure speed beside named baselines")
-    p.add_argument("what", help="rls, graph, messages, bag, damage, msd, population or effects")
+    p.add_argument(
+        "what", help="rls, graph, messages, bag, damage, msd, population, realtime or effects"
+    )
     p.add_argument("--json", type=Path, help="write the rows to this file too")
+    p.add_argument("--seconds", type=float, help="realtime: of each measurement (default 60)")
+    p.add_argument("--rate", type=float, help="realtime: ticks per second (default 250)")
+    p.add_argument("--layout", help="realtime: composed (default) or processes")
 
 
 def _add_optimise(commands) -> None:
@@ -279,7 +284,8 @@ def bench(a: argparse.Namespace) -> int:
     """`loco bench`."""
     from .bench import show_bench
 
-    show_bench(a.what, a.json)
+    options = {key: getattr(a, key) for key in ("seconds", "rate", "layout")}
+    show_bench(a.what, a.json, **{key: value for key, value in options.items() if value})
     return 0
 
 
