@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import GraphError, NameUnknownError, ParameterError
+from loco_control.exceptions import NameUnknownError, ParameterError
 
 from .chaos_signals import KILL, STOP
 from .chaos_traces import TAG
@@ -69,17 +69,17 @@ def run(
 
     Raises:
         ParameterError: `repeats` is below 1.
-        GraphError: A cell could not be run.
     """
     if repeats < 1:
         raise ParameterError(f"repeats must be at least 1, got {repeats}")
     folder = folder.resolve()
     (folder / "cells").mkdir(parents=True, exist_ok=True)
+    found = {}
     for cell in chosen:
         tell(cell)
-        if rows_of(cell, folder, repeats, seed) is None:
-            _run_cell(cell, repeats, seed, folder)
-    return {cell.name: rows_of(cell, folder, repeats, seed) or [] for cell in chosen}
+        rows = rows_of(cell, folder, repeats, seed)
+        found[cell.name] = _run_cell(cell, repeats, seed, folder) if rows is None else rows
+    return found
 
 
 def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str, Any]] | None:
@@ -91,8 +91,11 @@ def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str,
     return said["rows"] if (said["repeats"], said["seed"]) == (repeats, seed) else None
 
 
-def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> None:
-    """In a process of its own, whose children are known by a variable."""
+def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """In a process of its own, whose children are known by a variable.
+
+    A cell that ends with an error is a row that says so, and is run again the next time.
+    """
     place = folder / "runs" / cell.name
     shutil.rmtree(place, ignore_errors=True)
     place.parent.mkdir(exist_ok=True)
@@ -107,12 +110,13 @@ def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> None:
             text=True,
         )
     if done.returncode:
-        lines = log.read_text().strip().splitlines()
-        raise GraphError(f"{cell.name} ended with exit code {done.returncode}: {lines[-1:]}")
+        lines = [f"exit code {done.returncode}", *log.read_text().strip().splitlines()]
+        return [{"what": cell.what, "how": cell.how, "ok": False, "notes": lines[-1:]}]
     rows = json.loads(done.stdout.splitlines()[-1])
     content = {"repeats": repeats, "seed": seed, "rows": rows}
     (folder / "cells" / f"{cell.name}.json").write_text(json.dumps(content, indent=1))
     log.unlink()
+    return rows
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ COMPOSED = "composed"
 TAKING = ("drop", "delay", "nan", "freeze", "clock_jump")  # of a topic of the tick: the command
 _RATE = 250.0
 _LENGTH = 30  # ticks of a fault
-_REST = (50, 90)  # ticks between two faults
+_REST, _SHORT_REST = (50, 90), (5, 25)  # ticks between two faults; where none takes a command
 _FIRST = 500  # ticks until the robot trots
 
 
@@ -59,12 +59,15 @@ class Injection:
         return of_the_tick and any(kind in TAKING for kind in self.faults)
 
 
-def schedule(topic: str, has: set[str], repeats: int, seed: int) -> list[Injection]:
+def schedule(
+    topic: str, has: set[str], of_the_tick: bool, repeats: int, seed: int
+) -> list[Injection]:
     """All faults of a topic: first those that are ridden through, `stuck` last.
 
     Args:
         topic: Where.
         has: What its messages have: numbers, stamp.
+        of_the_tick: The plant waits for what is answered to its messages.
         repeats: Of each kind.
         seed: Of times and compositions.
     """
@@ -73,6 +76,7 @@ def schedule(topic: str, has: set[str], repeats: int, seed: int) -> list[Injecti
     taking = [kind for kind in able if kind in TAKING]
     riding = [kind for kind in able if kind not in TAKING]
     cells = [*(k for k in riding if k != "stuck"), *taking, COMPOSED]
+    rest = _REST if of_the_tick else _SHORT_REST
     at, made = _FIRST, []
     for kind in [*cells, *(k for k in riding if k == "stuck")]:
         for _ in range(repeats):
@@ -81,7 +85,7 @@ def schedule(topic: str, has: set[str], repeats: int, seed: int) -> list[Injecti
                 pair = rng.choice(able, 2, replace=False).tolist()
                 faults = tuple(sorted(pair, key=lambda k: k not in TAKING))
             made.append(Injection(kind, faults, at))
-            at += _LENGTH + int(rng.integers(*_REST))
+            at += _LENGTH + int(rng.integers(*rest))
     return made
 
 
@@ -99,8 +103,11 @@ def run_topic(topic: str, repeats: int, seed: int, folder: Path) -> list[dict[st
     from loco_learning import experiment
 
     from . import run
+    from .chaos_speaker import said
 
-    plan = schedule(topic, abilities("hyq")[topic], repeats, seed)
+    row = row_of(topic)
+    of_the_tick = row.rate > 0 and bool(row.readers)
+    plan = schedule(topic, abilities("hyq")[topic], of_the_tick, repeats, seed)
     end = (plan[-1].stop + _REST[1]) / _RATE
     changes = {"learner.train": end, "learner.closing": 0.0, "learner.test": 0.0, "seed": seed}
     opened: set[str] = set()
@@ -108,16 +115,16 @@ def run_topic(topic: str, repeats: int, seed: int, folder: Path) -> list[dict[st
     def watch(progress: Any) -> None:
         opened.update(opened_by(progress.pids.values()))
 
+    speaker = run.Helper("speaker", "loco_bringup.chaos_speaker:Speaker", {"topic": topic})
+    helpers = [speaker] if said(topic, 0) else []
     # Lockstep waits for the recorder; what happens to its word is another question.
     clock = "asap" if topic == "recorder_status" else "lockstep"
     run.run_robots(
         {"": experiment.load(EXPERIMENT, changes)}, folder, clock=clock, stop_on_fall=False,
-        on_progress=watch, faults=[t for i in plan for t in i.texts(topic, seed)],
+        on_progress=watch, faults=[t for i in plan for t in i.texts(topic, seed)], helpers=helpers,
     )  # fmt: skip
     traces = Traces()
     bag = traces.look(folder, opened)
-    row = row_of(topic)
-    of_the_tick = row.rate > 0 and bool(row.readers)
     return judge(bag, plan, topic, of_the_tick, traces) if bag else []
 
 
@@ -130,10 +137,14 @@ def judge(
     states, upright = bag.records("/robot_state"), _upright(bag)
     finite = np.isfinite(states["q"]).all(axis=1) & np.isfinite(states["dq"]).all(axis=1)
     ticks, rows = states["tick"], {}
+    spoken = f"/{topic.lstrip('/')}"  # the recorder does not record itself
+    when = bag.times(spoken) * 1e-9 * _RATE if spoken in bag.topics else None
     for i, at in enumerate(plan):
         until = plan[i + 1].start if i + 1 < len(plan) else int(ticks[-1]) + 1
         row = rows.setdefault(at.kind, _row(topic, at.kind))
         row["repeats"] += 1
+        if when is not None:
+            row["hit"] += int(np.sum((when > at.start - 0.5) & (when < at.stop - 0.5)))
         found = [(tick, tick - last) for tick, last in late if at.start <= tick < until]
         within = finite[(ticks >= at.start) & (ticks < until)]
         healthy = bool(within.all()) and not any(at.start <= t < until for t in stops)
@@ -146,16 +157,15 @@ def judge(
         else:
             row["ridden"] += healthy and not found
         row["fell"] += bool(upright[at.start]) and not upright[at.start : until].all()
-    said = bag.topics[f"/{topic.lstrip('/')}"].count
     for row in rows.values():
-        row |= {"messages": said, "bags": traces.bags, "whole": traces.whole}
+        row |= {"bags": traces.bags, "whole": traces.whole}
         row |= {"orphans": traces.orphans, "segments": traces.segments, "notes": traces.notes}
         row["ok"] = row["safe"] + row["ridden"] == row["repeats"] and traces.clean
     return list(rows.values())
 
 
 def _row(topic: str, kind: str) -> dict[str, Any]:
-    counts = dict.fromkeys(("repeats", "taken", "safe", "worst", "ridden", "fell"), 0)
+    counts = dict.fromkeys(("repeats", "hit", "taken", "safe", "worst", "ridden", "fell"), 0)
     return {"what": topic, "how": kind, **counts}
 
 

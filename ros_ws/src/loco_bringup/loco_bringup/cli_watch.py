@@ -50,7 +50,7 @@ def add(make: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("--repeats", type=int, default=20, help="of each cell (default 20)")
     p.add_argument("--seed", type=int, default=0, help="of moments and draws")
     p.add_argument("--only", default="", metavar="TEXT",
-                   help="cells whose name has it: SIGSTOP, SIGKILL_recorder, faults_stance")  # fmt: skip
+                   help="cells whose name has it, e.g. SIGSTOP, faults_stance")  # fmt: skip
     p.add_argument("--out", type=Path, default=Path("results/chaos"), help="results folder")
 
 

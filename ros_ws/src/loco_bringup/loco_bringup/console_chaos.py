@@ -11,10 +11,19 @@ from . import chaos
 from .chaos_faults import SAFE_TICKS
 from .console import bar, console
 
-_NAMES = {"repeats": "repeats", "safe": "safe", "worst": f"worst ticks (at most {SAFE_TICKS})",
-          "ridden": "ridden through", "ended": "run ended and said why", "fell": "fell",
-          "bags": "bags", "whole": "whole or recovered", "orphans": "processes left",
-          "segments": "shared memory left"}  # fmt: skip
+_SIGNALS = {
+    "repeats": "repeats",
+    "safe": "safe",
+    "worst": f"worst ticks (at most {SAFE_TICKS})",
+    "ridden": "ridden through",
+    "ended": "run ended and said why",
+}
+_LEFT = {
+    "bags": "bags",
+    "whole": "whole or recovered",
+    "orphans": "processes left",
+    "segments": "shared memory left",
+}
 
 
 def show_chaos(a: argparse.Namespace) -> int:
@@ -45,22 +54,49 @@ def page(rows: list[dict[str, Any]]) -> str:
     signals = [r for r in rows if r["how"].startswith("SIG")]
     faults = [r for r in rows if not r["how"].startswith("SIG")]
     parts = ["# Chaos", "", "<!-- written by `loco chaos` -->"]
-    for title, chosen, names in (
-        ("Signals", signals, ("process", "signal")),
-        ("Faults", faults, ("topic", "fault")),
-    ):
-        if chosen:
-            columns = [c for c in _NAMES if any(c in row for row in chosen)]
-            parts += ["", f"## {title}", "", *_table(chosen, names, columns)]
+    if signals:
+        lines = [[f"`{r['what']}`", r["how"], *_values(r, _SIGNALS), *_end(r)] for r in signals]
+        head = ["process", "signal", *_SIGNALS.values(), *_LEFT.values(), "as it has to be"]
+        parts += ["", "## Signals", "", *_table(head, lines)]
+    if faults:
+        parts += ["", "## Faults", "", _LEGEND, "", *_of_faults(faults)]
     return "\n".join(parts) + "\n"
 
 
-def _table(rows: list[dict[str, Any]], names: tuple[str, str], columns: list[str]) -> list[str]:
-    head = [*names, *(_NAMES[c] for c in columns), "as it has to be"]
-    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
-    for row in rows:
-        silent = row.get("messages") == 0
-        how = row["how"] + (" (nobody spoke)" if silent else "")
-        cells = [f"`{row['what']}`", how, *(str(row.get(c, "-")) for c in columns)]
-        lines.append("| " + " | ".join([*cells, "yes" if row["ok"] else "NO"]) + " |")
-    return lines
+_LEGEND = f"""\
+Per cell: how often the safe state came (and after how many ticks at most; {SAFE_TICKS} are allowed)
+or the fault was ridden through; in brackets how many messages were hit. `fell`: of all faults of
+the topic, those that brought HyQ down."""
+
+
+def _of_faults(rows: list[dict[str, Any]]) -> list[str]:
+    """A line per topic, a column per fault."""
+    kinds = list(dict.fromkeys(row["how"] for row in rows))
+    lines = []
+    for topic in dict.fromkeys(row["what"] for row in rows):
+        own = {row["how"]: row for row in rows if row["what"] == topic}
+        fell = str(sum(row.get("fell", 0) for row in own.values()))
+        cells = [_outcome(own[kind]) if kind in own else "" for kind in kinds]
+        worst = min(own.values(), key=lambda row: row["ok"])
+        lines.append([f"`{topic}`", *cells, fell, *_end(worst)])
+    return _table(["topic", *kinds, "fell", *_LEFT.values(), "as it has to be"], lines)
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    safe = f"{row['safe']} safe ≤ {row['worst']}" if row.get("taken") else ""
+    ridden = f"{row['ridden']} ridden" if row.get("ridden") else ""
+    hit = f"({row['hit']})" if row.get("hit") else ""
+    return " ".join(filter(None, [", ".join(filter(None, [safe, ridden])) or "-", hit]))
+
+
+def _end(row: dict[str, Any]) -> list[str]:
+    return [*_values(row, _LEFT), "yes" if row["ok"] else "NO"]
+
+
+def _values(row: dict[str, Any], names: dict[str, str]) -> list[str]:
+    return [str(row.get(name, "-")) for name in names]
+
+
+def _table(head: list[str], lines: list[list[str]]) -> list[str]:
+    rows = [head, ["---"] * len(head), *lines]
+    return ["| " + " | ".join(row) + " |" for row in rows]
