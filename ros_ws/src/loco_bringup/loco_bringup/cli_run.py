@@ -66,8 +66,7 @@ def run(a: argparse.Namespace) -> int:
     from . import run as runner
     from .console import show_run
 
-    values = values_of("--set", a.set, "gait.speed=0.3")
-    experiment = load(a.experiment, values if a.seed is None else {"seed": a.seed, **values})
+    experiment = load(a.experiment, overrides(a.set, a.seed))
     tick = values_of("--tick", a.tick, "late=safe-stop")
     for key in {"clock", "speed", "duration"} & tick.keys():
         instead = "--set duration" if key == "duration" else f"--{key}"
@@ -96,6 +95,12 @@ def run(a: argparse.Namespace) -> int:
 
         sys.stdout.write(f"report: {write_report(folder)}\n")
     return outcome.exit_code
+
+
+def overrides(pairs: list[str], seed: int | None) -> dict[str, Any]:
+    """Values of an experiment by dotted name, as ``--set`` and ``--seed`` say."""
+    values = values_of("--set", pairs, "gait.speed=0.3")
+    return values if seed is None else {"seed": seed, **values}
 
 
 def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:

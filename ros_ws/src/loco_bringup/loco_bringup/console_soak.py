@@ -25,7 +25,6 @@ def show_soak(a: argparse.Namespace) -> int:
         def tell(p: soaking.runner.Progress) -> None:
             progress.update(task, completed=p.sim_time / experiment.dt, rtf=p.real_time_factor)
 
-        folder.mkdir(parents=True, exist_ok=True)
         outcome = soaking.soak(experiment, a.ticks, folder / "soak.csv", a.layout, tell)
     samples = soaking.read(folder / "soak.csv")
     verdicts = soaking.judge(samples)

@@ -97,6 +97,7 @@ def soak(
     if ticks < 1000:
         raise ParameterError(f"ticks must be at least 1000, got {ticks}")
     experiment = override(experiment, {"duration": ticks * experiment.dt})
+    table.parent.mkdir(parents=True, exist_ok=True)
     began, seen = time.monotonic(), 0.0
 
     def look(progress: Any) -> Any:
