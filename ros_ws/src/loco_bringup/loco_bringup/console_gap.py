@@ -39,7 +39,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     Raises:
         LocoError: They do not fit together.
     """
-    from .cli import overrides
+    from .cli_run import overrides
 
     options: dict[str, Any] = {"seed": a.seed}
     options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}

@@ -129,7 +129,7 @@ def replay(a: argparse.Namespace) -> int:
 
 def _verify(a: argparse.Namespace) -> int:
     """Exit code 0: identical, 1: differences."""
-    from .cli import overrides
+    from .cli_run import overrides
     from .console_verify import show_verify
     from .replay_verify import verify
 
