@@ -71,6 +71,8 @@ def test_words_say_what_where_and_how_big():
     assert "over 1000 : 1" in line
     assert "14.2 before, 1.32 after" in text.gap_line(result())
     assert "94 %" in text.gap_line(result())
+    line = text.gap_line(result("unknown"))  # nothing is added to the model
+    assert "14.2 before times" in line and "after" not in line and "94" not in line
     assert text.place_of("*_kfe_joint") == "all kfe"
     assert text.place_of(None) == "the whole robot"
     assert text.next_line(NEXT).startswith("slow ramp tells coulomb friction from stribeck")

@@ -77,10 +77,11 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         cards.append((f"{text.words(term['effect'])}{sure}", f"{where}<br>{size}"))
     gap = result["gap"]
     if gap.get("before") is not None:
-        numbers = [text.number(gap[k]) for k in ("before", "after") if gap.get(k) is not None]
+        numbers = [text.number(gap[k]) for k in text.told(result)]
         unit = "<br><small>times the noise, on data that was never fitted</small>"
-        cards.append(("Gap before → after", " → ".join(numbers) + unit))
-    if gap.get("closed") is not None and result["verdict"] != "no gap":
+        name = "Gap before → after" if len(numbers) > 1 else "Gap"
+        cards.append((name, " → ".join(numbers) + unit))
+    if text.told(result, ("closed",)) and result["verdict"] != "no gap":
         what = "<br><small>of what can be closed above the noise</small>"
         cards.append(("Closed", f"{round(100.0 * gap['closed']):d} %{what}"))
     if result["verdict"] == "unknown" and result["regions"]:

@@ -64,10 +64,12 @@ def headline(result: Result) -> str:
     if verdict == "named":
         return f"Named: {listed([term_name(t) for t in terms if _named(t)] or ['-'])}."
     if verdict == "ambiguous":
-        kinds = [listed([_alternative(n) for n in group], "or") for group in ambiguous(result)]
+        groups = [listed([_alternative(n) for n in group], "or") for group in ambiguous(result)]
         known = [term_name(t) for t in terms if t.get("verdict") == "named"]
-        more = f" Named besides: {listed(known)}." if known else ""
-        return f"Ambiguous: {'; '.join(kinds)}. These recordings cannot tell.{more}"
+        known += [f"{k['kind']} in {place_of(k['places'])}, by what law is not told"
+                  for k in result.get("kinds") or ()]  # fmt: skip
+        more = f" Named: {'; '.join(known)}." if known else ""
+        return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{more}"
     return "Unknown: the model lacks something that none of the known effects explains."
 
 
@@ -108,13 +110,17 @@ def gap_line(result: Result) -> str:
     gap = result.get("gap") or {}
     if gap.get("before") is None:
         return ""
-    line = f"gap on held-out data: {number(gap['before'])} before"
-    if gap.get("after") is not None:
-        line += f", {number(gap['after'])} after"
-    line += " times the noise"
-    if gap.get("closed") is not None and result["verdict"] != "no gap":
+    numbers = [f"{number(gap[key])} {key}" for key in told(result)]
+    line = f"gap on held-out data: {', '.join(numbers)} times the noise"
+    if told(result, ("closed",)) and result["verdict"] != "no gap":
         line += f"; {round(100.0 * gap['closed']):d} % of what can be closed is closed"
     return line
+
+
+def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:
+    """Figures of the gap that there are; where nothing is added to the model, only before."""
+    known = [key for key in keys if result["gap"].get(key) is not None]
+    return [key for key in known if result["verdict"] != "unknown" or key == "before"]
 
 
 def next_line(row: Mapping[str, Any]) -> str:

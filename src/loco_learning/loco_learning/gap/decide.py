@@ -254,7 +254,7 @@ def decide(
 
 
 def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
-    """A small gap that changes too small to matter explain as well as anything else does."""
+    """A small gap that changes too small to matter explain as well as anything else."""
     small = [
         c.trifle or any(r.trifle and r.over.odds <= limits.odds for r in c.rivals)
         for c in candidates
@@ -390,8 +390,8 @@ def _summary(
         sets = "; ".join("{" + ", ".join(group) + "}" for group in groups)
         return f"The data cannot tell {sets} apart; {gap}."
     best = [*names, *("{" + ", ".join(group) + "}" for group in groups)]
-    part = f"; {' and '.join(best)} explains part of it" if best else ""
-    return f"No known effect explains the data: {gap}{part}."
+    part = f"{' and '.join(best)} would close part of it, to" if best else "the best try leaves"
+    return f"No known effect explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
 
 
 def _on_bound(e: Estimate, edge: float) -> bool:
