@@ -30,6 +30,7 @@ FEW, MANY = 8, 32  # blocks over all records
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
+CLEAR = 10.0  # odds in a block from which on it is won, however much more it gains
 CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
 
 
@@ -187,7 +188,8 @@ def compare(
     gain = float(sums.sum())
     if n < 2:
         return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
-    picks = rng.choice(sums, (draws, n)).sum(1) - gain
+    index = rng.choice(n, (draws, n))
+    picks = sums[index].sum(1) - gain
     freedom = max(min(n, pieces) - 1.0, LEAST_FREEDOM)
     few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
     tail = 0.025 / max(trials, 1)
@@ -198,22 +200,35 @@ def compare(
         float(low),
         float(high),
         float((sums[big] > 0.0).mean()) if big.any() else 0.5,
-        _odds(sums, gain + CAUTION * few * picks, pieces, price),
+        _odds(sums, index, CAUTION * few, pieces, price),
         n,
     )
 
 
-def _odds(sums: np.ndarray, power: np.ndarray, pieces: float, price: float) -> float:
-    """Odds after averaging the posterior probability over bootstrap samples of the gain.
+def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float) -> float:
+    """Odds of the gain as it is, or of who wins the blocks, whichever says the same louder.
+
+    One block with a push or a stop in it may gain more than all others together, and its
+    absence from a bootstrap sample then hides that every block was won.
+    """
+    most = math.log(CLEAR)
+    sizes, wins = (_log_odds(x, index, wide, pieces) for x in (sums, np.clip(sums, -most, most)))
+    value = wins if sizes * wins > 0.0 and abs(wins) > abs(sizes) else sizes
+    return float(np.clip(math.exp(value - price), 1.0 / MOST_ODDS, MOST_ODDS))
+
+
+def _log_odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float) -> float:
+    """Logarithm of the posterior odds, averaged over bootstrap samples of the gain.
 
     Equal models win every one of k blocks in one of ``2^k`` cases: the data count for no
     more, with k the number of independent blocks that the gain effectively comes from.
     """
+    gain = sums.sum()
+    power = gain + wide * (sums[index].sum(1) - gain)
     yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
     count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
     most = math.log(2.0) * min(count, pieces)
-    value = float(np.clip(yes - no, -most, most)) - price
-    return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
+    return float(np.clip(yes - no, -most, most))
 
 
 def odds(gain: float, spread: float) -> float:
