@@ -30,3 +30,19 @@ def test_bench_prints_and_writes_its_rows(name, tmp_path, capsys):
 def test_unknown_bench_names_the_known():
     with pytest.raises(NameUnknownError, match="graph"):
         bench.show_bench("speed")
+
+
+@pytest.mark.ros
+@pytest.mark.xdist_group("graph")
+def test_realtime_bench_has_the_graph_beside_the_bare_loop(tmp_path):
+    out = tmp_path / "rows.json"
+    bench.show_bench("realtime", out, seconds=2.0)
+    rows = json.loads(out.read_text())["rows"]
+    loops = ["graph, composed", "bare loop, same time", "bare loop, alone"]
+    assert [row["loop"] for row in rows] == [*loops, *loops]
+    assert [row["scheduling"] for row in rows] == ["as it is"] * 3 + ["SCHED_FIFO"] * 3
+    for row in rows:
+        assert 0.0 < float(row["p50 ms"]) <= float(row["p99 ms"]) <= float(row["max ms"])
+        assert row["missed"].endswith("of 500")
+    for row in rows[::3]:
+        assert "hold" in row["targets"] or "refused" in row["targets"]

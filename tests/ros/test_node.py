@@ -90,6 +90,25 @@ def test_a_waiting_node_ends_with_code_0_on_a_signal(number):
 
 
 @pytest.mark.ros
+def test_what_the_kernel_grants_is_told_in_log_and_diagnostics():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "loco_control.ros.target_node", "--ros-args"]
+        + ["-p", "realtime.timer_slack:=1000"],
+        stderr=subprocess.PIPE,
+        env=fresh_environment(),
+        text=True,
+    )
+    try:
+        values = wait_for_node("target_generator")
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert values["realtime"] == "timer slack 1000 ns: granted"
+    assert "timer slack 1000 ns: granted" in errors
+
+
+@pytest.mark.ros
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
@@ -112,23 +131,26 @@ def test_a_wrong_parameter_is_one_clear_line_and_exit_code_2(setting, message):
 
 
 def wait_for_node(name):
-    """Until the node speaks on /diagnostics, so it spins."""
+    """Until the node speaks on /diagnostics, so it spins; what it says."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context)
     listener = rclpy.create_node("listener", context=context)
     executor = EventsExecutor(context=context)
     executor.add_node(listener)
-    heard = set()
+    heard = {}
     row = topic("/diagnostics")
-    listener.create_subscription(
-        row.type, row.name, lambda m: heard.update(s.name for s in m.status), row.qos.reader()
-    )
+
+    def hear(message):
+        heard.update({s.name: {v.key: v.value for v in s.values} for s in message.status})
+
+    listener.create_subscription(row.type, row.name, hear, row.qos.reader())
     end = time.monotonic() + 30.0
     while name not in heard:
         assert time.monotonic() < end, f"{name} did not speak"
         executor.spin_once(timeout_sec=0.1)
     listener.destroy_node()
     context.try_shutdown()
+    return heard[name]
 
 
 def fresh_environment():

@@ -192,7 +192,7 @@ class PlantNode(LocoNode):
                 self._step(self.state.tick)
 
     def _begin(self) -> None:
-        self._began = time.perf_counter()
+        self._began = time.perf_counter() - self.state.t
         self._deadlines = Deadlines(self.rate, self.tick.catch_up)
 
     def _step(self, tick: int) -> None:
