@@ -73,13 +73,17 @@ class Bench:
 
 @pytest.fixture
 def bench():
-    """Function that makes a `Bench` of a node class; closed after the test."""
+    """Function that makes a `Bench` of a node class; `done` closes all, as the end does."""
     made = []
 
     def make(cls, table=TOPICS, **parameters):
         made.append(Bench(cls, table, parameters))
         return made[-1]
 
+    def done():
+        while made:
+            made.pop().close()
+
+    make.done = done
     yield make
-    for each in made:
-        each.close()
+    done()

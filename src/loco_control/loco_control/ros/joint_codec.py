@@ -108,7 +108,10 @@ class JointCodec:
         return bool(np.isfinite(value.q).all() and np.isfinite(value.dq).all())
 
     def _read_any(self, data: bytes) -> Joints:
-        message = deserialize_message(data, JointState)
+        try:
+            message = deserialize_message(data, JointState)
+        except RuntimeError:  # rclpy's
+            raise ParameterError(f"{self.what}: {len(data)} bytes are no JointState") from None
         for name in message.name:
             if name not in self._index:
                 raise NameUnknownError(f"joint in {self.what}", name, self.names)

@@ -286,19 +286,20 @@ class TickJoin:
         return [name for name in self._readers if name not in found]
 
     def _answer(self, tick: int, found: dict[str, bytes]) -> None:
+        try:
+            values = [reader.read(found[name]) for name, reader in self._readers.items()]
+        except LocoError as error:
+            self.refused += 1
+            del self._waiting[tick]  # another message may still be right
+            if self._refuse is None:
+                raise
+            self._refuse(str(error))
+            return
         if self.done >= 0:
             self._period = min(self._period or tick, tick - self.done)
         self.done = tick
         for old in [t for t in self._waiting if t <= tick]:
             del self._waiting[old]
-        try:
-            values = [reader.read(found[name]) for name, reader in self._readers.items()]
-        except LocoError as error:
-            self.refused += 1
-            if self._refuse is None:
-                raise
-            self._refuse(str(error))
-            return
         pairs = zip(self._readers.items(), values, strict=True)
         if not all(reader.finite(found[name], value) for (name, reader), value in pairs):
             self.refused += 1
