@@ -107,10 +107,12 @@ def _split_unit(comment: str) -> tuple[str, str]:
 
 
 def _parameters() -> str:
+    from loco_control.realtime import RealtimeParams
     from loco_control.ros.health import HealthParams
     from loco_learning.experiment import Experiment
     from loco_learning.joint_experiment import JointExperiment
     from loco_learning.msd_experiment import MsdExperiment
+    from loco_sim.params import TickParams
     from loco_sim.safety import SafetyParams
 
     head = ("key", "default", "unit", "range", "meaning")
@@ -122,9 +124,13 @@ def _parameters() -> str:
         "## Joint robots (`kind: joint`)\n\n" + _table(head, _rows(JointExperiment(), "")),
         "## Masses and springs (`kind: msd`)\n\n" + _table(head, _rows(MsdExperiment(), "")),
         "## Every node\n\nROS parameters only, not keys of an experiment.\n\n"
-        + _table(head, _rows(HealthParams(), "diagnostics.")),
+        + _table(head, _rows(HealthParams(), "diagnostics."))
+        + "\n\n`loco run --realtime fifo=80` sets one of these:\n\n"
+        + _table(head, _rows(RealtimeParams(), "realtime.")),
         "## Plants\n\nROS parameters of `robot_sim` only.\n\n"
-        + _table(head, _rows(SafetyParams(), "safety.")),
+        + _table(head, _rows(SafetyParams(), "safety."))
+        + "\n\n`loco run --tick late=safe-stop` sets one of these:\n\n"
+        + _table(head, _rows(TickParams(), "")),
     )
 
 
