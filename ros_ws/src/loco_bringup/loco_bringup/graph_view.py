@@ -108,6 +108,7 @@ class Onlooker:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 

@@ -159,6 +159,7 @@ class Graph:
     def __exit__(self, kind: Any = None, *_: object) -> None:
         self._end = True
         self._thread.join()
+        self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
         if kind is None and self._error is not None:
