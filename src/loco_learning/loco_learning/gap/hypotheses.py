@@ -82,9 +82,17 @@ class Hypothesis:
         return Term(self.effect, self.place, {**dict(self.fixed), **values})
 
     def starts(self) -> list[list[float]]:
-        """Values of the shapes that are worth a try, strengths one typical unit."""
+        """Values of the shapes that are worth a try, strengths one typical unit.
+
+        A lone strength of two signs is tried with the other one, too: a joint that is bolted on
+        with a turn starts elsewhere, however small the turn, which hides its sign.
+        """
         count = max(len(c.start) for c in self.coordinates)
-        return [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
+        made = [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
+        lone = self.strengths if len(self.strengths) == 1 else ()
+        if lone and not self.coordinates[lone[0]].one_sided:
+            made.append([-v if i in lone else v for i, v in enumerate(made[0])])
+        return made
 
 
 def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:

@@ -166,6 +166,7 @@ def _hold_late(state, target, machine, hidden, held, line, step, t, dt):
         seen = state[MOTOR, j] if soft else state[Q, j]
         speed = state[MOTOR_V, j] if soft else state[V, j]
         line[step % LINE, j] = laws.wanted(drives[j], target[:, j], seen, speed)
+        delay = max(0.0, delay - 0.5 * dt)  # held for a step, a torque is half a step late
         whole = int(delay / dt)
         part = delay / dt - whole
         due, before = line[(step - whole) % LINE, j], line[(step - whole - 1) % LINE, j]
