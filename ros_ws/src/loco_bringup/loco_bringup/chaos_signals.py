@@ -33,6 +33,7 @@ KILL = [("SIGKILL", name) for name in (*CONTROLLERS, "robot_sim", "recorder", "s
 _LONG = {"learner.train": 3600.0}
 _STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
 _BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
+_ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
 _ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
 _PATIENCE = 40.0  # wall time in which commands must be back [s]
 
@@ -49,7 +50,7 @@ def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> lis
     """
     rng = np.random.default_rng([seed, *f"{how} {who}".encode()])
     row: dict[str, Any] = {"what": who, "how": how, "repeats": 0, "safe": 0, "worst": 0}
-    row |= {"ridden": 0, "taken": 0, "ended": 0}
+    row |= {"ridden": 0, "ended": 0, "stalls": 0}
     traces = Traces()
     if how == "SIGSTOP" or who in CONTROLLERS:
         _run_on(Hits(how, who, repeats, rng), folder, row, traces)
@@ -90,6 +91,7 @@ class Hits:
         self._number = getattr(signal, how)
         self.who, self._left, self._rng = who, repeats, rng
         self.times: list[float] = []
+        self._woken: list[float] = []
         self.events: list[tuple[float, Any]] = []
         self.opened: set[str] = set()
         self.trouble = ""
@@ -105,6 +107,7 @@ class Hits:
             if now >= self._wake:
                 os.kill(self._pid, signal.SIGCONT)
                 self._wake = 0.0
+                self._woken.append(now)
             return False
         if not self._fresh(now) or progress.pids[self.who] == self._pid and self._is_kill:
             self._due = 0.0
@@ -150,23 +153,25 @@ class Hits:
         """Add to a row what happened.
 
         Args:
-            row: Gets repeats, safe, ridden and worst.
+            row: Gets repeats, safe, ridden, worst and stalls.
             takes: Whether the signal takes the command away; None: it may.
         """
+        late = [
+            (t, event.tick - int(found[1]))
+            for t, event in self.events
+            if event.kind == "timeout"
+            and (found := re.search(r"no command since tick (-?\d+)", event.text))
+        ]
         ends = [*self.times[1:], np.inf]
-        for begin, end in zip(self.times, ends, strict=True):
-            ages = [
-                event.tick - int(found[1])
-                for t, event in self.events
-                if begin < t < end and event.kind == "timeout"
-                and (found := re.search(r"no command since tick (-?\d+)", event.text))
-            ]  # fmt: skip
+        for k, (begin, end) in enumerate(zip(self.times, ends, strict=True)):
+            until = end if k >= len(self._woken) else self._woken[k] + _ECHO
+            ages = [age for t, age in late if begin < t < until]
             good = all(age <= SAFE_TICKS for age in ages)
             row["repeats"] += 1
-            row["taken"] += bool(ages)
-            row["worst"] = max([row["worst"], *ages])
-            row["safe"] += good and bool(ages)
+            row["safe"] += good and bool(ages) and takes is not False
             row["ridden"] += not ages and not takes
+            row["worst"] = max([row["worst"], *ages])
+            row["stalls"] += len([t for t, _ in late if until <= t < end]) + max(0, len(ages) - 1)
 
 
 def _run_on(hits: Hits, folder: Path, row: dict[str, Any], traces: Traces) -> None:

@@ -17,6 +17,7 @@ _SIGNALS = {
     "worst": f"worst ticks (at most {SAFE_TICKS})",
     "ridden": "ridden through",
     "ended": "run ended and said why",
+    "stalls": "time-outs in between",
 }
 _LEFT = {
     "bags": "bags",
