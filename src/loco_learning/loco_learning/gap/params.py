@@ -28,6 +28,10 @@ class GapParams(Params):
     free_spread: float = parameter(
         0.3, "standard deviation of the logarithm of a free value", "-", 0.001, 3.0
     )
+    window: float = parameter(
+        0.0, "length of the pieces that each begin in the measured state, for motions that forget "
+        "nothing, such as a swing-up; 0 runs whole records", "s", 0.0, 100.0
+    )  # fmt: skip
     screen_share: float = parameter(
         0.02, "of the residual's energy that a hypothesis must explain to be fitted", "-", 0.0, 1.0
     )

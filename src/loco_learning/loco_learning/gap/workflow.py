@@ -18,7 +18,7 @@ from . import hints, lattice
 from . import nominal as nominals
 from .bundles import bundles
 from .following import following
-from .forward import Forward
+from .forward import Forward, ForwardParams
 from .hypotheses import offer
 from .judge import judge
 from .parallel import Tasks
@@ -54,7 +54,7 @@ def find(
     params = params or GapParams()
     report = progress or (lambda fraction, stage, best: None)
     report(0.0, "reading the model", "")
-    forward = Forward(model, [*records, *held_out])
+    forward = Forward(model, [*records, *held_out], ForwardParams(window=params.window))
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
