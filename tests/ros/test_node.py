@@ -61,6 +61,46 @@ def test_different_ticks_do_not_meet(joined):
     assert calls == [(2, 2)]
 
 
+def test_one_message_of_the_future_does_not_end_the_join(joined):
+    join, calls, a, b = joined
+    a(0), b(0), b(900), a(1), b(1)
+    assert calls == [(0, 0), (1, 1)]
+
+
+def test_a_plant_takes_nothing_from_the_future():
+    calls, refused = [], []
+    join = TickJoin(
+        {"a": Converter(MotionCommand)}, calls.append, PeriodMeter(),
+        newest=lambda: 4, refuse=refused.append,
+    )  # fmt: skip
+    send, pack = join.receiver("a"), Converter(MotionCommand).pack
+    for tick in (3, 5, 900, 4):
+        send(pack(command(tick)))
+    assert [c.tick for c in calls] == [3, 4]
+    assert (join.stale, join.refused, refused) == (2, 0, [])
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_are_refused_and_the_next_tick_counts(joined, number):
+    join, calls, a, b = joined
+    spoiled = command(0)
+    spoiled.dq[7] = number
+    join.receiver("a")(Converter(MotionCommand).pack(spoiled))
+    b(0), a(1), b(1)
+    assert calls == [(1, 1)]
+    assert join.refused == 1
+
+
+def test_a_clock_that_was_set_back_is_believed_a_late_message_is_not(joined):
+    join, calls, a, b = joined
+    for tick in (100, 101, 102):
+        a(tick), b(tick)
+    a(101), b(101)
+    assert len(calls) == 3  # late
+    a(5), b(5), a(6), b(6)
+    assert calls[3:] == [(5, 5), (6, 6)]
+
+
 def test_period_meter_starts_anew_after_each_summary():
     meter = PeriodMeter()
     for _ in range(3):

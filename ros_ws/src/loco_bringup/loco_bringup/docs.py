@@ -49,7 +49,7 @@ def pages() -> dict[str, str]:
 
 def _topics() -> str:
     from loco_control.ros.joint_topics import TABLES
-    from loco_control.ros.topics import WRITER_DEPTH
+    from loco_control.ros.topics import LOST_TICK, WRITER_DEPTH, faulty
 
     head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "what it says")
     parts = [
@@ -60,7 +60,9 @@ def _topics() -> str:
         "Topics",
         "Names are relative unless they start with `/`. Depth is the reader's; writers keep "
         f"{WRITER_DEPTH} messages for the recorder. Rates are per simulated second; those of the "
-        "graph `joint` are of a robot at 100 ticks per second.",
+        "graph `joint` are of a robot at 100 ticks per second. With [faults](faults.md) readers of "
+        f"a damaged topic hear `{faulty('TOPIC')}`, and `{LOST_TICK.name}` (`std_msgs/UInt64`) "
+        f"tells the plant: {LOST_TICK.doc}.",
         *parts,
     )
 
@@ -107,6 +109,7 @@ def _split_unit(comment: str) -> tuple[str, str]:
 
 
 def _parameters() -> str:
+    from loco_control.faults import FAULTS, Fault
     from loco_control.realtime import RealtimeParams
     from loco_control.ros.health import HealthParams
     from loco_learning.experiment import Experiment
@@ -116,6 +119,10 @@ def _parameters() -> str:
     from loco_sim.safety import SafetyParams
 
     head = ("key", "default", "unit", "range", "meaning")
+    common = list(_rows(Fault(), ""))
+    faults = [("all", *row) for row in common]
+    for kind, fault in FAULTS.items():
+        faults += [(f"`{kind}`", *row) for row in _rows(fault(), "") if row not in common]
     return _page(
         "Parameters",
         "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
@@ -131,6 +138,8 @@ def _parameters() -> str:
         + _table(head, _rows(SafetyParams(), "safety."))
         + "\n\n`loco run --tick late=safe-stop` sets one of these:\n\n"
         + _table(head, _rows(TickParams(), "")),
+        "## Faults\n\nOf `loco run --fault TOPIC:KIND:KEY=VALUE`, [more](faults.md).\n\n"
+        + _table(("kind", *head), faults),
     )
 
 
