@@ -22,6 +22,7 @@ FINE = 0.25  # physics step over the model's where no engine is needed
 ENGINE = ("slip",)  # effects that need the engine
 DELAYS = ("command_delay", "actuation_delay")
 PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
+LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
 
@@ -41,6 +42,7 @@ class Case:
             each record, by step.
         cap: Largest whitened residual that is told from a fall.
         count: Simulations so far [records].
+        runs: Of the model as it came, by step.
     """
 
     forward: Any
@@ -53,6 +55,7 @@ class Case:
     correction: dict[float, list[np.ndarray]]
     cap: float = evidence.LIMIT
     count: int = field(default=0, compare=False)
+    runs: dict[float, tuple] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def fitted(self) -> list[int]:
@@ -114,24 +117,31 @@ class Case:
         return 1.0 if any(s["name"] in ENGINE for s in specs) else self.fine
 
     def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
-        """The same case with the step error of another model, e.g. of one with effects."""
+        """The case with the step error of another model; itself where that is the same."""
         step = self.step_of(specs)
         self.count += 3 * len(self.records)
-        here, half = (self.forward(specs, overrides, step=s * step) for s in (1.0, 0.5))
+        every = list(range(len(self.records)))
+        here, half = (self._predicted(specs, overrides, every, s * step) for s in (1.0, 0.5))
         first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
-        if step == self.fine:
-            correction = first
-        else:  # what finer steps would add is taken from the model as it came
-            bare = [2.0 * (h - w) for h, w in zip(*self._coarse, strict=True)]
-            limit = self.correction[step]
-            correction = [f + c - b for f, c, b in zip(first, limit, bare, strict=True)]
-        known = {step: [np.nan_to_num(c) for c in correction]}
+        bare = [2.0 * (h - w) for h, w in zip(*self._bare(step), strict=True)]
+        moved = [f - b for f, b in zip(first, bare, strict=True)]
+        if self._small(moved):
+            return self
+        if step != self.fine:  # what finer steps would add is taken from the model as it came
+            first = [c + m for c, m in zip(self.correction[step], moved, strict=True)]
+        known = {step: [np.nan_to_num(c) for c in first]}
         return replace(self, correction={**self.correction, **known})
 
-    @cached_property
-    def _coarse(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The model as it came at half the model's step, and at the step."""
-        return self.forward((), {}, step=0.5), self.forward((), {}, step=1.0)
+    def _small(self, errors: Sequence[np.ndarray]) -> bool:
+        """Errors of predictions are far below the floor in every channel of every record."""
+        each = [np.square(np.nan_to_num(e) / f) for e, f in zip(errors, self.floors, strict=True)]
+        return all(np.max(np.mean(e, axis=0)) < LITTLE**2 for e in each)
+
+    def _bare(self, step: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The model as it came at half a step, and at the step."""
+        if step not in self.runs:
+            self.runs[step] = self.forward((), {}, step=0.5 * step), self.forward((), {}, step=step)
+        return self.runs[step]
 
     def masked(
         self, residuals: Sequence[np.ndarray], only: Sequence[int], held: bool

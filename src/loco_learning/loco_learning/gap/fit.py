@@ -218,14 +218,18 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Fit a model again with its own step error; half of the usual simulations do.
 
-    A model that runs in fine steps has next to none beyond that of the model as it came.
+    The fit stays as it is where that error is the one of the model as it came, or explains less.
     """
-    if case.step_of(model.specs) < 1.0:
+    if not model.parts:
         return model
     exact = case.corrected(model.specs, model.overrides)
-    params = setting.params.replace(evaluations=max(4, setting.params.evaluations // 2))
+    if exact is case:
+        return model
+    params = setting.params
+    params = params.replace(evaluations=max(4, params.evaluations // 2))
     free = model.overrides or setting.free
-    return fit(exact, model.parts, replace(setting, params=params, free=free))
+    again = fit(exact, model.parts, replace(setting, params=params, free=free))
+    return min((again, model), key=lambda m: m.fit_rms * m.held.rms)
 
 
 def weigh(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
