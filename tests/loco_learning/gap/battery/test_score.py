@@ -54,6 +54,18 @@ def test_places_are_compared_by_what_they_name(true, said, same):
     assert score.same_place(score.get("tigrillo"), true, said) is same
 
 
+def test_parts_of_a_force_that_the_data_do_not_determine_do_not_count():
+    case = truth([("push", "carriage")], robot="linear_axis")
+    case["effects"][0] |= {"strength": "force", "params": {"force": [-2.0, 0.5, 1.0]}}
+    said = {"effect": "push", "place": "carriage", "verdict": "named", "parameters": {
+        "force.x": {"value": -2.1, "low": -2.2, "high": -1.9},
+        "force.y": {"value": 0.0, "low": None, "high": None},
+        "force.z": {"value": 0.0, "low": None, "high": None},
+    }}  # fmt: skip
+    (size,) = score.row(case, result("named", [said]))["sizes"]
+    assert size["error"] == pytest.approx(0.05) and size["inside"] is True
+
+
 def test_a_name_too_many_is_not_right():
     extra = [term(*FRICTION[0]), term("payload", "")]
     r = score.row(truth(FRICTION), result("named", extra))

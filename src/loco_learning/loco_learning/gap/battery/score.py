@@ -105,16 +105,20 @@ def same_place(machine: Any, true: str, said: str) -> bool:
 
 
 def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray] | None:
-    """Value and interval of a strength; the parts of a vector side by side."""
+    """Value and interval of a strength, NaN without one; the parts of a vector side by side."""
     labels = [k for k in sorted(parameters) if k == name or k.startswith(f"{name}.")]
     if not labels:
         return None
     keys = ("value", "low", "high")
-    return {key: np.array([float(parameters[k][key]) for k in labels]) for key in keys}
+    return {key: np.array([parameters[k][key] for k in labels], dtype=float) for key in keys}
 
 
 def _error(effect: Mapping[str, Any], said: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Relative error; parts of a vector that the data do not determine do not count."""
     true = np.atleast_1d(np.asarray(effect["params"][effect["strength"]], float))
+    known = np.isfinite(said["low"]) & np.isfinite(said["high"])
+    if len(true) == len(known) and known.any():
+        true, said = true[known], {key: values[known] for key, values in said.items()}
     if len(true) != len(said["value"]):
         true, value = np.array([np.linalg.norm(true)]), np.array([np.linalg.norm(said["value"])])
         inside = None
