@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -73,11 +74,16 @@ def com_offset(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry
     ]
 
 
+def _reached(robot: Robot) -> list[tuple[str, tuple[float, ...]]]:
+    """Links that something may pull at: all that can move if the base is bolted, else the base."""
+    found = links(robot)
+    return found if robot.fixed_base else found[:1]
+
+
 def push(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
-    """A force during the time in which the residual is large."""
-    link, com = links(robot)[-1 if robot.fixed_base else 0]
+    """A force on a link, or the base, during the time in which the residual is large."""
     made = []
-    for start, stop in hints.intervals:
+    for (start, stop), (link, com) in product(hints.intervals, _reached(robot)):
         near = 0.5 * (stop - start) + 0.2  # beyond that it is another push
         times = tuple(
             Coordinate(name, 0.1, (at / 0.1,), max(0.0, at - near), at + near, "s")
@@ -89,12 +95,12 @@ def push(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
 
 
 def cable_force(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
-    """A cable from the last link or the base to anchors ahead, behind and above."""
+    """A cable from each link, or the base, to anchors ahead, behind and above."""
     if robot.sim.physics_rate > FAST:  # it needs the engine, minutes for each simulation
         return []
-    link, com = links(robot)[-1 if robot.fixed_base else 0]
     made = []
-    for direction in ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0)):
+    ways = ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
+    for direction, (link, com) in product(ways, _reached(robot)):
         anchor = [float(v) for v in np.array([0.0, 0.0, robot.height or 0.5]) + direction]
         fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
         free = (
