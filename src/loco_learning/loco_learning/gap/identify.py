@@ -141,7 +141,7 @@ def analyse(
         worst,
         worst_error,
         condition,
-        {names[i]: _imitated(j[:, i], j[:, others]) for i in free},
+        {names[i]: imitated(j[:, i], j[:, others]) for i in free},
     )
 
 
@@ -252,7 +252,7 @@ def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.
     return unit.T @ unit
 
 
-def _imitated(column: np.ndarray, nuisance: np.ndarray) -> float:
+def imitated(column: np.ndarray, nuisance: np.ndarray) -> float:
     """Cosine of a column with its projection on others."""
     length = float(np.linalg.norm(column))
     if not nuisance.size or length <= DEAD:

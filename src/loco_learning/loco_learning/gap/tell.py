@@ -13,9 +13,9 @@ from loco_control.params import to_dict
 from loco_sim.model import Model
 
 from ..plain import plain
-from . import correction, evidence, identify, kinds
+from . import correction, evidence, identify, kinds, scale
 from .case import Case
-from .decide import NO_GAP, UNKNOWN, Candidate, Ruling
+from .decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Candidate, Ruling
 from .fit import Fitted
 from .judge import Judged
 from .localise import localise
@@ -53,9 +53,7 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
             "where": where(case, judged.base, params.seed) if told else [],
             "regions": regions_of(case, judged.base) if told else [],
             "alarms": list(decision.alarms),
-            "identifiability": (identifiability(judged.identifiability) | left_out(judged))
-            if told
-            else {},
+            "identifiability": told_apart(case, judged) if told else {},
             "next": [],
             "correction": fallback(case, judged.base) if decision.verdict == UNKNOWN else None,
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
@@ -99,6 +97,14 @@ def kinds_of(judged: Judged) -> list[dict[str, Any]]:
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
     found = [kinds.shared(candidate, ruling) for candidate, ruling in pairs]
     return [asdict(one) for one in found if one]
+
+
+def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
+    """What the data can tell of the parameters, of free values and of the scale of the torque."""
+    found = identifiability(judged.identifiability) | left_out(judged)
+    if judged.decision.verdict in (NAMED, AMBIGUOUS):
+        found["scale of the torque"] = scale.words(case, judged.best)
+    return found
 
 
 def left_out(judged: Judged) -> dict[str, Any]:
