@@ -19,6 +19,7 @@ from loco_control.params import Params, parameter
 
 from . import evidence
 from .evidence import Comparison, Score
+from .leftover import adequate
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
 
@@ -40,6 +41,9 @@ class Limits(Params):
     adequate_closed: float = parameter(
         0.9, "share of the gap whose closing also counts as explaining the data", high=1.0
     )
+    aside: float = parameter(
+        0.1, "share of the whole gap that may be in channels that the model leaves alone", high=1.0
+    )  # fmt: skip
     spread: float = parameter(
         0.3, "deviation of a strength between parts of the data, over its value, from which on "
         "it is no constant of the robot", low=0.0
@@ -260,30 +264,6 @@ def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bo
         for c in candidates
     ]
     return bool(small) and all(small) and rms <= limits.trifle
-
-
-def adequate(
-    before: Sequence[np.ndarray],
-    after: Sequence[np.ndarray],
-    limits: Limits = LIMITS,
-    enough: np.ndarray | None = None,
-) -> bool:
-    """In every channel of every record the model is near the floor or most of the gap closed.
-
-    Args:
-        before: Whitened residuals of the model as it came, (T, C) per record.
-        after: Those of the selected model.
-        limits: What is near and what is most.
-        enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
-    """
-    total = [evidence.rms([r[:, [c]] for r in after]) for c in range(after[0].shape[1])]
-    left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
-    for old, new in zip(before, after, strict=True):
-        for column in left:
-            rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
-            if rms[1] > limits.adequate_rms and evidence.closed(*rms) < limits.adequate_closed:
-                return False
-    return True
 
 
 def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:

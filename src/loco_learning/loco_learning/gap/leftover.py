@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what a model leaves of a gap is little enough to say that it explains the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import evidence
+
+if TYPE_CHECKING:
+    from .decide import Limits
+
+SAME = 0.05  # relative change of an rms that is none
+
+
+def adequate(
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    limits: Limits,
+    enough: np.ndarray | None = None,
+) -> bool:
+    """In every channel of every record the model is near the floor or most of the gap closed.
+
+    What was left alone is another matter: a small part of the whole gap may be there.
+
+    Args:
+        before: Whitened residuals of the model as it came, (T, C) per record.
+        after: Those of the selected model.
+        limits: What is near, what is most and what is a small part.
+        enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
+    """
+    total = [evidence.rms([r[:, [c]] for r in after]) for c in range(after[0].shape[1])]
+    left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
+    aside = 0.0
+    for old, new in zip(before, after, strict=True):
+        for column in left:
+            rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
+            if rms[1] > limits.adequate_rms and evidence.closed(*rms) < limits.adequate_closed:
+                if abs(rms[1] - rms[0]) > SAME * rms[0]:
+                    return False
+                aside += _gap(new[:, column])
+    whole = sum(_gap(r[:, c]) for r in before for c in range(r.shape[1]))
+    return aside <= limits.aside * whole
+
+
+def _gap(residual: np.ndarray) -> float:
+    """Energy above the noise."""
+    return max(float(np.nansum(np.square(residual)) - np.isfinite(residual).sum()), 0.0)
