@@ -133,10 +133,14 @@ class Problem:
 
 
 def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
-    """One unit of each coordinate: the size at the start, a factor of two, or a small angle."""
+    """One unit of each coordinate: the size at the start, a factor of two, or a small angle.
+
+    A strength may be far below what priors call typical: robots differ by orders of magnitude.
+    """
+    largest = max((abs(x[i]) for i in hypothesis.strengths), default=0.0) or 1.0
     return np.array(
         [
-            SHAPE_UNIT if c.logarithmic else max(abs(v), 0.1 if c.strength else 0.3)
+            SHAPE_UNIT if c.logarithmic else max(abs(v), 0.1 * largest if c.strength else 0.3)
             for c, v in zip(hypothesis.coordinates, x, strict=True)
         ]
     )
