@@ -101,6 +101,21 @@ def test_two_robots_go_into_one_bag_and_hear_of_their_own_ticks(ros, tmp_path):
     assert {f"/{n}/{t}" for n in ROBOTS for t in TOPICS} == set(bag.topics)
 
 
+def test_what_is_not_written_is_heard_all_the_same(ros, tmp_path):
+    recorder = start(tmp_path / "bag", table="joint", control_rate=100.0, written=["events"])
+    executor = EventsExecutor()
+    executor.add_node(recorder)
+    robot = Robot(executor, "")
+    wait(executor, lambda: any(e.kind == "ready" for e in robot.events))
+    for tick in range(5):
+        robot.publish(tick, 0.0)
+    wait(executor, lambda: robot.statuses and robot.statuses[-1].tick == 4)
+    recorder.close()
+    recorder.destroy_node()
+    robot.node.destroy_node()
+    assert set(Bag(tmp_path / "bag").topics) == {"/events"}
+
+
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
@@ -108,6 +123,7 @@ def test_two_robots_go_into_one_bag_and_hear_of_their_own_ticks(ros, tmp_path):
         ({"namespaces": ["a", "b"], "tables": ["joint", "joint", "joint"]}, "one for each"),
         ({"table": "tortoise"}, "hyq"),
         ({"table": "joint", "topics": ["robot_state"]}, "joint_states"),
+        ({"table": "joint", "written": ["robot_state"]}, "joint_states"),
     ],
 )
 def test_bad_parameters_are_named_and_leave_no_bag(ros, tmp_path, parameters, text):
