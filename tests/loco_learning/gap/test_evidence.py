@@ -182,6 +182,19 @@ def test_parameters_have_their_price():
     assert found[0].gain == found[2].gain
 
 
+def test_one_loud_block_does_not_hide_that_all_are_won():
+    rng = np.random.default_rng(5)
+    white = rng.normal(size=(TICKS, CHANNELS))
+    worse = white * 1.25
+    worse[700:760] *= 12.0
+    first, second = (evidence.score([r]) for r in (white, worse))
+    found = evidence.compare(first, second, rng)
+    assert found.blocks_improved == 1.0
+    assert found.odds > 100.0
+    back = evidence.compare(second, first, np.random.default_rng(5))
+    assert back.odds < 0.01
+
+
 def test_few_blocks_count_for_no_more_than_coins():
     rng = np.random.default_rng(0)
     white = rng.normal(size=(1600, 1))

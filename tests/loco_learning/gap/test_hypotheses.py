@@ -77,6 +77,15 @@ def test_links_of_a_bolted_base_do_not_move():
     assert dict(links(made))["rod"] == (0.0, 0.0, -0.2)
 
 
+@pytest.mark.parametrize("effect", ["push", "cable_force"])
+def test_something_outside_may_pull_at_every_link_of_a_bolted_robot_else_at_the_base(effect):
+    for name in ("hyq_leg", "tigrillo"):
+        made, hypotheses = all_of(name)
+        places = {h.place for h in hypotheses if h.effect == effect}
+        moving = [link for link, _ in links(made)]
+        assert places == set(moving if made.fixed_base else moving[:1])
+
+
 def test_an_interval_is_found_where_the_residual_is_large_only_there():
     rng = np.random.default_rng(1)
     quiet = [rng.normal(size=(400, 2)) for _ in range(3)]

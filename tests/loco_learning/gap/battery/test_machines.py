@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 
-from loco_learning.gap.battery import bodies, excitation, machines, motion, plant, slots
+from loco_learning.gap.battery import bodies, excitation, machines, motion, plant, readings, slots
 from loco_learning.gap.battery.hidden import Hidden
 
 
@@ -92,6 +92,14 @@ def test_the_answer_does_not_depend_on_the_step():
     assert np.abs(fine[1]).max() > 0.01
     a = np.interp(coarse[0], fine[0], fine[1][:, 0])
     assert np.abs(a - coarse[1][:, 0]).max() < 1e-6
+
+
+def test_a_machine_that_falls_apart_reads_nothing():
+    m = machines.get("linear_axis")
+    t = np.linspace(0.0, 1.0, 11)
+    lost = np.full((11, 1), np.inf)
+    read = readings.joints(m, (), t, lost, lost, t[:5], np.random.default_rng(1))
+    assert read.shape == (5, 1) and np.isnan(read).all()
 
 
 @pytest.mark.parametrize(("name", "limit"), [("linear_axis", 5e-5), ("hyq_leg", 3e-4)])
