@@ -140,7 +140,11 @@ def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
     largest = max((abs(x[i]) for i in hypothesis.strengths), default=0.0) or 1.0
     return np.array(
         [
-            SHAPE_UNIT if c.logarithmic else max(abs(v), 0.1 * largest if c.strength else 0.3)
+            SHAPE_UNIT
+            if c.logarithmic
+            else max(abs(v), 0.1 * largest)
+            if c.strength
+            else min(max(abs(v), 0.3), 1.0)
             for c, v in zip(hypothesis.coordinates, x, strict=True)
         ]
     )
