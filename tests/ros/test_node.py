@@ -67,6 +67,20 @@ def test_one_message_of_the_future_does_not_end_the_join(joined):
     assert calls == [(0, 0), (1, 1)]
 
 
+def test_a_message_that_came_before_its_tick_is_not_used_in_it(joined):
+    join, calls, a, b = joined
+    for tick in range(3):
+        a(tick), b(tick)
+    b(7), b(8)
+    for tick in range(3, 7):
+        a(tick), b(tick)
+    a(7)
+    assert calls[-1] == (6, 6)
+    assert join.missing() == ["b"]
+    b(8), a(8)  # one tick ahead: the other topic is slow
+    assert calls[-1] == (8, 8)
+
+
 def test_a_plant_takes_nothing_from_the_future():
     calls, refused = [], []
     join = TickJoin(

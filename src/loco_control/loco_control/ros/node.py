@@ -230,7 +230,7 @@ class TickJoin:
         tick_of: Number in the bytes of a message that all messages of a tick share.
         newest: For plants: the newest tick that anyone can know of; what claims to be newer
             is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
-            is believed: the plant's clock was set back.
+            is believed: the plant's clock was set back; and others may be one tick ahead of it.
         refuse: Is told why a tick was refused: an error in words, or "" for not finite;
             without it an error is raised.
     """
@@ -249,17 +249,20 @@ class TickJoin:
         self._newest, self._refuse = newest, refuse
         self._waiting: dict[int, dict[str, bytes]] = {}  # by tick, then topic
         self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
+        self._begun = -1  # tick of the last message of the first topic
         self.done = -1  # newest tick answered
         self.stale = self.refused = 0
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
         tick_of, waiting, count = self._tick_of, self._waiting, len(self._readers)
-        first = name == next(iter(self._readers)) and self._newest is None
+        first = name == next(iter(self._readers))
 
         def receive(data: bytes) -> None:
             tick = tick_of(data)
-            if tick <= self.done or (self._newest is not None and tick > self._newest()):
+            if first:
+                self._begun = tick
+            if tick <= self.done or self._is_early(tick):
                 self.stale += 1
                 if not first or not self._set_back(tick):
                     return
@@ -272,11 +275,18 @@ class TickJoin:
 
         return receive
 
+    def _is_early(self, tick: int) -> bool:
+        """Whether a tick is one that cannot have begun."""
+        if self._newest is not None:
+            return tick > self._newest()
+        return bool(self._period) and tick > self._begun + self._period
+
     def _set_back(self, tick: int) -> bool:
         """Whether the clock was set back, and not a message late; then begin anew there."""
-        if not self._period or tick > self.done - _BACK * self._period:
+        known = self._period and self._newest is None
+        if not known or tick > self.done - _BACK * self._period:
             return False
-        self.done = tick - 1
+        self.done = tick - self._period
         self._waiting.clear()
         return True
 
