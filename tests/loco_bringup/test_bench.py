@@ -43,6 +43,6 @@ def test_realtime_bench_has_the_graph_beside_the_bare_loop(tmp_path):
     assert [row["scheduling"] for row in rows] == ["as it is"] * 3 + ["SCHED_FIFO"] * 3
     for row in rows:
         assert 0.0 < float(row["p50 ms"]) <= float(row["p99 ms"]) <= float(row["max ms"])
-        assert row["missed"].endswith("of 500")
+        assert int(row["missed"].split()[-1]) >= 500
     for row in rows[::3]:
         assert "hold" in row["targets"] or "refused" in row["targets"]

@@ -126,6 +126,6 @@ def _row(
         "loop": loop,
         "scheduling": kernel,
         **{f"{q} ms": value for q, value in late.items()},
-        "missed": f"{figures['missed_ticks']:.0f} of {ticks}",
+        "missed": f"{figures['missed_ticks']:.0f} of {ticks + figures['dropped_ticks']:.0f}",
         "targets": targets,
     }
