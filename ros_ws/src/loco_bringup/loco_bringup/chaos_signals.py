@@ -31,6 +31,7 @@ CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
 KILL = [("SIGKILL", name) for name in (*CONTROLLERS, "robot_sim", "recorder", "supervisor")]
 _LONG = {"learner.train": 3600.0}
+_REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
 _STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
 _BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
 _ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
@@ -184,7 +185,7 @@ def _run_on(hits: Hits, folder: Path, row: dict[str, Any], traces: Traces) -> No
     try:
         run.run_robots(
             {"": experiment.load(EXPERIMENT, _LONG)}, folder / "run", "processes", "realtime",
-            nodes=nodes, on_progress=hits, stop_on_fall=False,
+            nodes=nodes, on_progress=hits, stop_on_fall=False, realtime=_REALTIME,
         )  # fmt: skip
     except GraphError as error:
         hits.trouble = str(error).splitlines()[0]
