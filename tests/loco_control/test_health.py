@@ -2,6 +2,7 @@
 """Levels of diagnostics follow from the values and their limits."""
 
 import os
+import subprocess
 import time
 from types import SimpleNamespace
 
@@ -79,6 +80,16 @@ def test_endpoints_of_dead_processes_here_do_not_count():
     assert host == b"\x01\x02"
     assert low_pid(mine) == os.getpid() & 0xFFFF
     assert living([mine, gone, remote], host) == [mine, remote]
+
+
+def test_a_process_that_ended_and_was_not_waited_for_is_dead():
+    ended = subprocess.Popen(["true"])
+    os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
+    assert os.path.exists(f"/proc/{ended.pid}")
+    assert living([endpoint(ended.pid), endpoint(os.getpid())], b"\x01\x02") == [
+        endpoint(os.getpid())
+    ]
+    ended.wait()
 
 
 def test_without_an_endpoint_of_ours_all_count():

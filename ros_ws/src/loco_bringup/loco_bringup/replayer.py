@@ -73,7 +73,10 @@ def replay_bag(
     try:
         with Keys() as keys:
             player = _Player(bag, names, renamed, Pace(speed, pause, keys))
-            sent = player.play(order, loop)
+            try:
+                sent = player.play(order, loop)
+            finally:
+                player.close()
         text = f"{sent} messages of {len(names)} topics replayed from {bag.path}"
         console.print(text if not player.pace.over else f"{text}, then stopped")
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -108,6 +111,11 @@ class _Player:
             kind = message_class(bag.topics[name].type)
             publisher = self._node.create_publisher(kind, renamed.get(name, name), qos)
             self._publish[name] = publisher.publish
+
+    def close(self) -> None:
+        """Leave the graph at once: what waits for the garbage collector is still seen there."""
+        self._executor.shutdown()
+        self._node.destroy_node()
 
     def _on_control(self, message: String) -> None:
         try:

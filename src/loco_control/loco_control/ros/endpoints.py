@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 _HOST, _PID = slice(2, 4), slice(4, 6)
+_UNNAMED = "_NODE_NAME_UNKNOWN_"  # what rmw says until an endpoint's node is known
 
 
 def host_of(info: Any) -> bytes:
@@ -22,6 +24,11 @@ def host_of(info: Any) -> bytes:
 def low_pid(info: Any) -> int:
     """Process id of an endpoint, modulo 65536."""
     return int.from_bytes(bytes(info.endpoint_gid[_PID]), "little")
+
+
+def is_named(info: Any) -> bool:
+    """Whether the node of an endpoint is known: that of a dead process may never be."""
+    return info.node_name != _UNNAMED
 
 
 def own_host(infos: Iterable[Any]) -> bytes:
@@ -40,5 +47,14 @@ def living(infos: Iterable[Any], host: bytes) -> list[Any]:
         infos: Of a topic, as rclpy gives them.
         host: `own_host`.
     """
-    alive = {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit()}
+    alive = {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit() and _runs(name)}
     return [info for info in infos if host_of(info) != host or low_pid(info) in alive]
+
+
+def _runs(pid: str) -> bool:
+    """Whether a process does; one that ended and that nobody has waited for is there, too."""
+    try:
+        stat = Path("/proc", pid, "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] not in "ZX"

@@ -18,7 +18,7 @@ from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
 from .convert import TICK, Converter
-from .endpoints import living, own_host
+from .endpoints import is_named, living, low_pid, own_host
 from .health import WARN, HealthParams, PeriodMeter, UsageMeter, judge
 from .parameters import declare
 from .topics import FAULT_DEPTH, TOPICS, Topic, faulty, starts_tick, to_stamp, topic
@@ -162,17 +162,18 @@ class LocoNode(Node):
         """A second writer of a control topic would answer our ticks with its own."""
         for name, subscription in self._inputs.items():
             if _paced(self.row(name)) and subscription.get_publisher_count() > 1:
-                count = len(self._writers(subscription.topic_name))
-                if count > 1:
+                writers = self._writers(subscription.topic_name)
+                if len(writers) > 1:
+                    who = ", ".join(f"{w.node_name} of process {low_pid(w)}" for w in writers)
                     raise GraphError(
-                        f"{name} has {count} writers; another graph runs on this ROS domain and "
-                        "namespace"
+                        f"{name} has {len(writers)} writers ({who}); another graph runs on this "
+                        "ROS domain and namespace"
                     )
 
     def _writers(self, name: str) -> list[Any]:
-        """Writers of a topic whose processes live."""
+        """Writers of a topic whose processes live and whose nodes are known."""
         host = own_host(self.get_publishers_info_by_topic(self._events.topic_name))
-        return living(self.get_publishers_info_by_topic(name), host)
+        return list(filter(is_named, living(self.get_publishers_info_by_topic(name), host)))
 
     def _check_ready(self) -> None:
         self._refuse_strangers()
