@@ -14,6 +14,7 @@ import yaml
 from loco_bringup import node_set, shm
 from loco_bringup import run as runner
 from loco_bringup.bag import Bag
+from loco_bringup.chaos_traces import opened_by
 from loco_bringup.guard import start_of
 from loco_bringup.processes import Guard, Process, Restart, stop_all
 from loco_control.exceptions import GraphError, ParameterError
@@ -47,20 +48,6 @@ def processes_with(text):
             continue
         if text in command and int(path.parent.name) != os.getpid():
             found[int(path.parent.name)] = command
-    return found
-
-
-def ours_in_shared_memory(pids):
-    """Files in shared memory that processes have open."""
-    found = set()
-    for pid in pids:
-        for fd in Path(f"/proc/{pid}/fd").glob("*"):
-            try:
-                target = os.readlink(fd)
-            except OSError:
-                continue  # closed meanwhile
-            if target.startswith("/dev/shm/fastrtps_"):
-                found.add(target.removesuffix("_el").removesuffix("_sl"))
     return found
 
 
@@ -168,7 +155,7 @@ def start_run(folder):
 def test_a_killed_supervisor_leaves_nothing(tmp_path):
     supervisor, pids = start_run(tmp_path / "bag")
     starts = {pid: start_of(pid) for pid in pids}
-    segments = ours_in_shared_memory(pids)
+    segments = opened_by(pids)
     assert len(pids) == 5
     assert len(segments) >= 5
     stopped = pids[0]  # it can answer no signal while it is stopped
@@ -222,8 +209,8 @@ def test_leftovers_of_the_dead_are_removed_and_the_living_keep_theirs():
         for _ in range(2)
     ]
     try:
-        wait(lambda: all(len(ours_in_shared_memory([p.pid])) >= 3 for p in pair))
-        living, dead = (ours_in_shared_memory([p.pid]) for p in pair)
+        wait(lambda: all(len(opened_by([p.pid])) >= 3 for p in pair))
+        living, dead = (opened_by([p.pid]) for p in pair)
         # Ports are open in all that write to them, the living one too.
         living, dead = ({s for s in each if "port" not in s} for each in (living, dead))
         pair[1].kill()

@@ -199,8 +199,9 @@ class _Plan:
     def _heard(self, name: str) -> list[tuple[int, str]]:
         """From which tick on which value of a topic counted, as its reader said."""
         events = self._bag.messages("events") if self._has(self.table["events"]) else []
-        texts = [(e.tick, *e.text.split(" ", 1)) for e in events if e.kind == "heard"]
-        return [(tick, *value) for tick, topic, *value in texts if topic == name]
+        start = f"{name} "
+        heard = [e for e in events if e.kind == "heard" and e.text.startswith(start)]
+        return [(e.tick, e.text.removeprefix(start)) for e in heard]
 
     def start(self, folder: Path, layout: str, guard: Guard) -> list[Process]:
         """Start the controllers."""
