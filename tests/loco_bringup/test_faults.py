@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults in a running graph: in lockstep the same each time, and the plant knows what to do."""
 
+import os
+import signal
 import subprocess
 import sys
 
@@ -18,9 +20,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 SHORT = {"duration": 4.0}
 
 
-def run(folder, faults, **options):
-    """Bag of a short run of the servo pendulum."""
-    outcome = runner.run(load("servo_pendulum_sine", SHORT), folder, faults=faults, **options)
+def run(folder, faults, changes=SHORT, **options):
+    """Bag of a run of the servo pendulum."""
+    outcome = runner.run(load("servo_pendulum_sine", changes), folder, faults=faults, **options)
     assert set(outcome.exit_codes.values()) == {0}
     return Bag(folder)
 
@@ -73,6 +75,27 @@ def test_what_was_said_stays_and_what_was_heard_is_beside_it(twice):
     assert (heard[span] == heard[3 * rate]).all()
     assert len(np.unique(said[span], axis=0)) > 1
     assert np.array_equal(np.delete(said, np.r_[span], 0), np.delete(heard, np.r_[span], 0))
+
+
+def test_a_controller_that_fell_behind_lost_ticks_catches_up(tmp_path):
+    """No target, so nobody waits for the controller; it stands still until somebody does."""
+    stopped = []
+
+    def stop_a_while(progress):
+        pid = progress.pids["reflex_network"]
+        if not stopped and progress.sim_time > 1.0:
+            os.kill(pid, signal.SIGSTOP)
+            stopped.append(pid)
+        elif stopped and progress.sim_time > 12.0 - 1e-6:  # the plant stands still, too
+            os.kill(pid, signal.SIGCONT)
+
+    lost = ["joint_target:drop:start=1:stop=12", "joint_states:stuck:start=100"]
+    options = {"layout": "processes", "speed": 4.0, "on_progress": stop_a_while}
+    bag = run(tmp_path / "bag", lost, {"duration": 13.0}, **options)
+    assert stopped
+    rate = load("servo_pendulum_sine").control_rate
+    assert len(bag.records("/joint_states")) == 13.0 * rate
+    assert time_outs(bag)[1][0] == 12.0 * rate  # its command is back at once
 
 
 @pytest.mark.parametrize(

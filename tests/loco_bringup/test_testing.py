@@ -56,7 +56,7 @@ def test_a_graph_that_cannot_start_says_why(tmp_path):
 
 
 def test_topics_of_a_namespace_are_found(tmp_path):
-    with Graph("tigrillo_hold", tmp_path / "g", namespace="lab") as graph:
+    with Graph("tigrillo_hold", tmp_path / "g", {"duration": 600.0}, namespace="lab") as graph:
         states = graph.expect("joint_states", count=5)
         assert graph.pid("robot_sim") > 0
     assert len(states[0].name) == 8

@@ -81,6 +81,19 @@ def test_a_message_that_came_before_its_tick_is_not_used_in_it(joined):
     assert calls[-1] == (8, 8)
 
 
+@pytest.mark.parametrize("late", ["a", "b"])
+def test_after_lost_ticks_a_topic_may_come_all_at_once_after_the_others(joined, late):
+    """Between different writers there is no order: 40 ticks of one, then those of the other."""
+    join, calls, a, b = joined
+    for tick in range(3):
+        a(tick), b(tick)
+    senders = (b, a) if late == "a" else (a, b)
+    for send in senders:
+        for tick in range(3, 43):
+            send(tick)
+    assert calls[-1] == (42, 42)
+
+
 def test_a_plant_takes_nothing_from_the_future():
     calls, refused = [], []
     join = TickJoin(

@@ -25,7 +25,7 @@ from .topics import FAULT_DEPTH, TOPICS, Topic, faulty, starts_tick, to_stamp, t
 
 __all__ = ["LocoNode", "PeriodMeter", "TickJoin", "loco_tick"]
 
-_PENDING = 8  # ticks of which messages wait for others
+_PENDING = 8  # messages of a topic that wait for those of others
 _BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
 
 
@@ -89,9 +89,10 @@ class LocoNode(Node):
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
         """Subscription of a topic of the table."""
         row = self.row(name)
-        heard, qos = row.name, row.qos.reader()
-        if name in self.faulted:  # several messages may come at once
-            heard, qos = faulty(row.name), row.qos.reader(FAULT_DEPTH)
+        heard = faulty(row.name) if name in self.faulted else row.name
+        # A plant that was told of a lost tick goes on while others still have to read it:
+        # with a queue of one they would find the next tick, too early, and miss both.
+        qos = row.qos.reader(FAULT_DEPTH if self.faulted else None)
         self._inputs[name] = self.create_subscription(row.type, heard, callback, qos, raw=raw)
         return self._inputs[name]
 
@@ -231,7 +232,9 @@ class TickJoin:
         tick_of: Number in the bytes of a message that all messages of a tick share.
         newest: For plants: the newest tick that anyone can know of; what claims to be newer
             is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
-            is believed: the plant's clock was set back; and others may be one tick ahead of it.
+            is believed: the plant's clock was set back. A message more than a tick ahead of
+            the first topic waits, for that may be late; when another one of its topic comes
+            before that tick its clock was wrong, and it is stale.
         refuse: Is told why a tick was refused: an error in words, or "" for not finite;
             without it an error is raised.
     """
@@ -248,7 +251,8 @@ class TickJoin:
         self._readers, self._tick_of = readers, tick_of
         self._step, self._meter = step, meter
         self._newest, self._refuse = newest, refuse
-        self._waiting: dict[int, dict[str, bytes]] = {}  # by tick, then topic
+        self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
+        self._heard = -1  # tick of the newest message that waits
         self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
         self._begun = -1  # tick of the last message of the first topic
         self.done = -1  # newest tick answered
@@ -256,31 +260,33 @@ class TickJoin:
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
-        tick_of, waiting, count = self._tick_of, self._waiting, len(self._readers)
-        first = name == next(iter(self._readers))
+        tick_of, own, others = self._tick_of, self._waiting[name], self._waiting.values()
+        first, count = own is next(iter(others)), len(self._readers)
 
         def receive(data: bytes) -> None:
             tick = tick_of(data)
             if first:
                 self._begun = tick
-            if tick <= self.done or self._is_early(tick):
+            elif own and self._newest is None:
+                self._forget_early(own)
+            if tick <= self.done or (self._newest is not None and tick > self._newest()):
                 self.stale += 1
                 if not first or not self._set_back(tick):
                     return
-            found = waiting.setdefault(tick, {})
-            found[name] = data
+            own[tick], self._heard = data, tick
+            found = [messages[tick] for messages in others if tick in messages]
             if len(found) == count:
                 self._answer(tick, found)
-            elif len(waiting) > _PENDING:
-                del waiting[next(iter(waiting))]
+            elif len(own) > _PENDING:
+                del own[next(iter(own))]
 
         return receive
 
-    def _is_early(self, tick: int) -> bool:
-        """Whether a tick is one that cannot have begun."""
-        if self._newest is not None:
-            return tick > self._newest()
-        return bool(self._period) and tick > self._begun + self._period
+    def _forget_early(self, own: dict[int, bytes]) -> None:
+        """Another message came after one of a tick that did not begin: its clock was wrong."""
+        for tick in [t for t in own if self._period and t > self._begun + self._period]:
+            del own[tick]
+            self.stale += 1
 
     def _set_back(self, tick: int) -> bool:
         """Whether the clock was set back, and not a message late; then begin anew there."""
@@ -288,20 +294,22 @@ class TickJoin:
         if not known or tick > self.done - _BACK * self._period:
             return False
         self.done = tick - self._period
-        self._waiting.clear()
+        for messages in self._waiting.values():
+            messages.clear()
         return True
 
     def missing(self) -> list[str]:
         """Topics that the next step still waits for."""
-        found = next(reversed(self._waiting.values()), {})
-        return [name for name in self._readers if name not in found]
+        return [name for name, own in self._waiting.items() if self._heard not in own]
 
-    def _answer(self, tick: int, found: dict[str, bytes]) -> None:
+    def _answer(self, tick: int, found: list[bytes]) -> None:
+        readers = self._readers.values()
         try:
-            values = [reader.read(found[name]) for name, reader in self._readers.items()]
+            values = [reader.read(data) for reader, data in zip(readers, found, strict=True)]
         except LocoError as error:
             self.refused += 1
-            del self._waiting[tick]  # another message may still be right
+            for own in self._waiting.values():
+                del own[tick]  # another message may still be right
             if self._refuse is None:
                 raise
             self._refuse(str(error))
@@ -309,10 +317,11 @@ class TickJoin:
         if self.done >= 0:
             self._period = min(self._period or tick, tick - self.done)
         self.done = tick
-        for old in [t for t in self._waiting if t <= tick]:
-            del self._waiting[old]
-        pairs = zip(self._readers.items(), values, strict=True)
-        if not all(reader.finite(found[name], value) for (name, reader), value in pairs):
+        for own in self._waiting.values():
+            for old in [t for t in own if t <= tick]:
+                del own[old]
+        judged = zip(readers, found, values, strict=True)
+        if not all(reader.finite(data, value) for reader, data, value in judged):
             self.refused += 1
             if self._refuse is not None:
                 self._refuse("")

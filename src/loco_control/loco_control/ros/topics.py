@@ -35,7 +35,7 @@ from loco_msgs.msg import (
 # Writers keep this many messages for a reliable reader that is behind (the
 # recorder): more than the plant's flow window, so lockstep loses none.
 WRITER_DEPTH = 200
-FAULT_DEPTH = 100  # messages that a reader of a damaged topic queues
+FAULT_DEPTH = 100  # messages that each reader queues where a topic is damaged
 
 
 @dataclass(frozen=True)
