@@ -24,7 +24,7 @@ from loco_bringup.testing import Graph
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 
 GENERATOR = "loco_control.ros.target_node:TargetGeneratorNode"
-LONG = {"learner.test": 600.0}
+LONG = {"learner.train": 600.0}
 
 
 def named(found):

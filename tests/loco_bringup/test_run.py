@@ -71,7 +71,7 @@ def test_a_fall_ends_the_run_with_code_3(tmp_path):
 
 
 def test_a_node_that_dies_stops_all_others(short, tmp_path):
-    long = load("hyq_short", {"learner.test": 600.0})
+    long = load("hyq_short", {"learner.train": 600.0})
     killer = threading.Thread(target=_kill_when_running, args=(tmp_path / "bag",))
     killer.start()
     with pytest.raises(GraphError, match="stance_controller died with exit code -9"):
@@ -136,7 +136,7 @@ def test_a_foreign_node_on_the_domain_is_named(tmp_path):
     stray = subprocess.Popen(command, env=_environment())
     try:
         with pytest.raises(GraphError, match="gait_target has 2 writers"):
-            runner.run(load("hyq_short", {"learner.test": 600.0}), tmp_path / "bag")
+            runner.run(load("hyq_short", {"learner.train": 600.0}), tmp_path / "bag")
     finally:
         stray.kill()
 
@@ -180,7 +180,7 @@ def test_realtime_is_never_ahead_of_the_clock_and_counts_late_ticks(tmp_path):
 
 
 def test_endpoints_of_the_running_graph_are_those_of_the_table(tmp_path):
-    long = load("hyq_short", {"duration": 30.0})
+    long = load("hyq_trot_open", {"duration": 30.0})
     seen = {}
 
     def look(progress):

@@ -22,7 +22,7 @@ from loco_learning.experiment import load
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 
-LONG = {"learner.test": 600.0}
+LONG = {"learner.train": 600.0}
 STUBBORN = (
     "import signal, sys, time\n"
     "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"

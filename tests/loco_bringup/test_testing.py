@@ -38,7 +38,7 @@ def test_a_claimed_domain_is_nobody_elses():
 
 
 def test_what_does_not_come_is_told_with_the_logs(tmp_path):
-    with Graph("hyq_short", tmp_path / "g", {"duration": 60.0}) as graph:
+    with Graph("hyq_trot_open", tmp_path / "g", {"duration": 600.0}) as graph:
         with pytest.raises(GraphError, match="1 messages on nowhere did not come within 0.3 s"):
             graph.expect("nowhere", type=String, timeout=0.3)
         with pytest.raises(GraphError, match="1 readers of nobody"):
@@ -50,8 +50,8 @@ def test_what_does_not_come_is_told_with_the_logs(tmp_path):
 
 def test_a_graph_that_cannot_start_says_why(tmp_path):
     with pytest.raises(GraphError, match="another loco run uses ROS domain"):
-        with Graph("hyq_short", tmp_path / "a", {"duration": 60.0}):
-            with Graph("hyq_short", tmp_path / "b"):
+        with Graph("hyq_trot_open", tmp_path / "a", {"duration": 600.0}):
+            with Graph("hyq_trot_open", tmp_path / "b"):
                 pass
 
 
