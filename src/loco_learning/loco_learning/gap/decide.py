@@ -134,6 +134,7 @@ class Candidate:
         total: As `gain`, on all data, its parameters paid: a few seconds of held-out data of
             slow motion are too few blocks to tell chance from an effect.
         worse: As of a rival, of the model without the term: what acts in a few blocks only.
+        elsewhere: It shows in none of the data that judge, so that all were taken.
     """
 
     name: str
@@ -146,6 +147,7 @@ class Candidate:
     traded: tuple[str, ...] = ()
     total: Comparison | None = None
     worse: float = 1.0
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -235,7 +237,7 @@ def decide(
         text = f"The model explains the data: {before.rms:.2f} times the noise floor."
         return Decision(NO_GAP, (), (), (), (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)
-    closed = evidence.closed(before.rms, after.rms)
+    closed = evidence.closed_by(before.residuals, after.residuals)
     explained = adequate(*residuals, limits, enough)
     if explained and _trifling(candidates, evidence.rms(residuals[0]), limits):
         text = (
@@ -297,7 +299,8 @@ def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
 
 def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
-    c = replace(c, rivals=tuple(r for r in c.rivals if r.worse <= limits.worse))
+    near = [r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed]
+    c = replace(c, rivals=tuple(near))
     close = [r for r in c.rivals if r.over.odds <= limits.odds]
     others = tuple(sorted(({r.name for r in close} - {c.name}) | set(c.traded)))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
@@ -331,8 +334,9 @@ def _sentence(
     what = f"{c.name} {c.place}".strip()
     if verdict == UNKNOWN:
         return f"{what} is not established: {'; '.join(lacks)}."
+    data = "likelihood of all records" if c.elsewhere else "held-out likelihood"
     text = (
-        f"without {what} the held-out likelihood falls by {c.gain.gain:.3g} nat (95 % interval "
+        f"without {what} the {data} falls by {c.gain.gain:.3g} nat (95 % interval "
         f"{c.gain.low:.3g} to {c.gain.high:.3g}), in {c.gain.blocks_improved:.0%} of the blocks; "
         f"it closes {c.closed:.0%} of the gap"
     )

@@ -31,6 +31,7 @@ MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
 CLEAR = 10.0  # odds in a block from which on it is won, however much more it gains
+TELLING = 1.0  # evidence in a block that says something [nat]
 CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
 
 
@@ -63,7 +64,7 @@ class Comparison:
         gain: Difference of log-likelihood [nat], positive when the first is better.
         low: Lower end of the gain's 95 % interval [nat].
         high: Upper end [nat].
-        blocks_improved: Share of the blocks in which the models differ that the first wins.
+        blocks_improved: Share of the blocks that say something that the first wins.
         odds: For the first against the second, 1 = nobody can tell, at most 1e9.
         blocks: Number of blocks.
     """
@@ -118,6 +119,28 @@ def closed(before: float, after: float, floor: float = 1.0) -> float:
     if not gap > 1e-9:
         return 0.0
     return 1.0 - max(after**2 - floor**2, 0.0) / gap
+
+
+def excess(residuals: Sequence[np.ndarray]) -> float:
+    """Energy above the noise, summed over channels: a quiet one does not hide a loud one.
+
+    Args:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+    """
+    power = _power(residuals) - np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0)
+    return float(np.maximum(power, 0.0).sum())
+
+
+def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> float:
+    """Share of the excess of one model that another one closes; 0 when there was none.
+
+    Args:
+        before: Whitened residual per record, (T, C), NaN = not measured.
+        after: That of the other model on the same data.
+    """
+    gap = excess(before)
+    count = sum(int(np.isfinite(r).sum()) for r in before)
+    return 1.0 - excess(after) / gap if gap > 1e-9 * count else 0.0
 
 
 def score(residuals: Sequence[np.ndarray]) -> Score:
@@ -194,15 +217,25 @@ def compare(
     few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
     tail = 0.025 / max(trials, 1)
     low, high = gain + few * np.quantile(picks, [tail, 1.0 - tail])
-    big = np.abs(sums) > 0.05 * np.abs(sums).mean()
     return Comparison(
         gain,
         float(low),
         float(high),
-        float((sums[big] > 0.0).mean()) if big.any() else 0.5,
+        _improved(sums),
         _odds(sums, index, CAUTION * few, pieces, price),
         n,
     )
+
+
+def _improved(sums: np.ndarray) -> float:
+    """Share of the blocks with something to say in which the first model wins.
+
+    Where an effect hardly shows, noise decides: a block that says less than a nat does not
+    count beside those that say more.
+    """
+    size = np.abs(sums)
+    telling = size > (TELLING if np.any(size > TELLING) else 0.05 * size.mean())
+    return float((sums[telling] > 0.0).mean()) if telling.any() else 0.5
 
 
 def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float) -> float:
@@ -212,23 +245,27 @@ def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price
     absence from a bootstrap sample then hides that every block was won.
     """
     most = math.log(CLEAR)
-    sizes, wins = (_log_odds(x, index, wide, pieces) for x in (sums, np.clip(sums, -most, most)))
+    sizes, wins = (
+        _log_odds(x, index, wide, pieces, price) for x in (sums, np.clip(sums, -most, most))
+    )
     value = wins if sizes * wins > 0.0 and abs(wins) > abs(sizes) else sizes
-    return float(np.clip(math.exp(value - price), 1.0 / MOST_ODDS, MOST_ODDS))
+    return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
 
 
-def _log_odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float) -> float:
+def _log_odds(
+    sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float
+) -> float:
     """Logarithm of the posterior odds, averaged over bootstrap samples of the gain.
 
     Equal models win every one of k blocks in one of ``2^k`` cases: the data count for no
     more, with k the number of independent blocks that the gain effectively comes from.
     """
     gain = sums.sum()
-    power = gain + wide * (sums[index].sum(1) - gain)
+    power = gain - price + wide * (sums[index].sum(1) - gain)
     yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
     count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
     most = math.log(2.0) * min(count, pieces)
-    return float(np.clip(yes - no, -most, most))
+    return float(np.clip(yes - no, -most - max(price, 0.0), most + max(-price, 0.0)))
 
 
 def odds(gain: float, spread: float) -> float:

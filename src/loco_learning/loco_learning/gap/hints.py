@@ -15,6 +15,8 @@ from .case import Case
 SMOOTH = 0.1  # [s] over which the energy of a residual is averaged
 QUIET, LOUD = 3.0, 0.1  # times the usual energy, and share of the largest: above both is loud
 LONGEST = 0.7  # share of a record that an interval may last
+APART = 0.3  # between the beginnings of the same interval in different records [s]
+MOST = 3  # intervals
 
 
 @dataclass(frozen=True)
@@ -44,16 +46,30 @@ def find(case: Case, robot: Robot) -> Hints:
                 low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
     fitted = case.fitted
     residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
-    found = interval(residuals, [case.records[i].dt for i in fitted])
-    return Hints(low, high, (found,) if found else ())
+    dts = [case.records[i].dt for i in fitted]
+    alone = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
+    found = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in alone)]
+    return Hints(low, high, distinct([each for each in found if each]))
 
 
-def interval(residuals: Sequence[np.ndarray], dts: Sequence[float]) -> tuple[float, float] | None:
+def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The first few intervals that do not begin and end together."""
+    kept: list[tuple[float, float]] = []
+    for each in intervals:
+        if all(np.ptp([each, other], axis=0).max() > 2.0 * SMOOTH for other in kept):
+            kept.append(each)
+    return tuple(kept[:MOST])
+
+
+def interval(
+    residuals: Sequence[np.ndarray], dts: Sequence[float], agree: bool = False
+) -> tuple[float, float] | None:
     """Time in which the residual of all records is large and outside of which it is not.
 
     Args:
         residuals: Whitened, (T, C) per record.
         dts: Time between samples [s].
+        agree: It must begin at about the same time wherever it is found.
     """
     starts, stops = [], []
     for r, dt in zip(residuals, dts, strict=True):
@@ -68,5 +84,7 @@ def interval(residuals: Sequence[np.ndarray], dts: Sequence[float]) -> tuple[flo
         starts.append(loud[0] * dt)
         stops.append(loud[-1] * dt)
     if 2 * len(starts) < len(residuals) or not starts:
+        return None
+    if agree and np.ptp(starts) > APART:
         return None
     return round(float(np.median(starts)), 3), round(float(np.median(stops)), 3)

@@ -28,6 +28,7 @@ from .decide import (
     Rival,
     adequate,
     decide,
+    has_gap,
 )
 from .fit import Fitted, fit, polish
 from .hypotheses import Hypothesis
@@ -179,7 +180,8 @@ class _Judgement:
         base = self.found.base
         whole = base.whole, best.whole
         sharp = _sharp(limits, best)
-        decision = decide(candidates, base.held, best.held, sharp, whole, self.enough)
+        judge = self._score if _elsewhere(base) else _held
+        decision = decide(candidates, judge(base), judge(best), sharp, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
 
@@ -212,9 +214,8 @@ class _Judgement:
         """A model is more probable; one with more effects also explains visibly more."""
         if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= _sharp(limits, a).worse:
             return False
-        base, rms = self.found.base.held.rms, b.held.rms
-        more = evidence.closed(base, a.held.rms) - evidence.closed(base, rms)
-        plain = rms <= limits.adequate_rms and more <= LEAST_SHARE
+        more = self._closed(a) - self._closed(b)
+        plain = self._explains(b, limits) and more <= LEAST_SHARE
         return len(a.parts) <= len(b.parts) or not plain
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
@@ -259,11 +260,26 @@ class _Judgement:
         models.sort(key=lambda m: (self.search.energy(m), m.key))
         return _few(models, mine, others)
 
-    def _gain(self, a: Fitted, b: Fitted) -> evidence.Comparison:
-        """Evidence on the data that judge."""
+    def _closed(self, model: Fitted) -> float:
+        """Share of the gap of the model as it came, on the data that judge."""
+        base = self.found.base
+        judge = self._score if _elsewhere(base) else _held
+        return evidence.closed_by(judge(base).residuals, judge(model).residuals)
+
+    def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
+        """Evidence on the data that judge, and share of the gap of the second that is closed.
+
+        Where the second leaves nothing in them, but elsewhere, all data judge: parameters that
+        were fitted to them are paid then.
+        """
         rng = np.random.default_rng([self.seed, INTERVAL])
         trials = max(1, min(len(self.found.models), self.search.params.finalists))
-        return evidence.compare(a.held, b.held, rng, trials)
+        elsewhere = _elsewhere(b)
+        judge = self._score if elsewhere else _held
+        one, other = judge(a), judge(b)
+        over = evidence.compare(one, other, rng, trials)
+        closed = evidence.closed_by(other.residuals, one.residuals)
+        return (_paid(over, occam(a, b)) if elsewhere else over), closed
 
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
@@ -272,8 +288,7 @@ class _Judgement:
 
     def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence on all data for a model over the same without an effect, parameters paid."""
-        over, price = self._odds(a, b), occam(a, b)
-        return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
+        return _paid(self._odds(a, b), occam(a, b))
 
     def _score(self, model: Fitted) -> evidence.Score:
         if model.key not in self.scores:
@@ -290,24 +305,36 @@ class _Judgement:
     ) -> Candidate:
         hypothesis = best.parts[index][0]
         others = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
-        base = self.found.base.held.rms
         made = []
         for model, over in rivals:
             (other,) = [h for h, _ in model.parts if h.key not in others]
             small = trifle(*next(part for part in model.parts if part[0] is other))
-            closed = evidence.closed(base, model.held.rms)
+            closed = self._closed(model)
             made.append(Rival(other.effect, other.place, over, closed, small, _ratio(model, best)))
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
             estimates,
-            self._gain(best, without),
-            evidence.closed(without.held.rms, best.held.rms),
+            *self._gain(best, without),
             tuple(made),
             trifle(*best.parts[index]),
             total=self._total(best, without),
             worse=_ratio(without, best),
+            elsewhere=_elsewhere(without),
         )
+
+
+def _held(model: Fitted) -> evidence.Score:
+    return model.held
+
+
+def _elsewhere(model: Fitted) -> bool:
+    """A model leaves a gap, but none in the data that judge."""
+    return has_gap(model.whole) and not has_gap(model.held.residuals)
+
+
+def _paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
+    return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
 
 
 def _sharp(limits: Limits, model: Fitted) -> Limits:

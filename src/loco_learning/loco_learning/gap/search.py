@@ -132,17 +132,20 @@ class Search:
 
     def enough(self, model: Fitted, base: Fitted) -> bool:
         """Nothing is left that another effect would be worth, or could be seen to close."""
-        if self.adequate(model) or model.held.rms <= 1.0:
+        if self.adequate(model):
             return True
-        pairs = ((base.held.rms, model.held.rms), (base.fit_rms, model.fit_rms))
-        return all(
-            after <= NEAR and evidence.closed(before, after) >= self.params.closed
-            for before, after in pairs
-        )
+        every = range(len(model.whole))
+        pairs = [
+            [self.case.masked(m.whole, every, held) for m in (base, model)]
+            for held in (True, False)
+        ]
+        near = max(model.held.rms, model.fit_rms) <= NEAR
+        return near and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
 
     def _ranked(self, base: Fitted) -> list[Fitted]:
         """Models that are better than the one as it came, the best first."""
-        better = [m for m in self.fits.values() if m.held.rms < base.held.rms and m.parts]
+        worst = self.energy(base)
+        better = [m for m in self.fits.values() if self.energy(m) < worst and m.parts]
         return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
 
     def energy(self, model: Fitted) -> float:

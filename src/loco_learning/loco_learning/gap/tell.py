@@ -129,14 +129,14 @@ def left_out(judged: Judged) -> dict[str, Any]:
 
 def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
     """Models with another effect, the hardest to exclude first."""
-    base = judged.base.held.rms
+    base = judged.base.held.residuals
     return [
         {
             "names": list(model.names),
             "places": [h.place for h, _ in model.parts],
             "odds": over.odds,
             "gain": _gain(over),
-            "closed": evidence.closed(base, model.held.rms),
+            "closed": evidence.closed_by(base, model.held.residuals),
         }
         for model, over in judged.rivals[:most]
     ]
@@ -170,8 +170,9 @@ def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
         }
         for i, record in enumerate(case.records)
     ]
-    rms = (before.held.rms, after.held.rms)
-    numbers = {"before": rms[0], "after": rms[1], "floor": 1.0, "closed": evidence.closed(*rms)}
+    rms = (evidence.rms(held[0]), evidence.rms(held[1]))
+    closed = evidence.closed_by(*held)
+    numbers = {"before": rms[0], "after": rms[1], "floor": 1.0, "closed": closed}
     return {**numbers, "records": records, "channels": channels}
 
 
