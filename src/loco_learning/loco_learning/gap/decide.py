@@ -65,6 +65,9 @@ class Limits(Params):
 
 
 LIMITS = Limits()
+# Positions cannot tell a late command from a late sensor: all else comes later by as much. What
+# odds there are come from how the two are rounded to steps.
+TWINS = ("command_delay", "sensor_latency")
 KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
@@ -301,7 +304,7 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
     near = [r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed]
     c = replace(c, rivals=tuple(near))
-    close = [r for r in c.rivals if r.over.odds <= limits.odds]
+    close = [r for r in c.rivals if r.over.odds <= limits.odds or _twins(c.name, r.name)]
     others = tuple(sorted(({r.name for r in close} - {c.name}) | set(c.traded)))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
     lacks = _lacks(c, found, limits)
@@ -310,6 +313,11 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
     text = _sentence(c, verdict, lacks, others, places)
     return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
+
+
+def _twins(name: str, rival: str) -> bool:
+    """No data tell two effects apart."""
+    return name != rival and {name, rival} <= set(TWINS)
 
 
 def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -197,16 +197,48 @@ class Search:
         self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
     ) -> list[Screened]:
         """Try every hypothesis on top of a model."""
-        specs, overrides = model.specs, model.overrides
-        residual = self.case.vector(specs, overrides, self.only, coarse=True)
-        tangent = self._tangent(model, residual)
         starts = {s.hypothesis.key: s.x for s in before}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
         there = {h.key for h, _ in model.parts}
-        wanted = self.bundled([h for h in hypotheses if h.key not in there])
+        wanted = [h for h in hypotheses if h.key not in there]
+        found = self._tried(model, wanted, self.only, (start, stop), starts)
+        return found if before else self._alone(model, found, stop)
+
+    def _alone(self, model: Fitted, found: list[Screened], at: float) -> list[Screened]:
+        """What explains nothing in all records may explain the loudest one.
+
+        A large friction stops a joint in one record; in another one it only shifts a swing, by
+        more than was amiss as long as its size is not right.
+        """
+        loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
+        idle = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
+        if len(self.only) < 2 or not idle:
+            return found
+        here, every = (
+            float(np.sum(np.square(self.case.vector(model.specs, model.overrides, only))))
+            for only in ([loud], self.only)
+        )
+        better = {}
+        for s in self._tried(model, idle, [loud], (at, at), {}):
+            better[s.hypothesis.key] = replace(s, share=s.share * here / max(every, 1e-300))
+        return [max(s, better.get(s.hypothesis.key, s), key=lambda s: s.share) for s in found]
+
+    def _tried(
+        self,
+        model: Fitted,
+        hypotheses: Sequence[Hypothesis],
+        only: Sequence[int],
+        span: tuple[float, float],
+        starts: Mapping[str, Sequence[float]],
+    ) -> list[Screened]:
+        """What hypotheses explain of some records on top of a model."""
+        specs, overrides = model.specs, model.overrides
+        residual = self.case.vector(specs, overrides, only, coarse=True)
+        tangent = self._tangent(model, residual, only)
+        wanted, (start, stop) = self.bundled(hypotheses), span
         tasks = [
             (
-                bundle, specs, overrides, self.only, residual, tangent,
+                bundle, specs, overrides, only, residual, tangent,
                 [starts.get(h.key) for h in bundle.hypotheses],
             )
             for bundle in wanted
@@ -220,7 +252,9 @@ class Search:
                 log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
         return found
 
-    def _tangent(self, model: Fitted, residual: np.ndarray) -> np.ndarray | None:
+    def _tangent(
+        self, model: Fitted, residual: np.ndarray, only: Sequence[int]
+    ) -> np.ndarray | None:
         """Orthonormal columns of what the model's own parameters can do."""
         columns = []
         for i, (hypothesis, x) in enumerate(model.parts):
@@ -230,7 +264,7 @@ class Search:
                 parts = [*model.parts]
                 parts[i] = (hypothesis, tuple(moved))
                 specs = [h.term(v).spec for h, v in parts]
-                there = self.case.vector(specs, model.overrides, self.only, coarse=True)
+                there = self.case.vector(specs, model.overrides, only, coarse=True)
                 columns.append(there - residual)
         live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
