@@ -160,3 +160,19 @@ def test_an_effect_that_strains_nominal_values_is_not_told_from_them():
     found = verdict(dataclasses.replace(GOOD, traded=("drives.knee.gain",)))
     assert found.verdict == AMBIGUOUS and found.ambiguous == (("drives.knee.gain", "friction"),)
     assert "drives.knee.gain cannot be excluded" in found.rulings[0].evidence
+
+
+def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
+    idle = Rival("hose", "knee", CLOSE, closed=0.1)
+    assert verdict(dataclasses.replace(GOOD, rivals=(idle,))).verdict == NAMED
+    near = dataclasses.replace(idle, closed=0.9)
+    assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
+
+
+@pytest.mark.parametrize("name", decide.TWINS)
+def test_a_late_command_and_a_late_sensor_are_told_together_whatever_the_odds(name):
+    (other,) = set(decide.TWINS) - {name}
+    twin = dataclasses.replace(GOOD, name=name, place="", rivals=(Rival(other, "", STRONG),))
+    found = verdict(twin)
+    assert (found.verdict, found.names) == (AMBIGUOUS, ())
+    assert found.ambiguous == (tuple(sorted(decide.TWINS)),)

@@ -210,3 +210,37 @@ def test_too_little_to_resample_says_nothing():
     found = evidence.compare(a, b, np.random.default_rng(0))
     assert found.odds == 1.0
     assert found.low == -np.inf
+
+
+def test_quiet_channels_do_not_hide_a_loud_one():
+    rng = np.random.default_rng(2)
+    quiet = 0.2 * rng.normal(size=(500, 8))
+    loud = quiet.copy()
+    loud[:, 3] *= 12.0
+    assert evidence.rms([loud]) < 1.0
+    assert evidence.excess([quiet]) == 0.0
+    assert evidence.closed_by([loud], [quiet]) == 1.0
+    assert evidence.closed_by([loud], [loud]) == 0.0
+    assert evidence.closed_by([quiet], [loud]) == 0.0  # there was none to close
+
+
+def test_blocks_in_which_an_effect_does_not_show_do_not_vote():
+    rng = np.random.default_rng(3)
+    noise = rng.normal(size=(1600, 1))
+    idle = 0.02 * slow(rng, 1600)[:, :1]
+    wrong = noise + idle
+    wrong[800:900] += 8.0
+    over = evidence.compare(evidence.score([noise]), evidence.score([wrong]), rng)
+    assert over.blocks_improved == 1.0
+
+
+def test_a_price_is_paid_out_of_the_gain_and_not_out_of_what_blocks_allow():
+    """Few blocks cap the odds; a parameter must not turn a large gain round below the cap."""
+    rng = np.random.default_rng(4)
+    right = rng.normal(size=(1600, 1))
+    wrong = right.copy()
+    wrong[400:600] += 10.0
+    a, b = evidence.score([right]), evidence.score([wrong])
+    free, paid = (evidence.compare(a, b, np.random.default_rng(0), price=p) for p in (0.0, 4.0))
+    assert free.gain > 50.0
+    assert paid.odds == pytest.approx(free.odds, rel=0.2)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.hints import Hints, interval
+from loco_learning.gap.hints import Hints, distinct, interval
 from loco_learning.gap.hypotheses import NOISE, offer
 from loco_learning.gap.places import chains, common, groups, links, members
 from loco_sim import effects, robot
@@ -97,3 +97,23 @@ def test_an_interval_is_found_where_the_residual_is_large_only_there():
     assert stop == pytest.approx(2.2, abs=0.1)
     assert interval(quiet, [0.01] * 3) is None
     assert interval([r + 12.0 for r in quiet], [0.01] * 3) is None
+
+
+def test_a_push_that_one_channel_of_many_feels_is_found_by_that_channel():
+    rng = np.random.default_rng(1)
+    records = [rng.normal(size=(400, 8)) for _ in range(3)]
+    for r in records:
+        r[150:220, 5] += 3.0
+    alone = [[r[:, [c]] for r in records] for c in range(8)]
+    assert interval(records, [0.01] * 3, agree=True) is None
+    found = [interval(one, [0.01] * 3, agree=True) for one in alone]
+    assert [i for i, each in enumerate(found) if each] == [5]
+    assert found[5] == pytest.approx((1.5, 2.2), abs=0.1)
+    records[0][:, 5] = np.roll(records[0][:, 5], 100)  # not at the same time
+    assert interval(alone[5], [0.01] * 3) is not None
+    alone[5][0] = records[0][:, [5]]
+    assert interval(alone[5], [0.01] * 3, agree=True) is None
+
+
+def test_intervals_that_differ_little_are_one():
+    assert distinct([(1.0, 2.0), (1.1, 2.1), (1.0, 1.4)]) == ((1.0, 2.0), (1.0, 1.4))

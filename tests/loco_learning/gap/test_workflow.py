@@ -21,15 +21,15 @@ EFFECTS = ("*_friction", "joint_offset", "sensor_bias", "command_delay", "hyster
 QUICK = GapParams(effects=EFFECTS, most_terms=2)
 
 
-def records(effects=(), noise=5e-5, seed=0):
-    """Three short motions of the bench, the last to judge on."""
+def records(effects=(), noise=5e-5, seed=0, judged=1.0):
+    """Three short motions of the bench, the last, as large as wanted, to judge on."""
     rng = np.random.default_rng(seed)
     t = np.arange(500) / 250.0
     ramp = np.clip(t / 0.2, 0.0, 1.0)
     motions = {
         "chirp": 0.1 * ramp * np.sin(2 * np.pi * (0.5 + t) * t),
         "slow": 0.08 * ramp * np.sin(2 * np.pi * 0.6 * t),
-        "judge": 0.12 * ramp * np.sin(2 * np.pi * 0.9 * t) + 0.03 * ramp * np.sin(20.0 * t),
+        "judge": judged * ramp * (0.12 * np.sin(1.8 * np.pi * t) + 0.03 * np.sin(20.0 * t)),
     }
     empty = []
     for name, command in motions.items():
@@ -70,6 +70,13 @@ def test_what_was_planted_is_named_with_its_size_and_place(effect, parameter, va
     assert term["parameters"][parameter]["low"] > 0.0
     assert gap["gap"]["closed"] > 0.9
     assert gap["model"]["effects"][0]["name"] == effect
+
+
+def test_what_does_not_show_in_what_is_held_out_is_judged_by_all_records():
+    fit, judge = records([{"name": "coulomb_friction", "torque": 3.0}], judged=0.0)
+    gap = workflow.find(BENCH, fit, judge, QUICK)
+    assert (gap["verdict"], gap["names"]) == ("named", ["coulomb_friction"])
+    assert "likelihood of all records" in gap["terms"][0]["evidence"]
 
 
 def test_same_seed_same_file_for_any_number_of_workers_and_progress_rises():

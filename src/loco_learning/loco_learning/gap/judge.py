@@ -344,9 +344,9 @@ def _sharp(limits: Limits, model: Fitted) -> Limits:
 
 
 def _ratio(a: Fitted, b: Fitted) -> float:
-    """How much more a model leaves than another on all data, 1 where it judges better."""
+    """How much more a model leaves than another on all data, 1 where that judges better."""
     more = evidence.rms(a.whole) / evidence.rms(b.whole)
-    return more if a.held.rms > b.held.rms else min(more, 1.0)
+    return more if _elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
 
 
 def _leading(screened: Sequence, mine: Hypothesis) -> list:

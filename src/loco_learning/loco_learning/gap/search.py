@@ -27,6 +27,7 @@ NEAR = 5.0  # floors: more is not the end, however much is closed
 PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
 FAR = 0.1  # share of what the best explains below which an effect is not fitted
 ALIKE = 1.1  # times the smallest rms of a rough fit up to which twice as many go on
+LEAST_GAIN = 0.05  # of the logarithm of what is left that makes another effect worth a search
 DEEP = 3  # models of two effects and more that are fitted to the end at each step
 
 
@@ -107,7 +108,7 @@ class Search:
         level = self._ranked(base)[: self.params.beam]
         for depth in range(2, self.params.most_terms + 1):
             ranked = self._ranked(base)
-            if not ranked or self.enough(ranked[0], base):
+            if not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1):
                 break
             self._deepen(level, found, depth)
             level = [m for m in self._ranked(base) if len(m.parts) == depth][: self.params.beam]
@@ -116,6 +117,11 @@ class Search:
         found.models = self._ranked(base)
         self.report(0.95, "weighing", self._best(base))
         return found
+
+    def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
+        """The last effect added next to nothing: one more would not, either."""
+        best = {len(m.parts): self.energy(m) for m in reversed(ranked)}
+        return depth - 1 in best and best.get(depth, math.inf) > best[depth - 1] - LEAST_GAIN
 
     # ---- judging ---------------------------------------------------------------------
 
