@@ -302,8 +302,7 @@ def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
 
 def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
-    near = [r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed]
-    c = replace(c, rivals=tuple(near))
+    c = replace(c, rivals=serious(c, limits))
     close = [r for r in c.rivals if r.over.odds <= limits.odds or _twins(c.name, r.name)]
     others = tuple(sorted(({r.name for r in close} - {c.name}) | set(c.traded)))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
@@ -313,6 +312,11 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
     text = _sentence(c, verdict, lacks, others, places)
     return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
+
+
+def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
+    """Rivals that leave little more, and that close enough to get a name themselves."""
+    return tuple(r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed)
 
 
 def _twins(name: str, rival: str) -> bool:

@@ -180,8 +180,8 @@ class _Judgement:
         base = self.found.base
         whole = base.whole, best.whole
         sharp = _sharp(limits, best)
-        judge = self._score if _elsewhere(base) else _held
-        decision = decide(candidates, judge(base), judge(best), sharp, whole, self.enough)
+        before, after = self._weighed(base, best)
+        decision = decide(candidates, before, after, sharp, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         return Judged(decision, base, best, tuple(candidates), tuple(rivals), known)
 
@@ -262,9 +262,13 @@ class _Judgement:
 
     def _closed(self, model: Fitted) -> float:
         """Share of the gap of the model as it came, on the data that judge."""
-        base = self.found.base
-        judge = self._score if _elsewhere(base) else _held
-        return evidence.closed_by(judge(base).residuals, judge(model).residuals)
+        before, after = self._weighed(self.found.base, model)
+        return evidence.closed_by(before.residuals, after.residuals)
+
+    def _weighed(self, without: Fitted, model: Fitted) -> tuple[evidence.Score, evidence.Score]:
+        """Both on the data that judge; on all where the first leaves nothing in them."""
+        pair = without, model
+        return tuple(self._score(m) if _elsewhere(without) else m.held for m in pair)
 
     def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
         """Evidence on the data that judge, and share of the gap of the second that is closed.
@@ -274,12 +278,10 @@ class _Judgement:
         """
         rng = np.random.default_rng([self.seed, INTERVAL])
         trials = max(1, min(len(self.found.models), self.search.params.finalists))
-        elsewhere = _elsewhere(b)
-        judge = self._score if elsewhere else _held
-        one, other = judge(a), judge(b)
-        over = evidence.compare(one, other, rng, trials)
-        closed = evidence.closed_by(other.residuals, one.residuals)
-        return (_paid(over, occam(a, b)) if elsewhere else over), closed
+        before, after = self._weighed(b, a)
+        over = evidence.compare(after, before, rng, trials)
+        closed = evidence.closed_by(before.residuals, after.residuals)
+        return (_paid(over, occam(a, b)) if _elsewhere(b) else over), closed
 
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
@@ -322,10 +324,6 @@ class _Judgement:
             worse=_ratio(without, best),
             elsewhere=_elsewhere(without),
         )
-
-
-def _held(model: Fitted) -> evidence.Score:
-    return model.held
 
 
 def _elsewhere(model: Fitted) -> bool:

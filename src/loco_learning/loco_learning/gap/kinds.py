@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from loco_sim.effects.base import EFFECTS
 
-from .decide import AMBIGUOUS, LIMITS, Candidate, Limits, Ruling
+from .decide import AMBIGUOUS, LIMITS, Candidate, Limits, Ruling, serious
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def shared(candidate: Candidate, ruling: Ruling, limits: Limits = LIMITS) -> Kin
     if ruling.verdict != AMBIGUOUS or len(kinds) > 1 or kinds == {""}:
         return None
     (kind,) = kinds
-    near = [r for r in candidate.rivals if r.worse <= limits.worse]
+    near = serious(candidate, limits)
     places = {candidate.place, *(r.place for r in near if r.name in ruling.look_alikes)}
     odds = [r.over.odds for r in near if kind_of(r.name) != kind]
     return Kind(

@@ -41,11 +41,6 @@ def adequate(
             if rms[1] > limits.adequate_rms and evidence.closed(*rms) < limits.adequate_closed:
                 if abs(rms[1] - rms[0]) > SAME * rms[0]:
                     return False
-                aside += _gap(new[:, column])
-    whole = sum(_gap(r[:, c]) for r in before for c in range(r.shape[1]))
+                aside += evidence.excess([new[:, [column]]])
+    whole = sum(evidence.excess([r]) for r in before)
     return aside <= limits.aside * whole
-
-
-def _gap(residual: np.ndarray) -> float:
-    """Energy above the noise."""
-    return max(float(np.nansum(np.square(residual)) - np.isfinite(residual).sum()), 0.0)
