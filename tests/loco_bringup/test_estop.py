@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The emergency stop of a running graph: it holds until it is reset."""
 
+import contextlib
+import fcntl
 import os
 import subprocess
 import sys
@@ -61,6 +63,18 @@ def _says_estop(array):
         value.key == "estop" and value.value == "service set_estop"
         for status in array.status for value in status.values
     )  # fmt: skip
+
+
+def test_what_the_middleware_complains_of_is_not_in_what_a_command_prints():
+    """Processes that start at once fight over the ports in shared memory; one takes the next."""
+    with contextlib.ExitStack() as held:
+        for number in range(7000, 7020):
+            file = held.enter_context(open(f"/dev/shm/fastrtps_port{number}_el", "a+b"))
+            with contextlib.suppress(OSError):  # a reader has it
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        done = loco("estop")
+    assert done.stdout == ""
+    assert "init_port fastrtps_port70" in done.stderr
 
 
 def test_no_robot_is_one_clear_line():

@@ -10,7 +10,10 @@ setup(
     license="Apache-2.0",
     packages=find_packages(include=["loco_bringup*"]),
     package_data={
-        "": [f"**/*.{kind}" for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg")]
+        "": [
+            f"**/*.{kind}"
+            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml")
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/loco_bringup"]),

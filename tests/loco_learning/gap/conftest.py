@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A hinge that follows its command, as robots, files and signals."""
+"""A hinge that follows its command, as robots, files and signals; a slide that was recorded."""
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from loco_learning.gap import case as cases
+from loco_learning.gap import hints
+from loco_learning.gap.bundles import Bundle
+from loco_learning.gap.forward import Forward
+from loco_learning.gap.hypotheses import offer
+from loco_learning.gap.record import Record
 from loco_learning.gap.tracks import Track
+from loco_sim.model import Model
 from loco_sim.robot import Robot
 from loco_sim.servo import ServoParams, TorqueDrive
 
+SLIDE = Model("linear_axis")
 URDF = """<robot name="one"><link name="base"/><link name="arm"/>
 <joint name="{joint}" type="{kind}"><parent link="base"/><child link="arm"/>
 <limit lower="-1.6" upper="1.6" effort="3.0" velocity="20"/></joint></robot>"""
@@ -76,3 +85,48 @@ def signals():
 def change():
     """Function that makes a track with other times or values of one."""
     return replace
+
+
+def records(effects=(), noise=5e-5, seed=0, judged=1.0):
+    """Three short motions of the bench, the last, as large as wanted, to judge on."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(500) / 250.0
+    ramp = np.clip(t / 0.2, 0.0, 1.0)
+    motions = {
+        "chirp": 0.1 * ramp * np.sin(2 * np.pi * (0.5 + t) * t),
+        "slow": 0.08 * ramp * np.sin(2 * np.pi * 0.6 * t),
+        "judge": judged * ramp * (0.12 * np.sin(1.8 * np.pi * t) + 0.03 * np.sin(20.0 * t)),
+    }
+    empty = []
+    for name, command in motions.items():
+        wanted = {"position": command[:, None], "velocity": np.gradient(command, t)[:, None]}
+        empty.append(Record(name, t, wanted, ("slide",), {"q": wanted["position"]}, ("slide",)))
+    model = Forward(SLIDE, empty)
+    coarse, fine = (model(effects, step=step) for step in (1 / 8, 1 / 16))
+    said = [2.0 * f - c for f, c in zip(fine, coarse, strict=True)]  # no step at all
+    made = [
+        Record(r.name, r.t, r.command, r.driven,
+               {"q": q + noise * rng.standard_normal(q.shape)}, r.joints)
+        for r, q in zip(empty, said, strict=True)
+    ]  # fmt: skip
+    return made[:2], made[2:]
+
+
+@pytest.fixture(scope="session")
+def slide():
+    """The model of a bench, and the function that makes its records."""
+    return SimpleNamespace(model=SLIDE, records=records)
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """Function that makes a case, and what may be tried on it, by effect."""
+
+    def make(effects):
+        fit, judge = records(effects)
+        forward = Forward(SLIDE, [*fit, *judge])
+        case, robot = cases.prepare(forward, fit, judge), forward.robot(0)
+        offered = offer(robot, case.signals, hints.find(case, robot))
+        return case, {h.effect: Bundle((h,), (None,)) for h in offered}
+
+    return make

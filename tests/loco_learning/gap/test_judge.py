@@ -25,9 +25,9 @@ STRIBECK = hypothesis("stribeck_friction", TORQUE, SPEED)
 COMMAND_DELAY = hypothesis("command_delay", DELAY)
 
 
-def fitted(h: Hypothesis) -> Fitted:
+def fitted(h: Hypothesis, shape: float = 0.0) -> Fitted:
     r = np.random.default_rng(0).normal(size=(500, 2))
-    x = (1.0,) * len(h.coordinates)
+    x = (1.0, shape)[: len(h.coordinates)]
     return Fitted(((h, x),), {}, 1.0, evidence.score([r]), (r,), 0.0)
 
 
@@ -36,6 +36,12 @@ def test_a_parameter_more_costs_and_one_less_pays():
     assert judge.occam(simple, simple) == 0.0
     assert judge.occam(rich, simple) == pytest.approx(-judge.occam(simple, rich))
     assert judge.occam(rich, simple) == pytest.approx(0.5 * np.log(1000.0), rel=0.1)
+
+
+def test_a_shape_that_no_robot_has_costs_as_its_prior_says():
+    usual, odd = fitted(STRIBECK), fitted(STRIBECK, 2.1)
+    assert judge.occam(odd, usual) == pytest.approx(0.5 * (2.1 / 0.7) ** 2)
+    assert judge.occam(fitted(STRIBECK, 70.0), usual) == pytest.approx(np.log(judge.MOST_PRICE))
 
 
 def test_a_trifle_is_told_only_where_sizes_compare():

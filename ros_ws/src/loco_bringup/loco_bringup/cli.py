@@ -35,6 +35,7 @@ ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term
 def main(argv: list[str] | None = None) -> None:
     """Entry point: parse, run the command, turn errors into one line."""
     logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).parent / "dds.xml"))
     arguments = parser().parse_args(argv)
     try:
         sys.exit(arguments.command(arguments))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from loco_sim.bolted import needs_engine
-from loco_sim.effects import from_list
+from loco_sim.effects import EFFECTS, from_list
 from loco_sim.params import SimParams
 
 from . import evidence, noise
@@ -100,10 +101,10 @@ class Case:
             return self.forward(specs, overrides, only, step)
         (index,), period = late, step / self.rate
         below, between = divmod(specs[index]["delay"] / period, 1.0)
-        runs = []
+        runs, limit = [], EFFECTS[specs[index]["name"]].__dataclass_fields__["delay"].metadata
         for whole in (below, below + 1.0):
             changed = list(specs)
-            changed[index] = {**specs[index], "delay": whole * period}
+            changed[index] = {**specs[index], "delay": min(whole * period, limit["high"])}
             runs.append(self.forward(changed, overrides, only, step))
         return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
 
@@ -201,8 +202,10 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     fine = finest(forward)
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
-    floor = noise.total(noise.floor(forward.measured, steps, noise.shares(signals)), numeric)
-    floors = [np.hypot(floor, h) for h in hunting(forward, fine)]
+    sensors = noise.floor(forward.measured, steps, noise.shares(signals))
+    floor = noise.total(sensors, _pooled(numeric, forward.measured))
+    local = zip(numeric, hunting(forward, fine), strict=True)
+    floors = [np.hypot(noise.total(sensors, n), h) for n, h in local]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction)
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
@@ -223,13 +226,26 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
         forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
         for share in (-PHASE, PHASE)
     ]
+    apart = [np.nan_to_num(a - b) / math.sqrt(2.0) for a, b in zip(*phases, strict=True)]
+    return _level(apart, forward.records)
+
+
+def _level(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+    """Rms of errors about each time, (T, C) each."""
     found = []
-    for a, b, record in zip(*phases, forward.records, strict=True):
+    for error, record in zip(errors, records, strict=True):
         width = max(1, round(SMOOTH / record.dt))
-        square = np.square(np.nan_to_num(a - b)) / 2.0
-        mean = uniform_filter1d(square, width, axis=0, mode="nearest")
+        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
         found.append(np.sqrt(np.maximum(mean, 0.0)))  # a running sum may end below 0
     return found
+
+
+def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
+    """Rms over what was measured in all records, (C,)."""
+    pairs = zip(levels, measured, strict=True)
+    every = np.concatenate([np.where(np.isfinite(m), e, np.nan) for e, m in pairs])
+    count = np.maximum(np.isfinite(every).sum(0), 1)
+    return np.sqrt(np.nansum(np.square(every), axis=0) / count)
 
 
 def finest(forward: Any) -> float:
@@ -250,7 +266,7 @@ def compiled(forward: Any) -> bool:
     )
 
 
-def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]], np.ndarray]:
+def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
     """What a model's predictions lack because its physics step is not zero.
 
     Predictions at two steps are extrapolated to none (Richardson, first order). The error of
@@ -261,12 +277,13 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         fine: Step over the model's that the case uses where it can.
 
     Returns:
-        What to add to a prediction, (T, C) per record, by step; and the error that remains, (C,).
+        What to add to a prediction, (T, C) per record, by step; and the error that remains about
+        each time, the same shape.
     """
     rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
     if 4.0 * rate / fine > SimParams.__dataclass_fields__["physics_rate"].metadata["high"]:
         none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
-        return {1.0: none}, np.zeros(len(forward.channels))
+        return {1.0: none}, none
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
     runs = {step: forward((), {}, step=step) for step in sorted(steps)}
     limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
@@ -275,10 +292,5 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
         for step in sorted({1.0, fine})
     }
-    square = np.zeros(len(forward.channels))
-    count = np.zeros(len(forward.channels))
-    for limit, other, measured in zip(limits, coarse, forward.measured, strict=True):
-        error = np.where(np.isfinite(measured), limit - other, np.nan)
-        square += np.nansum(np.square(error), axis=0)
-        count += np.isfinite(error).sum(0)
-    return correction, np.sqrt(square / np.maximum(count, 1.0)) / 3.0
+    remains = [np.nan_to_num(a - b) / 3.0 for a, b in zip(limits, coarse, strict=True)]
+    return correction, _level(remains, forward.records)

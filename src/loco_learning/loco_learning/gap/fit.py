@@ -14,10 +14,13 @@ from . import evidence
 from .case import Case
 from .hypotheses import Hypothesis, Term
 from .params import GapParams
-from .solve import minimise, soft
+from .solve import FEW, minimise, soft
 
 STEP = 0.12  # difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
+FACTOR, PART = 0.9, 0.2  # stride of a logarithm, and of a range
+SHORT = 0.35  # a short stride over a long one
+AGAIN = 6  # simulations of a fit from another start, and one per parameter
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,11 @@ class Fitted:
     def count(self) -> int:
         """Fitted parameters."""
         return sum(len(hypothesis.coordinates) for hypothesis, _ in self.parts)
+
+    @property
+    def strain(self) -> float:
+        """How unusual the shapes are [nat]: friction that falls off at 40 rad/s is another one."""
+        return 0.5 * sum(np.square(_unusual(h, x)).sum() for h, x in self.parts)
 
 
 class Problem:
@@ -122,12 +130,7 @@ class Problem:
         specs = [hypothesis.term(x).spec for hypothesis, x in parts]
         residual = self.case.vector(specs, overrides, self.only, self.coarse)
         residual = soft(residual, self.scale)
-        priors = [
-            v / _width(c)
-            for hypothesis, x in parts
-            for c, v in zip(hypothesis.coordinates, x, strict=True)
-            if not c.strength and c.logarithmic
-        ]
+        priors = [v for hypothesis, x in parts for v in _unusual(hypothesis, x)]
         logs = [math.log(overrides[n] / self.nominal[n]) / self.spread for n in self.free]
         return np.concatenate([residual, priors, logs])
 
@@ -150,9 +153,13 @@ def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
     )
 
 
-def _width(coordinate: Any) -> float:
-    """Prior deviation of a logarithmic shape."""
-    return max(max(map(abs, coordinate.start)), 0.7)
+def _unusual(hypothesis: Hypothesis, x: Sequence[float]) -> list[float]:
+    """Logarithmic shapes over their prior deviation."""
+    return [
+        v / max(max(map(abs, c.start)), 0.7)
+        for c, v in zip(hypothesis.coordinates, x, strict=True)
+        if not c.strength and c.logarithmic
+    ]
 
 
 def _bounds(coordinate: Any) -> tuple[float, float]:
@@ -224,20 +231,73 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
 
 
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Fit a model again with its own step error; half of the usual simulations do.
+    """Fit a model again with its own step error, and look past the minimum it ended in.
 
-    The fit stays as it is where that error is the one of the model as it came, or explains less.
+    The fit stays as it is where nothing explains more.
     """
     if not model.parts:
         return model
-    exact = case.corrected(model.specs, model.overrides)
-    if exact is case:
+    exact, params = case.corrected(model.specs, model.overrides), setting.params
+    if exact is not case:
+        few = params.replace(evaluations=max(4, params.evaluations // 2))
+        free = model.overrides or setting.free
+        again = fit(exact, model.parts, replace(setting, params=few, free=free))
+        model = min((again, model), key=_left)
+    return min((model, beyond(exact, model, setting)), key=_left)
+
+
+def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
+    """Look for a deeper minimum, one coordinate and one stride at a time, as far as it helps.
+
+    A shape such as a time or a radius has several minima. So has an angle where a drive rounds
+    its encoder: the motion is nearly the same a step of the encoder further on. Models of
+    several effects start where those of one ended.
+    """
+    if len(model.parts) > 1:
         return model
-    params = setting.params
-    params = params.replace(evaluations=max(4, params.evaluations // 2))
-    free = model.overrides or setting.free
-    again = fit(exact, model.parts, replace(setting, params=params, free=free))
-    return min((again, model), key=lambda m: m.fit_rms * m.held.rms)
+    params, free = setting.params, model.overrides or setting.free
+    problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
+    strides = _strides(case, model.parts, problem.units)
+    if not strides:
+        return model
+    r = problem(problem.start)
+    z, cost, left = problem.start, 0.5 * float(r @ r), params.beyond
+    for index, stride in strides:
+        for share in (1.0, -1.0, SHORT, -SHORT):
+            while left > 0:
+                moved = z.copy()
+                moved[index] += share * stride
+                if not problem.bounds[0][index] <= moved[index] <= problem.bounds[1][index]:
+                    break
+                found = minimise(problem, moved, problem.bounds, STEP, len(z) + AGAIN)
+                left -= found.evaluations
+                if not found.cost < cost - FEW:
+                    break
+                z, cost = found.z, found.cost
+    if z is problem.start:
+        return model
+    parts, overrides = problem.split(z)
+    return weigh(case, parts, overrides, cost)
+
+
+def _strides(case: Case, parts: Parts, units: np.ndarray) -> list[tuple[int, float]]:
+    """Coordinates that may have several minima, and how far apart these may be."""
+    robot = case.forward._robot(0, {}, 1.0)
+    step = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
+    found = []
+    for i, c in enumerate(c for hypothesis, _ in parts for c in hypothesis.coordinates):
+        if c.logarithmic:
+            found.append((i, FACTOR / units[i]))
+        elif not c.strength:
+            spread = np.ptp(c.start) if len(c.start) > 1 else PART * (c.high - c.low) / c.size
+            found.append((i, float(spread) / units[i]))
+        elif step > 0.0 and c.unit == "rad":
+            found.append((i, step / c.size / units[i]))
+    return found
+
+
+def _left(model: Fitted) -> float:
+    return model.fit_rms * model.held.rms
 
 
 def weigh(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:

@@ -87,13 +87,15 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
 
 
 def occam(a: Fitted, b: Fitted) -> float:
-    """What the first model pays for parameters that the second lacks [nat].
+    """What the first model pays for parameters that the second lacks, and for odd ones [nat].
 
-    ``log(n_eff) / 2`` for each, as in the Bayesian information criterion, within limits.
+    ``log(n_eff) / 2`` for each, as in the Bayesian information criterion, and what the priors of
+    shapes say, both within limits.
     """
     price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
     most = math.log(MOST_PRICE)
-    return min(max(price * (a.count - b.count), -most), most)
+    both = price * (a.count - b.count), a.strain - b.strain
+    return sum(min(max(nat, -most), most) for nat in both)
 
 
 def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:

@@ -42,6 +42,7 @@ class GapParams(Params):
     evaluations: int = parameter(18, "simulations of a fit, and 5 per further parameter", low=4)
     finalists: int = parameter(4, "effects that are fitted to the end", low=1, high=40)
     polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
+    beyond: int = parameter(100, "simulations that look past the minimum of a fit", low=0)
     adequate: float = parameter(
         1.25, "whitened rms below which nothing is left to explain", "-", 1.0, 10.0
     )

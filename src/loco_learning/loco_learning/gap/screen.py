@@ -21,6 +21,9 @@ TRIES = 5  # sizes per start
 DEAD = 1e-3  # response over residual below which an effect cannot be seen
 GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
 BACK = 1e-3  # smallest part of a size to which it goes back
+RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
+LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
+NEAR = 1.1  # factor between two sizes that need none between them
 
 
 @dataclass(frozen=True)
@@ -68,15 +71,16 @@ def screen(
         known: The only coordinates to start from, for hypotheses that were screened before.
     """
     column = case.channel_of(only)
+    rungs = 0 if any(known) else RUNGS
     trials = [
-        _Trial(h, residual, tangent, None if mask is None else mask[column])
+        _Trial(h, residual, tangent, None if mask is None else mask[column], rungs)
         for h, mask in zip(bundle.hypotheses, bundle.channels, strict=True)
     ]
     starts = bundle.hypotheses[0].starts()
     for k in range(1 if any(known) else len(starts)):
         for trial, at in zip(trials, known or [None] * len(trials), strict=True):
             trial.begin(at or trial.hypothesis.starts()[k])
-        for _ in range(TRIES):
+        for _ in range(TRIES + rungs):
             columns = _responses(case, trials, base, overrides, only, residual)
             for trial in trials:
                 trial.take(columns)
@@ -88,8 +92,10 @@ def screen(
 class _Trial:
     """One hypothesis while sizes of it are tried."""
 
-    def __init__(self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any):
-        self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
+    def __init__(
+        self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any, rungs: int
+    ):
+        self.hypothesis, self.rows, self.tangent, self.most = hypothesis, rows, tangent, rungs
         self.residual, self.energy = residual, float(residual @ residual)
         self.left = project(residual, tangent)
         self.whole = max(float(self.left @ self.left), 1e-300)
@@ -100,6 +106,8 @@ class _Trial:
         """Start from coordinates."""
         self.x, self.done = list(x), False
         self.good: tuple[float, list[float]] | None = None  # best of this start
+        self.levels: dict[float, float] = {}  # response over residual by size
+        self.rungs = 0
 
     def take(self, columns: np.ndarray) -> None:
         """Judge the response to each strength at the present sizes, and choose the next."""
@@ -108,6 +116,18 @@ class _Trial:
         self.cost += columns.shape[1]
         if self.rows is not None:
             columns = np.where(self.rows[:, None], columns, 0.0)
+        if columns.shape[1] == 1:
+            (at,) = self.hypothesis.strengths
+            self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
+        if self.rungs:
+            self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
+        else:
+            self._step(columns)
+        if self.done or self.rungs:
+            self.done = not self._climb()
+
+    def _step(self, columns: np.ndarray) -> None:
+        """Choose the next sizes as if responses were linear."""
         size, before = np.linalg.norm(columns, axis=0), list(self.x)
         if size.max() < DEAD * np.sqrt(self.energy):
             scale = min(GROW, 0.3 * np.sqrt(self.energy) / max(size.max(), 1e-12))
@@ -123,11 +143,29 @@ class _Trial:
         self.x = _scaled(self.hypothesis, self.x, factors)
         if share <= 0.0 or self.x == before or np.allclose(factors, 1.0, atol=0.3):
             self.done = True
-        self._note(share * (0.9 if len(size) > 1 else 0.5), self.x)
+        self._note(share * (0.9 if len(size) > 1 else 0.5))
+
+    def _climb(self) -> bool:
+        """Set the next size of a strength that explained nothing so far; False if there is none.
+
+        A limit does nothing until it is reached, and friction that stops a joint is not a
+        large part of one that slows it.
+        """
+        quiet = [x for x, level in self.levels.items() if level < LOUD and x]
+        best = max((share for share, _ in self.tried), default=0.0)
+        if not quiet or best >= IDLE or self.rungs == self.most:
+            return False
+        (at,) = self.hypothesis.strengths
+        x = max(quiet, key=abs)
+        loud = [abs(y) for y, level in self.levels.items() if level >= LOUD and abs(y) > abs(x)]
+        factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
+        self.rungs += 1
+        self.x[at] = self.hypothesis.coordinates[at].clipped(x * factor)
+        return factor > NEAR and self.x[at] not in self.levels
 
     def _overshot(self, share: float) -> bool:
         """Note what the present size explains; go half way back where another did more."""
-        self._note(share, self.x)
+        self._note(share)
         if self.good is None or share >= self.good[0]:
             self.good = share, list(self.x)
             return False
@@ -138,8 +176,8 @@ class _Trial:
         self.x[at] *= np.sqrt(ratio)
         return True
 
-    def _note(self, share: float, x: Sequence[float]) -> None:
-        self.tried.append((float(share), tuple(x)))
+    def _note(self, share: float) -> None:
+        self.tried.append((float(share), tuple(self.x)))
 
     def _judged(self, columns: np.ndarray, factors: np.ndarray) -> tuple[float, np.ndarray]:
         """Share that a linear step explains, and its factors; none of a forbidden sign."""
