@@ -23,6 +23,7 @@ FINE = 0.25  # physics step over the model's where no engine is needed
 ENGINE = ("slip",)  # effects that need the engine
 DELAYS = ("command_delay", "actuation_delay")
 PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
+REST = 0.05  # of the numerical error over all records that is there at any time
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
@@ -203,9 +204,10 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
     sensors = noise.floor(forward.measured, steps, noise.shares(signals))
-    floor = noise.total(sensors, _pooled(numeric, forward.measured))
+    pooled = _pooled(numeric, forward.measured)
+    floor = noise.total(sensors, pooled)
     local = zip(numeric, hunting(forward, fine), strict=True)
-    floors = [np.hypot(noise.total(sensors, n), h) for n, h in local]
+    floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction)
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
