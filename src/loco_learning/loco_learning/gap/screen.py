@@ -120,6 +120,7 @@ class _Trial:
             (at,) = self.hypothesis.strengths
             self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
         if self.rungs:
+            self.alive |= self.levels[self.x[at]] >= DEAD
             self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
         else:
             self._step(columns)
