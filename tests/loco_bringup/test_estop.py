@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from std_msgs.msg import Bool
 
+from loco_bringup import shm
 from loco_bringup.processes import _environment
 from loco_bringup.testing import Graph
 
@@ -73,6 +74,7 @@ def test_what_the_middleware_complains_of_is_not_in_what_a_command_prints():
             with contextlib.suppress(OSError):  # a reader has it
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         done = loco("estop")
+    shm.clean()  # of ports that nobody had
     assert done.stdout == ""
     assert "init_port fastrtps_port70" in done.stderr
 

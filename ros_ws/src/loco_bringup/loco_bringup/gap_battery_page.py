@@ -41,7 +41,7 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
     text = score_text.markdown(found, rows, title)
     (folder / "score.md").write_text(text, encoding="utf-8")
     (folder / "score.html").write_text(page(title, found, rows, table), encoding="utf-8")
-    lines = [f"  {a:58s} {b:>6s}  {c}" for a, b, c in score_text.acceptance(found)]
+    lines = [f"  {a:78s} {b:>6s}  {c}" for a, b, c in score_text.acceptance(found)]
     return [f"{title}: {found['cases']} cases", *lines, f"  {folder / 'score.html'}"]
 
 
@@ -61,7 +61,7 @@ def page(
 ) -> str:
     """The page."""
     seconds = score_text.number(found["seconds median"])
-    keys = ("cases", "top-1", "right", "top-2", "with others", "abstained", "no gap")
+    keys = score_text.RATES
     rates = [
         (name, *(r["cases"] if k == "cases" else score_text.percent(r[k]) for k in keys))
         for group in ("by size", "by robot") for name, r in found[group].items()

@@ -87,6 +87,16 @@ def test_twins_are_right_when_both_are_named_as_ambiguous():
     assert score.row(case, guessed)["top1"] and not score.row(case, guessed)["right"]
 
 
+def test_the_first_choice_counts_whatever_the_verdict():
+    found = term(*FRICTION[0])
+    hedged = result("ambiguous", [found], ambiguous=[["coulomb_friction", "load_friction"]])
+    r = score.row(truth(FRICTION), hedged)
+    assert r["first"] and r["top2"] and not r["top1"]
+    more = result("ambiguous", [found, term("payload", "")])
+    assert not score.row(truth(FRICTION), more)["first"]
+    assert not score.row(truth([], "null", ""), result("no gap"))["first"]
+
+
 def rows():
     cases = [
         (truth(FRICTION), result("named", [term(*FRICTION[0])])),

@@ -43,6 +43,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
     made["named"] = verdict == "named"
     made["top1"] = bool(true) and verdict == "named" and said == true
+    made["first"] = bool(true) and sorted({t["effect"] for t in result.get("terms", [])}) == true
     made["right"] = made["top1"] if twin is None else hedged
     made["top2"] = made["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     made["with_others"] = verdict == "named" and bool(true) and set(true) < set(said)
@@ -189,6 +190,7 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "cases": len(rows),
         "top-1": share(r["top1"] for r in rows),
         "right": share(r["right"] for r in rows),
+        "first choice": share(r["first"] for r in rows),
         "top-2": share(r["top2"] for r in rows),
         "with others": share(r["with_others"] for r in rows),
         "abstained": share(r["abstained"] for r in rows),

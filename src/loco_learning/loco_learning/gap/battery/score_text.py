@@ -6,11 +6,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+RATES = (
+    "cases", "top-1", "right", "first choice", "top-2", "with others", "abstained", "no gap",
+)  # fmt: skip
 WANTED = (  # figure, where it stands, what is asked for
     ("top-1 name, single effects, medium and large", ("singles medium and large", "top-1"),
      ">= 90 %"),
     ("the same, or both of two that no data can tell apart",
      ("singles medium and large", "right"), ""),
+    ("first choice (the model it selects, also where it abstains), the same cases",
+     ("singles medium and large", "first choice"), ""),
     ("top-2 name, the same cases", ("singles medium and large", "top-2"), ""),
     ("abstained (ambiguous or unknown), the same cases",
      ("singles medium and large", "abstained"), ""),
@@ -47,13 +52,12 @@ def markdown(figures: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], titl
     parts = [f"# {title}", count + f"; median {seconds:.0f} s per case." if seconds else count]
     parts.append(table(("figure", "value", "wanted"), acceptance(figures)))
     parts.append("## By robot and size (single effects)")
-    keys = ("cases", "top-1", "right", "top-2", "with others", "abstained", "no gap")
     lines = [
-        (name, *(str(rates["cases"]) if k == "cases" else percent(rates[k]) for k in keys))
+        (name, *(str(rates["cases"]) if k == "cases" else percent(rates[k]) for k in RATES))
         for group in ("by size", "by robot")
         for name, rates in figures[group].items()
     ]
-    parts.append(table(("", *keys), lines))
+    parts.append(table(("", *RATES), lines))
     parts.append("By robot: medium and large.")
     parts.append("## Held-out error, in noise floors")
     parts.append(table(*held_out(figures["held-out error"])))
