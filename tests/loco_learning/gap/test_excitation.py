@@ -86,3 +86,10 @@ def test_records_are_what_the_model_would_have_said():
     assert set(pool.records(Model("pendulum"), pool.pool(Model("pendulum"))[:1])[0].command) == {
         "torque"
     }
+
+
+def test_a_physics_rate_that_is_no_multiple_of_the_control_rate_ends_no_search():
+    model = Model("linear_axis", {"sim.physics_rate": 1013.0})
+    chosen = pool.choose(pool.pool(model), "steps")
+    (record,) = pool.records(model, [chosen])
+    assert len(record.t) == chosen.ticks

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -42,11 +43,16 @@ def records(model: Model, experiments: Sequence[JointExperiment]) -> list[Record
 
 
 def _with(model: Model, experiment: JointExperiment) -> JointExperiment:
-    """The experiment with a model's effects, and its values under those of the experiment."""
-    return experiment.replace(
+    """The experiment with a model's effects, and its values under those of the experiment.
+
+    Its control period is a whole number of physics steps, as in a search, whatever the rates.
+    """
+    made = experiment.replace(
         overrides={**model.overrides, **experiment.overrides},
         effects=tuple(dict(e) for e in model.effects),
     )
+    steps = max(1, math.ceil(made.dt * made.sim_params.physics_rate - 0.01))
+    return made.replace(sim={**made.sim, "physics_rate": steps / made.dt})
 
 
 def record_of(log: JointLog, name: str = "") -> Record:
