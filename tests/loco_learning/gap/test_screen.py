@@ -9,15 +9,12 @@ from loco_learning.gap.screen import screen as screened
 LATE = {"name": "command_delay", "delay": 0.02}
 
 
-def shares(bench, effects, *wanted, base=()):
-    """What hypotheses explain of what effects make, the ones asked for in order."""
-    case, offered = bench(effects)
-    only = case.fitted
-    residual = case.vector(base, {}, only, coarse=True)
-    return [
-        screened(case, offered[name], base, {}, only, residual)[0]
-        for name in wanted
-    ]  # fmt: skip
+def tried(bench, effect, name):
+    """What an effect of some name explains of what an effect makes."""
+    case, offered = bench([effect])
+    residual = case.vector([], {}, case.fitted, coarse=True)
+    (found,) = screened(case, offered[name], [], {}, case.fitted, residual)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -30,7 +27,7 @@ def shares(bench, effects, *wanted, base=()):
     ],
 )
 def test_what_is_missing_is_found_at_any_size(bench, effect):
-    (found,) = shares(bench, [effect], effect["name"])
+    found = tried(bench, effect, effect["name"])
     assert found.share > IDLE
     assert not found.dead
 
@@ -41,5 +38,5 @@ def test_the_longest_legal_delay_can_be_simulated(bench):
 
 
 def test_what_cannot_explain_anything_does_not(bench):
-    (found,) = shares(bench, [{"name": "torque_limit", "reduction": 0.8}], "command_delay")
+    found = tried(bench, {"name": "torque_limit", "reduction": 0.8}, "command_delay")
     assert found.share < IDLE

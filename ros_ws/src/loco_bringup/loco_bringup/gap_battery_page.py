@@ -61,11 +61,6 @@ def page(
 ) -> str:
     """The page."""
     seconds = score_text.number(found["seconds median"])
-    keys = score_text.RATES
-    rates = [
-        (name, *(r["cases"] if k == "cases" else score_text.percent(r[k]) for k in keys))
-        for group in ("by size", "by robot") for name, r in found[group].items()
-    ]  # fmt: skip
     head, held = score_text.held_out(found["held-out error"])
     columns = ("case", "robot", "hidden", "size", "shows", "verdict", "names", "before", "after",
                "place", "size error", "seconds")  # fmt: skip
@@ -76,7 +71,7 @@ def page(
         "(<code>docs/gap_battery.md</code>); the workflow sees bags and a model only.</p>",
         _table(("figure", "value", "wanted"), score_text.acceptance(found)),
         "<h2>By robot and size</h2><p>Single effects; by robot: medium and large.</p>",
-        _table(("", *keys), rates),
+        _table(*score_text.rates(found)),
         "<h2>What was hidden (rows), what was said (columns)</h2>",
         _matrix(table),
         "<h2>Held-out error, in noise floors</h2>",

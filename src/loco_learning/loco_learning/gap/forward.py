@@ -179,8 +179,7 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     if robot.sensors:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     sim = robot.sim
-    steps = max(1, round(np.ceil(record.dt * sim.physics_rate - 0.01)))
-    rate = steps / (running.period(record) * step)
+    rate = running.steps_in(record.dt, sim.physics_rate) / (running.period(record) * step)
     limit = sim.damping_limit * step  # so that sub-stepping is divided as well
     return replace(robot, sim=sim.replace(physics_rate=rate, damping_limit=limit))
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ from loco_sim.model import Model
 from ..joint_experiment import JointExperiment
 from ..joint_log import JointLog
 from ..joint_rollout import rollout
+from . import running
 from .excitation import joints_of, library
 from .record import Record
 
@@ -51,8 +51,8 @@ def _with(model: Model, experiment: JointExperiment) -> JointExperiment:
         overrides={**model.overrides, **experiment.overrides},
         effects=tuple(dict(e) for e in model.effects),
     )
-    steps = max(1, math.ceil(made.dt * made.sim_params.physics_rate - 0.01))
-    return made.replace(sim={**made.sim, "physics_rate": steps / made.dt})
+    rate = running.steps_in(made.dt, made.sim_params.physics_rate) / made.dt
+    return made.replace(sim={**made.sim, "physics_rate": rate})
 
 
 def record_of(log: JointLog, name: str = "") -> Record:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -46,6 +47,11 @@ class Start(NamedTuple):
 def period(record: Record) -> float:
     """Time between samples [s]; stamps are rounded, rates are not."""
     return 1.0 / round(1.0 / record.dt, 3)
+
+
+def steps_in(dt: float, rate: float) -> int:
+    """Physics steps in a control period, at least as many as a rate [Hz] asks for."""
+    return max(1, math.ceil(dt * rate - 0.01))  # a rounded rate asks for no step more
 
 
 def orders(record: Record, robot: Robot) -> Orders:

@@ -52,12 +52,7 @@ def markdown(figures: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], titl
     parts = [f"# {title}", count + f"; median {seconds:.0f} s per case." if seconds else count]
     parts.append(table(("figure", "value", "wanted"), acceptance(figures)))
     parts.append("## By robot and size (single effects)")
-    lines = [
-        (name, *(str(rates["cases"]) if k == "cases" else percent(rates[k]) for k in RATES))
-        for group in ("by size", "by robot")
-        for name, rates in figures[group].items()
-    ]
-    parts.append(table(("", *RATES), lines))
+    parts.append(table(*rates(figures)))
     parts.append("By robot: medium and large.")
     parts.append("## Held-out error, in noise floors")
     parts.append(table(*held_out(figures["held-out error"])))
@@ -65,6 +60,16 @@ def markdown(figures: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], titl
     parts.append(table(("case", "robot", "hidden", "size", "verdict", "names", "before", "after"),
                        [case(r) for r in rows]))  # fmt: skip
     return "\n\n".join(parts) + "\n"
+
+
+def rates(figures: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of the table of single effects, by size and by robot."""
+    rows = [
+        (name, *(str(found[k]) if k == "cases" else percent(found[k]) for k in RATES))
+        for group in ("by size", "by robot")
+        for name, found in figures[group].items()
+    ]
+    return ("", *RATES), rows
 
 
 def held_out(found: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
