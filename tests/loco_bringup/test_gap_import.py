@@ -244,7 +244,7 @@ def test_the_recordings_of_the_surrogate_raise_no_alarm(repository, name):
     (made,) = gap_import.load(repository / f"bags/surrogate_{name}", TIGRILLO)
     assert 1.0 / made.dt == pytest.approx(100.0) and made.joints == TIGRILLO.joints
     assert np.all(np.isfinite(made.joints_of(TIGRILLO, "q")))
-    assert made.resolution["q"] == pytest.approx(0.00506)
+    assert made.step("q") == pytest.approx(0.00506)
     lag = next(note for note in made.notes if note.startswith("motion is behind"))
     assert float(lag.split("about ")[1].split()[0]) > 100.0
 

@@ -47,7 +47,7 @@ def test_xl330(measured):
     assert min(gains) == pytest.approx(100 * 4096 / (2.0 * np.pi) / (256 * 885))
     for record in found:
         assert record.duration == pytest.approx(6.0, abs=0.02)
-        assert record.resolution["q"] == pytest.approx(2.0 * np.pi / 4096, rel=1e-3)
+        assert record.step("q") == pytest.approx(2.0 * np.pi / 4096, rel=1e-3)
         assert 0.7 < record.inputs["supply"].min() < record.inputs["supply"].max() < 1.3
         dropped = record.name.startswith("lift_and_drop")
         assert (np.mean(record.inputs["enable"]) < 0.5) == dropped

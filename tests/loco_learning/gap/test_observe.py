@@ -18,13 +18,17 @@ def track(x, role="dq") -> Track:
 @pytest.mark.parametrize("offset", [0.0, 0.037])
 def test_the_step_is_found(step, offset):
     x = step * np.round(np.sin(3.0 * T) * np.exp(0.1 * T) / step) + offset
-    assert observe.steps([track(x)])["dq"] == pytest.approx(step, rel=1e-6)
+    assert observe.steps([track(x)])["dq", "hinge"] == pytest.approx(step, rel=1e-6)
 
 
 def test_smooth_signals_have_no_step():
     noise = np.random.default_rng(0).normal(size=len(T))
-    for x in (np.sin(T), np.sin(T) + 1e-3 * noise, noise, 0.0 * T, np.sin(T).round(9)):
-        assert observe.steps([track(x)])["dq"] == 0.0
+    for x in (np.sin(T), np.sin(T) + 1e-3 * noise, noise, np.sin(T).round(9)):
+        assert observe.steps([track(x)])["dq", "hinge"] == 0.0
+
+
+def test_what_does_not_move_says_nothing_of_its_step():
+    assert observe.steps([track(0.0 * T)]) == {}
 
 
 def test_cut_off_signals_are_told():

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d
 
 from loco_sim.bolted import needs_engine
 from loco_sim.effects import EFFECTS, from_list
@@ -22,7 +21,9 @@ from .record import Record
 FINE = 0.25  # physics step over the model's where no engine is needed
 ENGINE = ("slip",)  # effects that need the engine
 DELAYS = ("command_delay", "actuation_delay")
-PHASE, SMOOTH = 0.05, 0.1  # shift of a drive's rounding [steps], and time of a mean [s]
+ABOUT = 0.05  # time within which an error may come [s]
+PHASE = 0.05  # shift of a drive's rounding [steps]
+NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
 REST = 0.05  # of the numerical error over all records that is there at any time
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
@@ -85,7 +86,7 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         self.count += len(only)
         step = 1.0 if coarse else self.step_of(specs)
-        predicted = self._predicted(specs, overrides or {}, only, step)
+        predicted = self.predicted(specs, overrides or {}, only, step)
         lacks = self.correction[step]
         residuals = []
         for i, p in zip(only, predicted, strict=True):
@@ -93,7 +94,7 @@ class Case:
             residuals += evidence.whiten(measured, [p + lacks[i]], self.floors[i])
         return residuals
 
-    def _predicted(
+    def predicted(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
@@ -123,7 +124,7 @@ class Case:
         step = self.step_of(specs)
         self.count += 3 * len(self.records)
         every = list(range(len(self.records)))
-        here, half = (self._predicted(specs, overrides, every, s * step) for s in (1.0, 0.5))
+        here, half = (self.predicted(specs, overrides, every, s * step) for s in (1.0, 0.5))
         first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
         bare = [2.0 * (h - w) for h, w in zip(*self._bare(step), strict=True)]
         moved = [f - b for f, b in zip(first, bare, strict=True)]
@@ -199,7 +200,7 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
             judges = ~rows
         fit_rows.append(rows)
         held_rows.append(judges)
-    steps = np.array([max(r.resolution.get(c.signal, 0.0) for r in both) for c in forward.channels])
+    steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
     fine = finest(forward)
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
@@ -214,32 +215,39 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     return case
 
 
-def hunting(forward: Any, step: float) -> list[np.ndarray]:
-    """How far apart runs are whose drives round in slightly different phases, (T, C) each.
+def _step(records: Sequence[Record], signal: str, name: str) -> float:
+    """Quantisation step of a channel; the largest of its signal where nothing tells it."""
+    known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
+    return max(known or [r.step(signal) for r in records])
 
-    A drive that rounds its encoder hunts about its goal; where in a step it does so depends
-    on the smallest differences, and what hangs on it swings along. No model can tell that.
+
+def hunting(forward: Any, step: float) -> list[np.ndarray]:
+    """How far apart runs are whose drives hunt in other phases, (T, C) each.
+
+    A drive that rounds its encoder hunts about its goal; where in a step and when it does so
+    depends on the smallest differences, and what hangs on it swings along: a knee that a step of
+    the hip throws off its stop flies a tenth further or less. No model can tell that.
     """
     robot = forward._robot(0, {}, 1.0)
     rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
     if not rounding > 0.0:
         return [np.zeros(m.shape) for m in forward.measured]
-    phases = [
+    places = [
         forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
         for share in (-PHASE, PHASE)
     ]
-    apart = [np.nan_to_num(a - b) / math.sqrt(2.0) for a, b in zip(*phases, strict=True)]
+    times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
+    runs = zip(*places, *times, strict=True)
+    apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
     return _level(apart, forward.records)
 
 
 def _level(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
-    """Rms of errors about each time, (T, C) each."""
-    found = []
-    for error, record in zip(errors, records, strict=True):
-        width = max(1, round(SMOOTH / record.dt))
-        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
-        found.append(np.sqrt(np.maximum(mean, 0.0)))  # a running sum may end below 0
-    return found
+    """Largest error about each time, (T, C) each: it may come a little earlier or later."""
+    return [
+        maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
+        for error, record in zip(errors, records, strict=True)
+    ]
 
 
 def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
@@ -294,5 +302,5 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
         for step in sorted({1.0, fine})
     }
-    remains = [np.nan_to_num(a - b) / 3.0 for a, b in zip(limits, coarse, strict=True)]
+    remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
     return correction, _level(remains, forward.records)

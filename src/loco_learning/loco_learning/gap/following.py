@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,8 @@ def following(model: Model, case: Case, judged: Judged) -> list[dict[str, Any]]:
     records = pool.records(model, experiments)
     forward = Forward(model, records)
     floors = _floors(case, forward, judged.best)
-    said = [forward(m.specs, m.overrides) for m in leading]
+    there, every = replace(case, forward=forward), list(range(len(records)))
+    said = [there.predicted(m.specs, m.overrides, every, there.step_of(m.specs)) for m in leading]
     predictions = {e.name: [p[i] for p in said] for i, e in enumerate(experiments)}
     ranked = propose.rank(predictions, [" + ".join(m.names) for m in leading], floors)
     return [

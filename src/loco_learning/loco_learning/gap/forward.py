@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -156,6 +157,15 @@ class Forward:
             ]
         return found
 
+    def nudged(self, speed: float) -> Forward:
+        """The same, with driven joints that begin faster by so much [rad/s or m/s]."""
+        other = copy(self)
+        other._starts = [
+            _nudged(record, self.robot(i), starts, speed)
+            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
+        ]
+        return other
+
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
         starts, dt = self._starts[index], running.period(self.records[index])
@@ -196,7 +206,7 @@ def start(record: Record, robot: Robot) -> list[Start]:
         return []
     said = record.joints_of(robot, "dq")[0]  # zero of a robot that starts to move right now
     slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
-    near = np.abs(q[0] - standing) < NEAR + 2.0 * record.resolution.get("q", 0.0)
+    near = np.abs(q[0] - standing) < NEAR + 2.0 * record.step("q")
     if np.all((slow & near) | ~known):
         return []
     moving = np.where(known, at, standing), np.where(known, speed, 0.0)
@@ -218,8 +228,20 @@ def turned(
     if not starts:
         q = record.joints_of(robot, "q")[0]
         at = np.where(np.isfinite(q) & (offsets != 0.0), q, robot.standing)
-        starts = [Start(0, len(record.t), at, np.zeros(len(robot.joints)))]
+        starts = _still(record, at)
     return [piece._replace(q=piece.q + offsets) for piece in starts]
+
+
+def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> list[Start]:
+    change = np.zeros(len(robot.joints))
+    change[robot.driven] = speed
+    starts = starts or _still(record, robot.standing)
+    return [piece._replace(dq=piece.dq + change) for piece in starts]
+
+
+def _still(record: Record, q: np.ndarray) -> list[Start]:
+    """A whole record from rest."""
+    return [Start(0, len(record.t), q, np.zeros(len(q)))]
 
 
 def _late(spec: Mapping[str, Any]) -> bool:

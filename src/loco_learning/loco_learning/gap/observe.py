@@ -60,13 +60,18 @@ def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def steps(tracks: Sequence[Track]) -> dict[str, float]:
-    """Quantisation step per measured signal, the largest of its columns; 0 where none is seen."""
-    found: dict[str, float] = {}
-    for track in tracks:
-        if not track.role.startswith("command_") and track.role not in ("supply", "enable"):
-            found[track.role] = max(found.get(track.role, 0.0), _step(track))
-    return found
+def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
+    """Quantisation step per measured signal and joint (or axis); 0 where none is seen.
+
+    Those that hardly change, which say nothing of it, are left out.
+    """
+    measured = [
+        track
+        for track in tracks
+        if not track.role.startswith("command_") and track.role not in ("supply", "enable")
+    ]
+    found = {(track.role, track.place): _step(track) for track in measured}
+    return {of: step for of, step in found.items() if step is not None}
 
 
 def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
@@ -93,16 +98,16 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     return found
 
 
-def _step(track: Track) -> float:
+def _step(track: Track) -> float | None:
     """Step of which all differences of values are multiples; 0 if there is none."""
     values = np.unique(track.x)
     if len(values) < 3:
-        return 0.0
+        return None
     between = np.diff(values)
     finest = FINEST * (values[-1] - values[0])
     between = between[between > 0.01 * finest]
     if len(between) < 2:
-        return 0.0
+        return None
     for parts in (1, 2, 3):
         step = float(np.min(between)) / parts
         step = float(np.sum(between) / np.sum(np.round(between / step)))

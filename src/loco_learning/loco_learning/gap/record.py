@@ -41,7 +41,8 @@ class Record:
         inputs: `supply`, voltage over its nominal value, and `enable`, 0 or 1, each (T,).
         overrides: Values of robot.yaml known for this record, e.g. the drive's gain of the run.
         notes: What reading and aligning found.
-        resolution: Quantisation step per signal [unit of the signal]; 0 where none was seen.
+        resolution: Quantisation step per signal and joint (or axis) [unit of the signal]; 0 where
+            none was seen, left out where the signal hardly changes.
         role: `FIT`, or `HELD_OUT` for a record that is only judged on.
         ramps: Kinds of command that are samples of something smooth: they run straight from
             sample to sample where others are held.
@@ -57,7 +58,7 @@ class Record:
     inputs: dict[str, np.ndarray] = field(default_factory=dict)
     overrides: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    resolution: dict[str, float] = field(default_factory=dict)
+    resolution: dict[tuple[str, str], float] = field(default_factory=dict)
     role: str = FIT
     ramps: tuple[str, ...] = ()
 
@@ -75,6 +76,10 @@ class Record:
             _shape(self.name, signal, values, (count, self._width(signal)))
         for kind, values in self.inputs.items():
             _shape(self.name, f"input {kind}", values, (count,))
+
+    def step(self, signal: str) -> float:
+        """Largest quantisation step of a signal."""
+        return max((step for (of, _), step in self.resolution.items() if of == signal), default=0.0)
 
     def _width(self, signal: str) -> int:
         if signal in JOINT_SIGNALS:

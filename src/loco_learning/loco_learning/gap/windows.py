@@ -44,7 +44,7 @@ def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
 
 def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed positions [rad or m] and velocities of the joints, (T, n) each."""
-    measured, step = record.joints_of(robot, "q"), record.resolution.get("q", 0.0)
+    measured, step = record.joints_of(robot, "q"), record.step("q")
     never = np.all(np.isnan(measured), axis=0)
     q, dq = np.where(never, robot.standing, measured), np.zeros(measured.shape)
     for joint in np.flatnonzero(~never):
