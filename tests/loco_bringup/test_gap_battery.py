@@ -11,9 +11,17 @@ import time
 import numpy as np
 import pytest
 
-from loco_bringup import gap_battery, gap_battery_bags, gap_battery_page, gap_battery_pool
+from loco_bringup import (
+    gap_battery,
+    gap_battery_bags,
+    gap_battery_case,
+    gap_battery_page,
+    gap_battery_pool,
+)
+from loco_bringup.gap_import import load
 from loco_control.exceptions import ParameterError
 from loco_learning.gap.battery import cases, excitation, plant
+from loco_sim import robot as robots
 
 
 @pytest.fixture(autouse=True)
@@ -31,9 +39,6 @@ def options(*words):
 
 @pytest.mark.parametrize("robot", ["servo_pendulum", "linear_axis", "hyq_leg"])
 def test_bags_say_what_was_measured_and_no_more(tmp_path, robot):
-    from loco_bringup.gap_import import load
-    from loco_sim import robot as robots
-
     case = cases.Case("case_0000", robot, "null", "", 5)
     gap_battery_bags.write(tmp_path, case)
     place = tmp_path / "bags" / "case_0000"
@@ -77,6 +82,35 @@ def test_a_battery_goes_on_and_refuses_another_one(tmp_path, monkeypatch):
     assert score["figures"]["cases"] == 5
     page = (tmp_path / "score.html").read_text()
     assert "<script" not in page and "http" not in page and "case_0004" in page
+
+
+def test_an_ambiguous_case_is_asked_again_with_the_experiment_it_proposes(tmp_path, monkeypatch):
+    """The robot moves as the library says, and the workflow gets one bag more."""
+    seen = []
+
+    def examined(place, robot, seed, more=()):
+        _, fit, held = gap_battery_case.read(place, robot, more)
+        seen.append([r.name for r in fit])
+        proposed = [{"experiment": "preload", "separates": ["a", "b"], "odds": 20.0}]
+        verdict = "named" if more else "ambiguous"
+        return {"verdict": verdict, "names": [], "terms": [], "next": proposed}
+
+    monkeypatch.setattr(gap_battery_case, "examined", examined)
+    case = cases.Case("case_0000", "linear_axis", "null", "", 5)
+    first = gap_battery_case.work(tmp_path, case, (), ())
+    assert gap_battery_case.unfinished(first, (), True)
+    assert not gap_battery_case.unfinished(first, (), False)
+    result = gap_battery_case.work(tmp_path, case, (), (), follow=True)
+    assert result["verdict"] == "ambiguous" and result["followed"]["verdict"] == "named"
+    assert result["followed"]["experiment"] == "preload"
+    assert seen == [["fit_chirp", "fit_ramp", "fit_steps"],
+                    ["fit_chirp", "fit_ramp", "fit_steps", "next"]]  # fmt: skip
+    assert result == gap_battery_bags.result(tmp_path, "case_0000")
+    assert not gap_battery_case.unfinished(result, (), True)
+    (made,) = load(tmp_path / "bags/case_0000/next", robots.load("linear_axis"))
+    assert made.duration == pytest.approx(7.5, abs=0.01)
+    moved = np.ptp(made.signals["q"]) / np.ptp(made.command["position"])
+    assert moved == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_job_that_hangs_is_ended_and_others_are_done():

@@ -37,6 +37,8 @@ def add_arguments(p: argparse.ArgumentParser) -> None:
     p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
     p.add_argument("--baselines", nargs="*", default=list(BASELINES), metavar="NAME",
                    help="everything, sparse, cma (default: all three)")  # fmt: skip
+    p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
+                   "experiment that it proposes on the robot, and look again")  # fmt: skip
     p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")
     p.add_argument("--output", type=Path, metavar="DIR", help="default results/gap_battery_SEED")
 
@@ -70,13 +72,13 @@ def run(
     Raises:
         ParameterError: The folder holds a battery of other settings.
     """
-    from .gap_battery_case import lacking, work
+    from .gap_battery_case import unfinished, work
 
     planned = cases.plan(a.cases, a.seed, a.robots, a.effects)
     _settle(a, folder)
     kept = {c.name: bags.result(folder, c.name) for c in planned}
     wanted = tuple(a.baselines)
-    missing = [c for c in planned if kept[c.name] is None or lacking(kept[c.name], wanted)]
+    missing = [c for c in planned if unfinished(kept[c.name], wanted, a.follow)]
     tell(len(planned) - len(missing), "", "")
     if a.bags_only:
         missing = [c for c in planned if not bags.ready(folder, c.name)]
@@ -84,7 +86,7 @@ def run(
         for index, said in pool.run(make, jobs, a.workers, a.limit):
             tell(len(planned) - len(missing) + index + 1, missing[index].name, said or "made")
         return []
-    jobs = [(folder, c, tuple(a.effects), wanted) for c in missing]
+    jobs = [(folder, c, tuple(a.effects), wanted, a.follow) for c in missing]
     done = len(planned) - len(missing)
     for index, result in pool.run(work, jobs, a.workers, a.limit):
         case, done = missing[index], done + 1

@@ -12,6 +12,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from loco_control.ros.joint_codec import JointCodec
 from loco_control.ros.joint_topics import JOINT_TOPICS
 from loco_learning.gap.battery import cases, machines
@@ -21,6 +23,7 @@ from loco_learning.gap.battery.plant import Reading
 from .bag_writer import BagWriter
 
 BAGS, TRUTH, RESULTS = "bags", "truth", "results"
+NEXT = "next"  # bag of the experiment that an ambiguous verdict proposed
 
 
 def write(folder: Path, case: Case) -> None:
@@ -32,6 +35,22 @@ def write(folder: Path, case: Case) -> None:
     for name, reading in cases.readings(case).items():
         write_bag(place / name, reading, case.robot)
     write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # last: it is complete
+
+
+def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) -> Path:
+    """Bag of one experiment more with the robot of a case.
+
+    Args:
+        folder: Of the battery.
+        name: Of the case.
+        moved: Positions and velocities that the driven joints are told, (T, m) each.
+    """
+    path = folder / TRUTH / f"{name}.json"
+    case = cases.from_truth(json.loads(path.read_text(encoding="utf-8")))
+    bag = folder / BAGS / name / NEXT
+    shutil.rmtree(bag, ignore_errors=True)
+    write_bag(bag, cases.further(case, NEXT, moved), case.robot)
+    return bag
 
 
 def ready(folder: Path, name: str) -> bool:

@@ -32,16 +32,21 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
     """
     rows = [score.row(_truth(folder, r["case"]), r) for r in results if _has(folder, r["case"])]
     found = score.figures(rows)
+    again = score.followed(rows)
+    later = score.figures(again) if again else None
     settings = json.loads((folder / "battery.json").read_text(encoding="utf-8"))
     title = f"Blind battery, seed {settings['seed']}"
     table = score.confusion(rows)
     bags.write_json(folder / "score.json", {
-        "format": 1, "settings": settings, "figures": found, "confusion": table, "rows": rows,
+        "format": 1, "settings": settings, "figures": found, "followed": later,
+        "confusion": table, "rows": rows,
     })  # fmt: skip
-    text = score_text.markdown(found, rows, title)
+    text = score_text.markdown(found, rows, title, later)
     (folder / "score.md").write_text(text, encoding="utf-8")
-    (folder / "score.html").write_text(page(title, found, rows, table), encoding="utf-8")
-    lines = [f"  {a:78s} {b:>6s}  {c}" for a, b, c in score_text.acceptance(found)]
+    (folder / "score.html").write_text(page(title, found, rows, table, later), encoding="utf-8")
+    head, told = score_text.acceptance(found, later)
+    shown = [head, *told] if later else told
+    lines = [f"  {a:78s} " + "  ".join(f"{b:>6s}" for b in rest) for a, *rest in shown]
     return [f"{title}: {found['cases']} cases", *lines, f"  {folder / 'score.html'}"]
 
 
@@ -58,27 +63,39 @@ def page(
     found: Mapping[str, Any],
     rows: Sequence[Mapping[str, Any]],
     table: Mapping[str, Mapping[str, int]],
+    later: Mapping[str, Any] | None = None,
 ) -> str:
     """The page."""
     seconds = score_text.number(found["seconds median"])
     head, held = score_text.held_out(found["held-out error"])
     columns = ("case", "robot", "hidden", "size", "shows", "verdict", "names", "before", "after",
-               "place", "size error", "seconds")  # fmt: skip
+               "place", "size error", "seconds", *(score_text.THEN if later else ()))  # fmt: skip
+    cells = [_case(r) for r in rows]
+    if later:
+        cells = [(*a, *b) for a, b in zip(cells, score_text.then(rows), strict=True)]
     body = [
         f"<h1>{html.escape(title)}</h1>",
         f"<p>{found['cases']} cases, {found['errors']} ended by an error; median {seconds} s per "
         "case. Hidden effects, dynamics, drives and sensors are made by code of their own "
         "(<code>docs/gap_battery.md</code>); the workflow sees bags and a model only.</p>",
-        _table(("figure", "value", "wanted"), score_text.acceptance(found)),
+        _table(*score_text.acceptance(found, later)),
         "<h2>By robot and size</h2><p>Single effects; by robot: medium and large.</p>",
         _table(*score_text.rates(found)),
+        *(
+            (
+                f"<p>The same {score_text.AFTER}, where the verdict was ambiguous:</p>",
+                _table(*score_text.rates(later)),
+            )
+            if later
+            else ()
+        ),
         "<h2>What was hidden (rows), what was said (columns)</h2>",
         _matrix(table),
         "<h2>Held-out error, in noise floors</h2>",
         f"<p>{found['held-out error']['cases']} cases with something hidden.</p>",
         _table(head, held),
         "<h2>Cases</h2>",
-        _table(columns, [_case(r) for r in rows], [_mark(r) for r in rows]),
+        _table(columns, cells, [_mark(r) for r in rows]),
     ]
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8">'

@@ -45,6 +45,19 @@ def test_another_leg_is_the_wrong_place_and_a_wrong_size_is_seen():
     assert r["sizes"][0]["error"] == pytest.approx(0.5) and r["sizes"][0]["inside"] is False
 
 
+def test_the_experiment_that_was_run_next_is_scored_beside_the_first_verdict():
+    case, plain = truth(FRICTION), score.row(truth(FRICTION), result("ambiguous"))
+    assert plain["then"] is None and score.followed([plain]) == []
+    first = result("ambiguous", ambiguous=[["coulomb_friction", "hysteresis"]])
+    later = {**result("named", [term(*FRICTION[0])]), "experiment": "still_poses"}
+    r = score.row(case, {**first, "followed": later})
+    assert r["abstained"] and not r["top1"] and r["experiment"] == "still_poses"
+    rows = score.followed([plain, r])
+    assert [x["top1"] for x in rows] == [False, True]
+    text = score_text.markdown(score.figures([plain, r]), [plain, r], "T", score.figures(rows))
+    assert "| 0 % | 50 % | >= 90 % |" in text and "| still_poses | coulomb_friction |" in text
+
+
 @pytest.mark.parametrize(
     ("true", "said", "same"),
     [("", "*", True), ("*_hfe_joint", "*_hfe_joint", True), ("lf_hfe_joint", "*_hfe_joint", False),

@@ -133,6 +133,17 @@ def readings(case: Case) -> dict[str, plant.Reading]:
     return made
 
 
+def further(case: Case, name: str, moved: tuple[np.ndarray, np.ndarray]) -> plant.Reading:
+    """What the robot of a filled case records in one experiment more.
+
+    Args:
+        case: Its robot.
+        name: Of the record; keys the noise.
+        moved: Positions and velocities that the driven joints are told, (T, m) each.
+    """
+    return plant.record(machines.get(case.robot), case.effects, moved, case.seed, name)
+
+
 def truth(case: Case) -> dict[str, Any]:
     """Plain values of a filled case, for a file that the workflow never sees."""
     return {

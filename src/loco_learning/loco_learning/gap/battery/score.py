@@ -55,7 +55,15 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         name: {"after": found.get("after"), "seconds": found.get("seconds")}
         for name, found in result.get("baselines", {}).items()
     }
+    later = result.get("followed")
+    made["experiment"] = later["experiment"] if later else ""
+    made["then"] = row(truth, later) if later else None
     return made
+
+
+def followed(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows as they are after the experiments that ambiguous verdicts proposed; none if none ran."""
+    return [r["then"] or r for r in rows] if any(r["then"] for r in rows) else []
 
 
 def _groups(result: Mapping[str, Any]) -> list[list[str]]:

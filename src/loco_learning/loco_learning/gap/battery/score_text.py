@@ -9,6 +9,8 @@ from typing import Any
 RATES = (
     "cases", "top-1", "right", "first choice", "top-2", "with others", "abstained", "no gap",
 )  # fmt: skip
+AFTER = "after the experiment it proposes"
+THEN = ("next experiment", "then")
 WANTED = (  # figure, where it stands, what is asked for
     ("top-1 name, single effects, medium and large", ("singles medium and large", "top-1"),
      ">= 90 %"),
@@ -34,31 +36,48 @@ WANTED = (  # figure, where it stands, what is asked for
 )  # fmt: skip
 
 
-def acceptance(figures: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Rows of figure, value, what is asked for."""
-    made = []
+def acceptance(
+    figures: Mapping[str, Any], later: Mapping[str, Any] | None = None
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of figure, value, value after the next experiment, what is asked for.
+
+    Args:
+        figures: Of the bags that all cases have.
+        later: Of the same with the experiments that ambiguous verdicts proposed.
+    """
+    rows = []
     for text, path, wanted in WANTED:
-        value: Any = figures
+        values: list[Any] = [figures] if later is None else [figures, later]
         for key in path:
-            value = value[key]
-        made.append((text, percent(value), wanted))
-    return made
+            values = [value[key] for value in values]
+        rows.append((text, *map(percent, values), wanted))
+    return ("figure", "value", *(() if later is None else (AFTER,)), "wanted"), rows
 
 
-def markdown(figures: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], title: str) -> str:
+def markdown(
+    figures: Mapping[str, Any],
+    rows: Sequence[Mapping[str, Any]],
+    title: str,
+    later: Mapping[str, Any] | None = None,
+) -> str:
     """The whole score."""
     seconds = figures["seconds median"]
     count = f"{figures['cases']} cases, {figures['errors']} of them ended by an error"
     parts = [f"# {title}", count + f"; median {seconds:.0f} s per case." if seconds else count]
-    parts.append(table(("figure", "value", "wanted"), acceptance(figures)))
+    parts.append(table(*acceptance(figures, later)))
     parts.append("## By robot and size (single effects)")
     parts.append(table(*rates(figures)))
     parts.append("By robot: medium and large.")
+    if later is not None:
+        parts.append("The same " + AFTER + ", where the verdict was ambiguous:")
+        parts.append(table(*rates(later)))
     parts.append("## Held-out error, in noise floors")
     parts.append(table(*held_out(figures["held-out error"])))
     parts.append("## Cases")
-    parts.append(table(("case", "robot", "hidden", "size", "verdict", "names", "before", "after"),
-                       [case(r) for r in rows]))  # fmt: skip
+    head = ("case", "robot", "hidden", "size", "verdict", "names", "before", "after")
+    columns = then(rows) if later is not None else [()] * len(rows)
+    cells = [(*case(r), *more) for r, more in zip(rows, columns, strict=True)]
+    parts.append(table((*head, *(THEN if later is not None else ())), cells))
     return "\n\n".join(parts) + "\n"
 
 
@@ -90,6 +109,12 @@ def case(r: Mapping[str, Any]) -> tuple[str, ...]:
         r["case"], r["robot"], ", ".join(r["true"]) or "nothing", r["size"], r["verdict"], said,
         number(r["before"]), number(r["after"]),
     )  # fmt: skip
+
+
+def then(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Cells of the experiment that was run next, and what was said then."""
+    told = [(r["experiment"], r["then"]) for r in rows]
+    return [(name, ", ".join(r["said"]) or r["verdict"]) if r else ("", "") for name, r in told]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
