@@ -50,6 +50,12 @@ def test_every_applicable_effect_is_offered_but_noise(name):
     assert wanted - offered <= {"com_offset", "imu_tilt"}  # nothing turns, or no IMU
 
 
+def test_what_all_joints_share_is_one_hypothesis():
+    """A supply sags for all drives: joint by joint it would take three names to explain it."""
+    for name in ROBOTS:
+        assert [h.place for h in all_of(name)[1] if h.effect == "supply_sag"] == [""]
+
+
 def test_a_sensor_that_was_not_read_is_not_blamed():
     made = robot.load("tigrillo")
     hints = Hints(np.full(8, -0.5), np.full(8, 0.5))

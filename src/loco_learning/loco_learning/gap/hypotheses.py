@@ -119,7 +119,9 @@ def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis
 def _places(cls: type[Effect], robot: Robot) -> list[str]:
     """Where an effect may sit: joints one by one and in groups, or nowhere in particular."""
     names = {f.name for f in dataclasses.fields(cls)}
-    return joint_places(robot, getattr(cls, "among", "all")) if "joint" in names else [""]
+    if "joint" not in names or getattr(cls, "shared", False):
+        return [""]
+    return joint_places(robot, getattr(cls, "among", "all"))
 
 
 def _plain(cls: type[Effect], place: str) -> Hypothesis:

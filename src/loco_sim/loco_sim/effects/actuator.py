@@ -115,7 +115,7 @@ class SupplySag(TorqueEffect, name="supply_sag"):
     """The supply voltage, and with it every torque, falls with the load of all drives."""
 
     sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
-    law, among = chain.SAG, "limited"
+    law, among, shared = chain.SAG, "limited", True
 
     identity = Identity(
         site="actuator",
