@@ -34,6 +34,7 @@ class ActuatorLag(TorqueEffect, name="actuator_lag"):
 
     identity = Identity(
         site="actuator",
+        kind="delay",
         equation="time dtau/dt = tau_drive - tau",
         priors={"time": Prior(0.002, 0.01, 0.1)},
         source="Hwangbo, Lee, Dosovitskiy, Bellicoso, Tsounis, Koltun, Hutter 2019, Learning "

@@ -47,6 +47,7 @@ class Payload(Effect, name="payload"):
 
     identity = Identity(
         site="body",
+        kind="mass",
         equation="m <- m + mass at position; centre of mass and inertia follow",
         priors={"mass": Prior(0.01, 0.3, 20.0)},
         source=_INERTIA,
@@ -78,6 +79,7 @@ class ComOffset(Effect, name="com_offset"):
 
     identity = Identity(
         site="body",
+        kind="mass",
         equation="c <- c + offset",
         priors={"offset": Prior(-0.03, 0.0, 0.03)},
         source=_INERTIA,
@@ -112,6 +114,7 @@ class Armature(JointEffect, name="armature"):
 
     identity = Identity(
         site="body",
+        kind="mass",
         equation="(I + inertia) ddq = tau",
         priors={"inertia": Prior(1e-4, 0.003, 0.1)},
         source=f"{_INERTIA}; rotor inertia n^2 J as in Robotics (Siciliano 2009), section 7.2",

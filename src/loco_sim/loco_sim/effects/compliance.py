@@ -65,6 +65,7 @@ class StiffnessError(Elastic, name="stiffness_error"):
 
     identity = Identity(
         site="compliance",
+        kind="stiffness",
         equation="s(q) <- (1 + error) s(q), s the spring's torque",
         priors={"error": Prior(-0.5, 0.0, 1.5)},
         source="thesis eq. (5.1) and Table 5.1: hind springs 181.6 to 440.6 N/m",
@@ -93,6 +94,7 @@ class AddedStiffness(Elastic, name="added_stiffness"):
 
     identity = Identity(
         site="compliance",
+        kind="stiffness",
         equation="tau <- tau - stiffness (q - q_rest - rest)",
         priors={"stiffness": Prior(-5.0, 0.0, 50.0), "rest": Prior(-0.3, 0.0, 0.3)},
         source=_KERSCHEN,
@@ -120,6 +122,7 @@ class CubicStiffness(Elastic, name="cubic_stiffness"):
 
     identity = Identity(
         site="compliance",
+        kind="stiffness",
         equation="tau <- tau - cubic (q - q_rest)^3",
         priors={"cubic": Prior(-20.0, 0.0, 200.0)},
         source=f"{_KERSCHEN}; Wigren, Schoukens 2013, Three free data sets for development and "
@@ -150,6 +153,7 @@ class SpringSaturation(Elastic, name="spring_saturation"):
 
     identity = Identity(
         site="compliance",
+        kind="stiffness",
         equation="s <- sign(s) (torque + (1 - lost) (|s| - torque)) where |s| > torque",
         priors={"lost": Prior(0.2, 0.7, 1.0), "torque": Prior(0.02, 0.1, 2.0)},
         source=_THESIS,

@@ -43,6 +43,7 @@ class CommandDelay(Effect, name="command_delay"):
 
     identity = Identity(
         site="actuator",
+        kind="delay",
         equation="q_d(t) <- q_d(t - delay)",
         priors={"delay": Prior(0.002, 0.02, 0.2)},
         source="thesis section 5.3.2.2 (about 100 ms on Tigrillo) and chapter 8",
@@ -82,6 +83,7 @@ class ActuationDelay(TorqueEffect, name="actuation_delay"):
 
     identity = Identity(
         site="actuator",
+        kind="delay",
         equation="tau(t) <- tau(t - delay)",
         priors={"delay": Prior(0.001, 0.005, 0.05)},
         source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",

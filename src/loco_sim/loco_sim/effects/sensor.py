@@ -67,6 +67,7 @@ class SensorBias(LinearSensor, name="sensor_bias"):
 
     identity = Identity(
         site="sensor",
+        kind="sensor error",
         equation="y <- y + bias",
         priors={
             "q": Prior(-0.05, 0.0, 0.05),
@@ -105,6 +106,7 @@ class SensorGain(LinearSensor, name="sensor_gain"):
 
     identity = Identity(
         site="sensor",
+        kind="sensor error",
         equation="y <- y + error y; q <- q + error (q - q_rest)",
         priors={
             "q": Prior(-0.1, 0.0, 0.1),
@@ -147,6 +149,7 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
 
     identity = Identity(
         site="sensor",
+        kind="sensor error",
         equation="q <- q + quadratic x^2 + cubic x^3, x = q - q_rest",
         priors={"quadratic": Prior(-0.5, 0.0, 0.5), "cubic": Prior(-1.0, 0.0, 1.0)},
         strengths=("quadratic", "cubic"),
@@ -203,6 +206,7 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
 
     identity = Identity(
         site="sensor",
+        kind="delay",
         equation="y(t) <- y(t - delay)",
         priors={"delay": Prior(0.002, 0.01, 0.1)},
         source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",

@@ -45,6 +45,22 @@ def test_another_leg_is_the_wrong_place_and_a_wrong_size_is_seen():
     assert r["sizes"][0]["error"] == pytest.approx(0.5) and r["sizes"][0]["inside"] is False
 
 
+@pytest.mark.parametrize(
+    ("group", "told"),
+    [
+        (["coulomb_friction", "viscous_friction"], True),
+        (["coulomb_friction", "hysteresis"], False),
+        (["payload", "armature"], False),
+    ],
+)
+def test_a_kind_is_told_where_all_that_is_left_is_of_it(group, told):
+    case = truth(FRICTION)
+    assert score.row(case, result("ambiguous", ambiguous=[group]))["kind_told"] is told
+    assert score.row(case, result("named", [term(*FRICTION[0])]))["kind_told"]
+    assert not score.row(case, result("unknown", ambiguous=[group]))["kind_told"]
+    assert not score.row(truth([], "null", ""), result("no gap"))["kind_told"]
+
+
 def test_the_experiment_that_was_run_next_is_scored_beside_the_first_verdict():
     case, plain = truth(FRICTION), score.row(truth(FRICTION), result("ambiguous"))
     assert plain["then"] is None and score.followed([plain]) == []

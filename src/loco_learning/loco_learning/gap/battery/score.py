@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..kinds import kind_of
 from .machines import get
 
 # A late command and a late sensor give the same signals when the first command holds still.
@@ -44,6 +45,14 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     made["named"] = verdict == "named"
     made["top1"] = bool(true) and verdict == "named" and said == true
     made["first"] = bool(true) and sorted({t["effect"] for t in result.get("terms", [])}) == true
+    made["kind_told"] = (
+        made["top1"]
+        or verdict == "ambiguous"
+        and any(
+            kind_of(true[0]) and {kind_of(name) for name in group} == {kind_of(true[0])}
+            for group in (_groups(result) if len(true) == 1 else ())
+        )
+    )
     made["right"] = made["top1"] if twin is None else hedged
     made["top2"] = made["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     made["with_others"] = verdict == "named" and bool(true) and set(true) < set(said)
@@ -198,6 +207,7 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "cases": len(rows),
         "top-1": share(r["top1"] for r in rows),
         "right": share(r["right"] for r in rows),
+        "kind told": share(r["kind_told"] for r in rows),
         "first choice": share(r["first"] for r in rows),
         "top-2": share(r["top2"] for r in rows),
         "with others": share(r["with_others"] for r in rows),

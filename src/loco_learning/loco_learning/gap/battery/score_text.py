@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 RATES = (
-    "cases", "top-1", "right", "first choice", "top-2", "with others", "abstained", "no gap",
+    "cases", "top-1", "right", "kind told", "first choice", "top-2", "with others", "abstained",
+    "no gap",
 )  # fmt: skip
 AFTER = "after the experiment it proposes"
 THEN = ("next experiment", "then")
@@ -16,6 +17,8 @@ WANTED = (  # figure, where it stands, what is asked for
      ">= 90 %"),
     ("the same, or both of two that no data can tell apart",
      ("singles medium and large", "right"), ""),
+    ("the same, or ambiguous between laws of the right kind (a delay, a mass)",
+     ("singles medium and large", "kind told"), ""),
     ("first choice (the model it selects, also where it abstains), the same cases",
      ("singles medium and large", "first choice"), ""),
     ("top-2 name, the same cases", ("singles medium and large", "top-2"), ""),
