@@ -52,7 +52,7 @@ def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
         found += _stamps(some, rate, gap)
     for track in tracks:
         found += _saturated(track)
-    kinds = {(t.role, t.place): _step(t) for t in tracks}
+    kinds = {(t.role, t.place): _step(t) or 0.0 for t in tracks}
     for role in dict.fromkeys(role for role, _ in kinds):
         sizes = [size for (r, _), size in kinds.items() if r == role and size > 0.0]
         if sizes:
