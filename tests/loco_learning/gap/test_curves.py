@@ -65,6 +65,17 @@ def test_the_worst_channels_come_first_and_in_order():
     assert made(late=0.1).label(2) == "q rh kfe"
 
 
+def test_an_instant_is_no_gap_to_look_at():
+    found = made(late=0.01)
+    assert found.worst(1) == [2]
+    found.records[1].before[:4, 1] += 100.0
+    assert found.worst(1) == [2]
+    found.records[1].before[:40, 1] += 100.0
+    assert found.worst(1) == [1]
+    found.records[1].measured[:, 1] = np.nan
+    assert found.worst(1) == [2]
+
+
 def test_nrmse_is_zero_for_the_truth_and_one_for_the_mean():
     true = curve(late=0.2)
     assert errors.nrmse(true, 0, "after").value == 0.0

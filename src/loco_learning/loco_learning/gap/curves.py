@@ -13,6 +13,7 @@ import numpy as np
 from loco_control.exceptions import BagError
 
 FIT, HELD_OUT = "fit", "held-out"
+LASTING = 0.99  # share of the time of which the rest is an instant
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,14 @@ class Curves:
         return np.sqrt(np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0))
 
     def worst(self, count: int) -> list[int]:
-        """Columns with the largest gap before, in units of their floor, in their order."""
-        ratio = np.nan_to_num(self.rms("before") / np.maximum(self.floor, 1e-30), nan=-1.0)
+        """Columns with the largest gap before, in units of their floor, in their order.
+
+        What lasts an instant, such as a start that is a little off, is nothing to look at.
+        """
+        miss = np.abs(np.concatenate([r.residual("before") for r in self.of_role(HELD_OUT)]))
+        miss = np.where(np.isfinite(miss).any(axis=0), np.nan_to_num(miss), -1.0)
+        lasting = np.minimum(miss, np.quantile(miss, LASTING, axis=0))
+        ratio = np.mean(lasting * np.abs(lasting), axis=0) / np.maximum(self.floor, 1e-30) ** 2
         return sorted(np.argsort(-ratio, kind="stable")[:count].tolist())
 
     def label(self, column: int) -> str:
