@@ -94,7 +94,7 @@ def run(
             result = bags.result(folder, case.name) or {
                 "case": case.name, "verdict": "error", "names": [], "terms": [], "error": result,
             }  # fmt: skip
-            bags.write_json(folder / bags.RESULTS / f"{case.name}.json", result)
+            bags.keep(folder, result)
         kept[case.name] = result
         said = ", ".join(result["names"]) or result["verdict"]
         tell(done, case.name, said)

@@ -37,7 +37,7 @@ def write(folder: Path, case: Case) -> None:
     write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # last: it is complete
 
 
-def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) -> Path:
+def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) -> None:
     """Bag of one experiment more with the robot of a case.
 
     Args:
@@ -45,17 +45,25 @@ def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) ->
         name: Of the case.
         moved: Positions and velocities that the driven joints are told, (T, m) each.
     """
-    path = folder / TRUTH / f"{name}.json"
-    case = cases.from_truth(json.loads(path.read_text(encoding="utf-8")))
+    case = cases.from_truth(truth(folder, name))
     bag = folder / BAGS / name / NEXT
     shutil.rmtree(bag, ignore_errors=True)
     write_bag(bag, cases.further(case, NEXT, moved), case.robot)
-    return bag
 
 
 def ready(folder: Path, name: str) -> bool:
     """Whether bags and truth of a case are there."""
     return (folder / TRUTH / f"{name}.json").is_file() and (folder / BAGS / name).is_dir()
+
+
+def truth(folder: Path, name: str) -> dict[str, Any]:
+    """What is hidden in a case that is `ready`."""
+    return json.loads((folder / TRUTH / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def keep(folder: Path, found: dict[str, Any]) -> None:
+    """Write what was said of a case."""
+    write_json(folder / RESULTS / f"{found['case']}.json", found)
 
 
 def result(folder: Path, name: str) -> dict[str, Any] | None:

@@ -40,20 +40,16 @@ def work(
     result = bags.result(folder, case.name)
     if result is None:
         result = {"case": case.name, **examined(place, case.robot, case.seed)}
-        _keep(folder, result)
+        bags.keep(folder, result)
     if follow and unfollowed(result):
         result["followed"] = followed(folder, case, result)
-        _keep(folder, result)
+        bags.keep(folder, result)
     missing = lacking(result, baselines)
     if missing:
         found = compared(place, case.robot, case.seed, missing)
         result["baselines"] = {**result.get("baselines", {}), **found}
-        _keep(folder, result)
+        bags.keep(folder, result)
     return result
-
-
-def _keep(folder: Path, result: dict[str, Any]) -> None:
-    bags.write_json(folder / bags.RESULTS / f"{result['case']}.json", result)
 
 
 def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ...]:
@@ -79,8 +75,8 @@ def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]
     """What the workflow says when it has also seen the experiment that it proposes."""
     name = result["next"][0]["experiment"]
     place = folder / bags.BAGS / case.name
-    model, *_ = read(place, case.robot)
-    bags.write_next(folder, case.name, motion(model, name, machines.get(case.robot).rate))
+    moved = motion(model_of(case.robot), name, machines.get(case.robot).rate)
+    bags.write_next(folder, case.name, moved)
     return {"experiment": name, **examined(place, case.robot, case.seed, (bags.NEXT,))}
 
 
@@ -133,6 +129,14 @@ def compared(place: Path, robot: str, seed: int, names: tuple[str, ...]) -> dict
     return baselines.run(names, *read(place, robot), seed)
 
 
+def model_of(robot: str) -> Any:
+    """Model of a robot as it should be, with how it is held."""
+    from loco_sim.model import Model
+
+    machine = machines.get(robot)
+    return Model(robot, dict(machine.overrides), [dict(e) for e in machine.known])
+
+
 def read(place: Path, robot: str, more: tuple[str, ...] = ()) -> tuple[Any, list, list]:
     """Model of a robot as it should be, records to fit and records to judge on.
 
@@ -141,12 +145,9 @@ def read(place: Path, robot: str, more: tuple[str, ...] = ()) -> tuple[Any, list
         robot: Name of the robot.
         more: Names of further bags to fit.
     """
-    from loco_sim.model import Model
-
     from .gap_import import load
 
-    machine = machines.get(robot)
-    model = Model(robot, dict(machine.overrides), [dict(e) for e in machine.known])
+    model = model_of(robot)
     made = model.make_robot()
     bags_to_fit = [*sorted(place.glob("fit_*")), *(place / name for name in more)]
     fit = [r for path in bags_to_fit for r in load(path, made)]

@@ -30,7 +30,7 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
     Returns:
         Lines for the terminal.
     """
-    rows = [score.row(_truth(folder, r["case"]), r) for r in results if _has(folder, r["case"])]
+    rows = [score.row(bags.truth(folder, r["case"]), r) for r in results if _has(folder, r["case"])]
     found = score.figures(rows)
     again = score.followed(rows)
     later = score.figures(again) if again else None
@@ -52,10 +52,6 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
 
 def _has(folder: Path, name: str) -> bool:
     return (folder / bags.TRUTH / f"{name}.json").is_file()
-
-
-def _truth(folder: Path, name: str) -> dict[str, Any]:
-    return json.loads((folder / bags.TRUTH / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def page(
