@@ -4,7 +4,10 @@
 Every test needs runs of the graph, which take seconds each; they are shared.
 """
 
+import os
 import re
+import signal
+import time
 
 import numpy as np
 import pytest
@@ -81,6 +84,26 @@ def test_a_run_ends_cleanly_and_loses_nothing(bags, name):
     assert set(outcome.exit_codes.values()) == {0}
     assert outcome.dropped == 0
     assert re.search(r"1\.5 s simulated, -?\d+\.\d\d m forward, no fall", outcome.text)
+
+
+def test_robots_wait_together_for_a_recorder_that_stands_still(tmp_path):
+    """Its queue holds 512 messages, and each tick of each of the three is 6."""
+    stopped = []
+
+    def stop(progress):
+        if not stopped and progress.sim_time > 1.0:
+            stopped.append(progress.pids["recorder"])
+            os.kill(stopped[0], signal.SIGSTOP)
+            time.sleep(0.7)
+            os.kill(stopped[0], signal.SIGCONT)
+
+    robot = load("tigrillo_sine", {"duration": 4.0})
+    robots = dict.fromkeys(("one", "two", "three"), robot)
+    outcome = runner.run_robots(robots, tmp_path / "bag", speed=2.0, on_progress=stop)
+    assert stopped
+    assert outcome.dropped == 0
+    bag = Bag(tmp_path / "bag")
+    assert {bag.topics[f"/{name}/joint_states"].count for name in robots} == {robot.ticks}
 
 
 def test_composed_run_says_what_it_does(bags, closed):

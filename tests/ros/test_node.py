@@ -157,6 +157,22 @@ def test_a_waiting_node_ends_with_code_0_on_a_signal(number):
 
 
 @pytest.mark.ros
+def test_a_signal_interrupts_no_callback():
+    """A lock that is held at the signal is free again at the end."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDS_A_LOCK], stderr=subprocess.PIPE, env=fresh_environment()
+    )
+    try:
+        wait_for_node("holder")
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors.decode()
+    assert errors.decode() == ""
+
+
+@pytest.mark.ros
 def test_what_the_kernel_grants_is_told_in_log_and_diagnostics():
     process = subprocess.Popen(
         [sys.executable, "-m", "loco_control.ros.target_node", "--ros-args"]
@@ -195,6 +211,33 @@ def test_a_wrong_parameter_is_one_clear_line_and_exit_code_2(setting, message):
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+
+
+HOLDS_A_LOCK = """
+import threading, time
+from loco_control.ros.node import LocoNode
+from loco_control.ros.spin import run_nodes
+
+class Holder(LocoNode):
+    def __init__(self):
+        super().__init__("holder")
+        self.lock = threading.Lock()
+        self.create_timer(0.01, self.hold)
+        self.announce_ready()
+
+    def hold(self):
+        self.lock.acquire()
+        end = time.monotonic() + 0.009
+        while time.monotonic() < end:
+            pass
+        self.lock.release()
+
+    def close(self):
+        if not self.lock.acquire(timeout=1.0):
+            raise SystemExit(5)
+
+raise SystemExit(run_nodes([Holder], []))
+"""
 
 
 def wait_for_node(name):

@@ -31,7 +31,7 @@ from .bag_writer import BagWriter
 log = logging.getLogger(__name__)
 
 FAULTS = LOST_TICK.writer
-_STATUS_EVERY = 20  # ticks between two recorder_status messages
+_STATUS_EVERY = 20  # ticks of all robots between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
 _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
 
@@ -49,7 +49,8 @@ class RecorderNode(LocoNode):
         graphs = self._graphs()
         self._rate = self.declare_parameter("control_rate", 250.0).value
         # With flow control no queue can overflow, and acknowledging each message would
-        # cost the writers more than writing it.
+        # cost the writers more than writing it. Not so what people say: the recorder may hear
+        # of them later than the controllers do.
         self._reliable = self.declare_parameter("reliable", True).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.table = {**self.table, **_merged(graphs, self.faulted)}
@@ -112,7 +113,7 @@ class RecorderNode(LocoNode):
             write(name, data, t)
 
         self._inputs[key] = self.create_subscription(
-            row.type, key, receive, row.qos.tap(self._reliable), raw=True
+            row.type, key, receive, row.qos.tap(self._reliable or row.writer == "any"), raw=True
         )
 
     def _tick_of(
@@ -194,7 +195,7 @@ class _Robot:
     def moved(self, now: int, tick: int) -> None:
         """A tick begins."""
         self.now, self.tick = now, tick
-        if tick - self.told >= _STATUS_EVERY or tick == 0:
+        if tick - self.told >= _STATUS_EVERY // len(self._recorder.robots) or tick == 0:
             self.tell()
 
     def tell(self) -> None:

@@ -129,7 +129,9 @@ def run_robots(
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
     with _domain_lock(robots):
         folder = Path(folder).resolve()
-        tick = _changes(TickParams(), {"clock": clock, "speed": speed, **tick}, "tick")
+        window = max(2, TickParams().flow_window // max(1, len(robots)))
+        tick = {"clock": clock, "speed": speed, "flow_window": window, **tick}
+        tick = _changes(TickParams(), tick, "tick")
         tick |= {"clock": clock, "speed": float(speed)}
         asked = _changes(RealtimeParams(), realtime or {}, "realtime")
         plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults, asked)

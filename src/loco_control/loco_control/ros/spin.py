@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import signal
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -44,6 +45,9 @@ def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None =
         Exit code: 0 after a signal, 2 for a user's mistake.
     """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    # rclpy ends the context on a signal, and that is looked for between messages. Python's
+    # KeyboardInterrupt would come in the middle of one, perhaps with a lock held for good.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
     rclpy.init(args=args)
     nodes: list[LocoNode] = []
     code = 0
@@ -54,7 +58,7 @@ def run_nodes(makers: Sequence[Callable[[], LocoNode]], args: list[str] | None =
             executor.add_node(nodes[-1])
         _prepare(nodes)
         _spin(executor, nodes)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         code = 0
     except LocoError as error:
         code = 2
