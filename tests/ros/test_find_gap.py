@@ -70,9 +70,8 @@ class Caller:
             self.bench.executor.spin_once(timeout_sec=0.01)
 
     def send(self, **goal):
-        sent = self.client.send_goal_async(
-            FindGap.Goal(**goal), lambda m: self.feedback.append(m.feedback)
-        )
+        heard = self.feedback.append  # of the client lives on what it was given: not us, too
+        sent = self.client.send_goal_async(FindGap.Goal(**goal), lambda m: heard(m.feedback))
         self.bench.wait(sent.done)
         return sent.result()
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from loco_sim.bolted import needs_engine
 from loco_sim.effects import EFFECTS, from_list
@@ -239,15 +239,25 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
     times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
     runs = zip(*places, *times, strict=True)
     apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
-    return _level(apart, forward.records)
+    return _largest(apart, forward.records)
 
 
-def _level(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
     """Largest error about each time, (T, C) each: it may come a little earlier or later."""
     return [
         maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
         for error, record in zip(errors, records, strict=True)
     ]
+
+
+def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+    """Rms error about each time, (T, C) each: it goes through zero where it is not small."""
+    levels = []
+    for error, record in zip(errors, records, strict=True):
+        width = max(1, round(2.0 * ABOUT / record.dt))
+        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
+        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # the running sum may end below 0
+    return levels
 
 
 def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
@@ -303,4 +313,4 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         for step in sorted({1.0, fine})
     }
     remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
-    return correction, _level(remains, forward.records)
+    return correction, _rms(remains, forward.records)
