@@ -169,10 +169,15 @@ def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
     assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
 
 
-@pytest.mark.parametrize("name", decide.TWINS)
-def test_a_late_command_and_a_late_sensor_are_told_together_whatever_the_odds(name):
-    (other,) = set(decide.TWINS) - {name}
-    twin = dataclasses.replace(GOOD, name=name, place="", rivals=(Rival(other, "", STRONG),))
-    found = verdict(twin)
+@pytest.mark.parametrize(("name", "twin"), decide.TWINS.items())
+def test_a_late_command_and_late_sensors_are_told_together(name, twin):
+    found = verdict(dataclasses.replace(GOOD, name=name, place=""))
     assert (found.verdict, found.names) == (AMBIGUOUS, ())
-    assert found.ambiguous == (tuple(sorted(decide.TWINS)),)
+    assert found.ambiguous == (tuple(sorted((name, twin))),)
+    assert f"; {twin} cannot be excluded." in found.rulings[0].evidence  # without odds
+
+
+def test_late_sensors_of_one_signal_are_told_from_a_late_command():
+    rival = Rival("command_delay", "", STRONG)
+    late = dataclasses.replace(GOOD, name="sensor_latency", place="", rivals=(rival,))
+    assert verdict(late).verdict == NAMED

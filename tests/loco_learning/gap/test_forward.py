@@ -168,3 +168,13 @@ def test_late_sensors_say_what_was_true_a_while_ago():
     half = forward([{"name": "sensor_latency", "delay": 0.025}])[0]
     linear = 0.5 * (now[7:-3] + now[8:-2])
     assert np.max(np.abs(half[10:] - linear)) < 5e-3 * np.ptp(now)
+
+
+def test_one_sensor_may_be_late_alone():
+    forward = Forward(Model("servo_pendulum", EXACT), [recorded("servo_pendulum", EXACT)])
+    assert [c.signal for c in forward.channels] == ["q", "dq", "tau"]
+    latency = {"name": "sensor_latency", "delay": 0.02}
+    now, every = forward()[0], forward([latency])[0]
+    late = forward([{**latency, "channel": "dq"}])[0]
+    np.testing.assert_array_equal(late[:, [0, 2]], now[:, [0, 2]])
+    np.testing.assert_array_equal(late[:, 1], every[:, 1])

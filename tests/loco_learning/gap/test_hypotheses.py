@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.hints import Hints, distinct, interval
-from loco_learning.gap.hypotheses import NOISE, offer
+from loco_learning.gap.hypotheses import NOISE, offer, separable
 from loco_learning.gap.places import chains, common, groups, links, members
 from loco_sim import effects, robot
 
@@ -54,6 +54,21 @@ def test_what_all_joints_share_is_one_hypothesis():
     """A supply sags for all drives: joint by joint it would take three names to explain it."""
     for name in ROBOTS:
         assert [h.place for h in all_of(name)[1] if h.effect == "supply_sag"] == [""]
+
+
+def test_late_sensors_are_tried_where_data_could_tell_them_from_a_late_command():
+    made = robot.load("hyq_leg")
+    hints = Hints(np.full(3, -0.5), np.full(3, 0.5))
+
+    def tried(signals, *effects):
+        some = [h for h in offer(made, signals, hints) if h.effect in effects]
+        return {h.key for h in separable(some)}
+
+    both = "command_delay", "sensor_latency"
+    assert tried(("q",), *both) == {"command_delay"}
+    assert tried(("q",), "sensor_latency") == {"sensor_latency"}
+    apart = {"command_delay", "sensor_latency q", "sensor_latency tau"}
+    assert tried(("q", "tau"), *both) == apart
 
 
 def test_a_sensor_that_was_not_read_is_not_blamed():

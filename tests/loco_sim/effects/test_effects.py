@@ -48,6 +48,19 @@ def test_a_late_command_is_the_command_of_before(plant, commands):
     np.testing.assert_array_equal(a.q, b.q)
 
 
+def test_one_sensor_is_late_and_the_others_are_not(plant, commands):
+    latency = {"name": "sensor_latency", "delay": 0.008}
+    sims = [plant(effects.from_list(e)) for e in ([], [latency], [{**latency, "channel": "q"}])]
+    for sim in sims:
+        sim.reset()
+    for k in range(10):
+        timely, late, one = (sim.step(*commands(k)) for sim in sims)
+    np.testing.assert_array_equal(one.q, late.q)
+    assert not np.array_equal(one.q, timely.q)
+    for name in ("dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(timely, name))
+
+
 def test_a_late_torque_takes_damping_away(plant, hyq):
     def swing(delay):
         sim = plant(effects.from_list([{"name": "actuation_delay", "delay": delay}]))

@@ -27,6 +27,8 @@ AXES = {
     "base_orientation": ("roll", "pitch", "yaw"),
 }
 SIGNALS = (*JOINT_SIGNALS, *AXES, FEET_SIGNAL)
+# What effects on sensors call a signal, where that differs.
+SENSORS = {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
 UNITS = {
     "q": "rad",
     "dq": "rad/s",

@@ -65,9 +65,9 @@ class Limits(Params):
 
 
 LIMITS = Limits()
-# Positions cannot tell a late command from a late sensor: all else comes later by as much. What
-# odds there are come from how the two are rounded to steps.
-TWINS = ("command_delay", "sensor_latency")
+# No recording tells a late command from sensors that are all late: whatever comes, comes later by
+# as much. The search tries the first and says both.
+TWINS = {"command_delay": "sensor_latency"}
 KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
@@ -303,8 +303,9 @@ def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
 def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
     c = replace(c, rivals=serious(c, limits))
-    close = [r for r in c.rivals if r.over.odds <= limits.odds or _twins(c.name, r.name)]
-    others = tuple(sorted(({r.name for r in close} - {c.name}) | set(c.traded)))
+    close = [r for r in c.rivals if r.over.odds <= limits.odds]
+    alike = {r.name for r in close} | {TWINS[name] for name in (c.name,) if name in TWINS}
+    others = tuple(sorted((alike - {c.name}) | set(c.traded)))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
     lacks = _lacks(c, found, limits)
     verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
@@ -317,11 +318,6 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
 def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
     """Rivals that leave little more, and that close enough to get a name themselves."""
     return tuple(r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed)
-
-
-def _twins(name: str, rival: str) -> bool:
-    """No data tell two effects apart."""
-    return name != rival and {name, rival} <= set(TWINS)
 
 
 def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
@@ -354,7 +350,8 @@ def _sentence(
     )
     rivals = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
     if verdict == AMBIGUOUS:
-        odds = f" (odds {rivals[0].over.odds:.2g} to 1)" if rivals and not c.traded else ""
+        near = [r.over.odds for r in rivals if r.name in others]
+        odds = f" (odds {near[0]:.2g} to 1)" if near and not c.traded else ""
         text += f"; {' and '.join(others)} cannot be excluded{odds}"
     elif rivals:
         text += f"; odds {rivals[0].over.odds:.2g} to 1 against the next name, {rivals[0].name}"

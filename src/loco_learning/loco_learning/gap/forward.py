@@ -25,7 +25,7 @@ from loco_sim.model import Model
 from loco_sim.robot import Robot
 
 from . import running, windows
-from .channels import SIGNALS, Channel, measured, of
+from .channels import SENSORS, SIGNALS, Channel, measured, of
 from .record import Record
 from .running import Start
 
@@ -149,13 +149,23 @@ class Forward:
         rows = range(len(self.records)) if only is None else only
         late = [e for e in effects if _late(e)]
         effects = [e for e in effects if not _late(e)]
-        shift += sum(e["delay"] for e in late)
         found = [self._run(i, effects, overrides or {}, step) for i in rows]
-        if shift:
+        behind = self._behind(late, shift)
+        for by in np.unique(behind[behind != 0.0]):
             found = [
-                shifted(p, shift / self.records[i].dt) for i, p in zip(rows, found, strict=True)
+                np.where(behind == by, shifted(p, by / self.records[i].dt), p)
+                for i, p in zip(rows, found, strict=True)
             ]
         return found
+
+    def _behind(self, late: Sequence[Mapping[str, Any]], shift: float) -> np.ndarray:
+        """How late each channel is [s], (C,)."""
+        named = np.array([SENSORS.get(c.signal, c.signal) for c in self.channels])
+        times = np.full(len(named), shift)
+        for spec in late:
+            which = spec.get("channel", "all")
+            times[(named == which) | (which == "all")] += spec["delay"]
+        return times
 
     def nudged(self, speed: float) -> Forward:
         """The same, with driven joints that begin faster by so much [rad/s or m/s]."""
@@ -245,8 +255,8 @@ def _still(record: Record, q: np.ndarray) -> list[Start]:
 
 
 def _late(spec: Mapping[str, Any]) -> bool:
-    """All sensors are late by the same time, all the time: an effect on no more than the clock."""
-    return spec["name"] == "sensor_latency" and {"delay"} == {*spec} - {"name"}
+    """Sensors are late by the same time, all the time: an effect on no more than the clock."""
+    return spec["name"] == "sensor_latency" and {*spec} <= {"name", "delay", "channel"}
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:

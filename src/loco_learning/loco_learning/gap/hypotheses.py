@@ -20,6 +20,7 @@ from loco_sim.robot import Robot
 
 from . import structured
 from .coordinates import Coordinate, assemble
+from .decide import TWINS
 from .hints import Hints
 from .places import joint_places
 
@@ -93,6 +94,13 @@ class Hypothesis:
         if lone and not self.coordinates[lone[0]].one_sided:
             made.append([-v if i in lone else v for i, v in enumerate(made[0])])
         return made
+
+
+def separable(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Without those that no recording tells from another one that is there: see `TWINS`."""
+    there = {h.effect for h in hypotheses}
+    twins = {twin for name, twin in TWINS.items() if name in there}
+    return [h for h in hypotheses if h.effect not in twins or h.variant]
 
 
 def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:

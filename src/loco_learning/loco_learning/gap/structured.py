@@ -16,8 +16,10 @@ import numpy as np
 
 from loco_sim.description import Description
 from loco_sim.effects.base import EFFECTS, turning
+from loco_sim.effects.identity import SENSOR_SIGNALS
 from loco_sim.robot import Robot
 
+from .channels import SENSORS
 from .coordinates import Coordinate
 from .hints import Hints
 from .places import joint_places, links
@@ -170,6 +172,18 @@ def _sensor(effect: str, names: dict[str, str]) -> Callable[..., list[Entry]]:
     return build
 
 
+def sensor_latency(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
+    """All sensors, or those of one signal where several were measured."""
+    delay = EFFECTS["sensor_latency"].identity.priors["delay"].typical
+    free = (_strength("sensor_latency", "delay", delay),)
+    made: list[Entry] = [("", (), free, "")]
+    for signal in signals if len(signals) > 1 else ():
+        channel = SENSORS.get(signal, signal)
+        if channel in SENSOR_SIGNALS:
+            made.append(("", (("channel", channel),), free, channel))
+    return made
+
+
 def sensor_nonlinearity(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
     """Both bends of each joint's sensor."""
     free = tuple(
@@ -194,5 +208,6 @@ BUILDERS: dict[str, Callable[..., list[Entry]]] = {
         "sensor_gain",
         {"q": "q", "tau": "tau", "grf": "grf", "gyro": "gyro", "acceleration": "accelerometer"},
     ),
+    "sensor_latency": sensor_latency,
     "sensor_nonlinearity": sensor_nonlinearity,
 }

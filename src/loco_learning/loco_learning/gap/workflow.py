@@ -19,7 +19,7 @@ from . import nominal as nominals
 from .bundles import bundles
 from .following import following
 from .forward import Forward, ForwardParams
-from .hypotheses import offer
+from .hypotheses import offer, separable
 from .judge import judge
 from .parallel import Tasks
 from .params import GapParams
@@ -61,7 +61,7 @@ def find(
     case = cases.prepare(forward, records, held_out)
     hypotheses = offer(robot, case.signals, hints.find(case, robot))
     wanted = params.effects
-    hypotheses = [h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)]
+    hypotheses = separable([h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)])
     tasks = Tasks(case, workers)
 
     def searching(fraction: float, stage: str, best: str) -> None:

@@ -196,13 +196,14 @@ class Quantisation(JointSensor, name="quantisation"):
 
 @dataclass
 class SensorLatency(Measuring, Effect, name="sensor_latency"):
-    """All sensors say what was true a while ago, between two samples by interpolation.
+    """Sensors say what was true a while ago, between two samples by interpolation.
 
     When it begins, the values of that moment are held until the late ones arrive. Which
     feet are in contact stays that of now.
     """
 
     delay: float = parameter(0.0, "delay, need not be whole samples", "s", low=0.0, high=1.0)
+    channel: str = parameter("all", "which sensors", choices=("all", *SENSOR_SIGNALS))
 
     identity = Identity(
         site="sensor",
@@ -225,6 +226,15 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
         self._past: deque = deque()
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        if self.channel == "all":
+            self._read(values, at, t)
+        else:
+            late, here = values.copy(), at[self.channel]
+            self._read(late, at, t)
+            values[here] = late[here]
+
+    def _read(self, values: np.ndarray, at: Layout, t: float) -> None:
+        """Put what was true a while ago in the place of what is."""
         past, wanted = self._past, t - self.delay
         past.append((t, values.copy()))
         while len(past) > 1 and past[1][0] <= wanted + 1e-9:

@@ -116,6 +116,24 @@ def test_twins_are_right_when_both_are_named_as_ambiguous():
     assert score.row(case, guessed)["top1"] and not score.row(case, guessed)["right"]
 
 
+def test_late_sensors_are_told_from_a_late_command_where_torques_come_in_time():
+    named = result("named", [term("sensor_latency", "")])
+    case = truth([("sensor_latency", "")], robot="hyq_leg")
+    assert score.row(case, named)["right"]
+    assert not score.row({**case, "robot": "linear_axis"}, named)["right"]
+
+
+def test_a_pair_is_right_when_only_its_twin_is_left():
+    delay = ["command_delay", "sensor_latency"]
+    case = truth([*FRICTION, ("sensor_latency", "")], "pair")
+    hedged = result("ambiguous", [term(*FRICTION[0])], ambiguous=[delay])
+    assert score.row(case, hedged)["right"] and not score.row(case, hedged)["top1"]
+    assert not score.row(case, result("unknown", [term(*FRICTION[0])], ambiguous=[delay]))["right"]
+    more = result("ambiguous", [term(*FRICTION[0])], ambiguous=[delay, ["payload", "com_offset"]])
+    assert not score.row(case, more)["right"]
+    assert not score.row(case, result("ambiguous", [], ambiguous=[delay]))["right"]
+
+
 def test_the_first_choice_counts_whatever_the_verdict():
     found = term(*FRICTION[0])
     hedged = result("ambiguous", [found], ambiguous=[["coulomb_friction", "load_friction"]])

@@ -77,7 +77,7 @@ LAWS: dict[str, tuple[int, tuple[str, ...]]] = {  # row and the parameters in th
     "gear_ripple": (slots.RIPPLE, ("torque", "teeth", "phase")),
     "quadratic_drag": (slots.DRAG, ("drag",)),
     "rubber": (slots.RUBBER, ("torque", "stroke", "hardening")),
-    "one_way_friction": (slots.ONE_WAY, ("torque",)),
+    "one_way_damping": (slots.ONE_WAY, ("damping",)),
 }
 
 

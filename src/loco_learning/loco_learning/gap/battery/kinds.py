@@ -183,7 +183,8 @@ OUTSIDERS: dict[str, Kind] = {  # nothing of this kind is in the registry
         "frequency": float(rng.uniform(2.0, 5.0)), "ratio": float(rng.uniform(0.03, 0.1))}),
     "rubber": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=lambda rng, m, j: {
         "stroke": float(span(m, j) * rng.uniform(0.2, 0.4)), "hardening": 2.0}),
-    "one_way_friction": Kind("torque", 1e-3, 0.4, "driven", "torque"),
+    # Dry friction one way would be Coulomb friction and a constant torque, which have names.
+    "one_way_damping": Kind("damping", 1e-3, 3.0, "driven", "damping"),
     "torque_jump": Kind("error", 0.01, 0.6, "driven", draw=lambda rng, m, j: {
         "time": float(rng.uniform(1.6, 2.4))}),
     "speed_skew": Kind("skew", 1e-3, 0.5, "driven", "skew", True),

@@ -20,6 +20,7 @@ from .slots import (
     LOOSE,
     LOOSE_V,
     MAXWELL,
+    ONE_WAY,
     RIPPLE,
     RUBBER,
     RUBBER_A,
@@ -158,6 +159,7 @@ def strange(state, j, hidden):
     """Torque of laws that nobody has a name for, and of viscous friction [N·m]."""
     q, v = state[Q, j], state[V, j]
     tau = -hidden[VISCOUS, j, 0] * v - hidden[DRAG, j, 0] * v * abs(v)
+    tau -= hidden[ONE_WAY, j, 0] * max(0.0, v)
     if hidden[RIPPLE, j, 0] != 0.0:
         tau += hidden[RIPPLE, j, 0] * np.sin(hidden[RIPPLE, j, 1] * q + hidden[RIPPLE, j, 2])
     if hidden[ABSORBER, j, 2] > 0.0:

@@ -25,7 +25,6 @@ from .slots import (
     MOTOR,
     MOTOR_V,
     OFFSET,
-    ONE_WAY,
     ROTOR,
     ROTOR_V,
     SAG,
@@ -313,7 +312,7 @@ def _stop(state, before, machine, hidden, drive, t, dt):
         if hidden[DRIFT, j, 0] > 0.0:
             budget += hidden[DRIFT, j, 0] * np.exp(-max(0.0, t) / hidden[DRIFT, j, 1])
         most[j] = budget * dt
-        least[j] = -(budget + hidden[ONE_WAY, j, 0]) * dt
+        least[j] = -budget * dt
         if least[j] < 0.0 or state[Q, j] <= lower[j] or state[Q, j] >= upper[j]:
             acting[count] = j
             count += 1

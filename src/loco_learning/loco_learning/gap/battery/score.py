@@ -41,6 +41,8 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": result.get("seconds"), "options": options, "error": result.get("error", ""),
     }  # fmt: skip
     twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
+    if true == ["sensor_latency"] and get(truth["robot"]).torque_noise:
+        twin = None  # its torques come in time
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
     made["named"] = verdict == "named"
     made["top1"] = bool(true) and verdict == "named" and said == true
@@ -54,6 +56,8 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         )
     )
     made["right"] = made["top1"] if twin is None else hedged
+    if kind == "pair":
+        made["right"] = made["top1"] or verdict == "ambiguous" and _both(true, said, result)
     made["top2"] = made["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     made["with_others"] = verdict == "named" and bool(true) and set(true) < set(said)
     made["false"] = verdict == "named" and kind in ("null", "outsider")
@@ -79,6 +83,13 @@ def _groups(result: Mapping[str, Any]) -> list[list[str]]:
     """Sets of effects that the workflow cannot tell apart."""
     groups = [[str(name).split(" ")[0] for name in g] for g in result.get("ambiguous", [])]
     return groups or ([list(result["names"])] if result.get("names") else [])
+
+
+def _both(true: Sequence[str], said: Sequence[str], result: Mapping[str, Any]) -> bool:
+    """All is named, but for twins that are told as such."""
+    groups = [set(group) for group in _groups(result)]
+    told = {name for group in groups for name in group if name in true}
+    return all(group in TWINS for group in groups) and {*said, *told} == set(true)
 
 
 def _options(result: Mapping[str, Any]) -> list[str]:
@@ -178,6 +189,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "by robot": {name: rates([r for r in seen if r["robot"] == name])
                      for name in sorted({r["robot"] for r in rows})},
         "pairs both named": share(set(r["true"]) <= set(r["said"]) for r in pairs),
+        "pairs right": share(r["right"] for r in pairs),
         "pairs one named": share(bool(set(r["true"]) & set(r["said"])) for r in pairs),
         "pairs": len(pairs),
         "nulls": len(nulls),

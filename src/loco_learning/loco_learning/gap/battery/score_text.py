@@ -27,6 +27,8 @@ WANTED = (  # figure, where it stands, what is asked for
     ("top-1 name, single effects, small", ("singles small", "top-1"), ""),
     ("called no gap, single effects, small", ("singles small", "no gap"), ""),
     ("pairs: both named", ("pairs both named",), ">= 60 %"),
+    ("pairs: both named, or one and that something is late (command or sensors)",
+     ("pairs right",), ""),
     ("pairs: at least one named", ("pairs one named",), ""),
     ("false names on nulls", ("false names on nulls",), "<= 5 %"),
     ("false names over all cases", ("false names",), ""),

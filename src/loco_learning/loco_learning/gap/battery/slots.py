@@ -36,7 +36,7 @@ SPRING = 6  # kind (1 linear, 2 knee), stiffness, damping, rest or free length, 
     DRAG,  # torque per speed squared
     ABSORBER,  # stiffness, damping, inertia
     RUBBER,  # torque, stroke, share of hardening
-    ONE_WAY,  # dry friction of motions to the positive side
+    ONE_WAY,  # viscous friction of motions to the positive side
     JUMP,  # torque error before and after `time`
     LAWS,
 ) = range(28)
