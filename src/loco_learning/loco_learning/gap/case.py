@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from loco_sim.bolted import needs_engine
 from loco_sim.effects import EFFECTS, from_list
@@ -26,7 +26,6 @@ PHASE = 0.05  # shift of a drive's rounding [steps]
 NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
 REST = 0.05  # of the numerical error over all records that is there at any time
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
-ALLOWED = 0.1  # of the accuracy that is asked for, which counts as noise
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
 
@@ -179,20 +178,15 @@ class Case:
         return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
 
 
-def prepare(
-    forward: Any, records: Sequence[Record], held_out: Sequence[Record], accuracy: float = 0.0
-) -> Case:
+def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record]) -> Case:
     """Split what is fitted from what judges, and find the floor of each channel.
 
-    Without records to judge on, the last third of each record judges. Where no model is expected
-    to come near the noise, a share of what it may leave is in the floor, the same at all times:
-    else the moments that integrate best would decide which wrong model is least wrong.
+    Without records to judge on, the last third of each record judges.
 
     Args:
         forward: Forward model of ``[*records, *held_out]``.
         records: To fit.
         held_out: To judge on.
-        accuracy: Share of the size of each signal that a model may leave.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []
@@ -210,10 +204,7 @@ def prepare(
     fine = finest(forward)
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
-    sizes = np.nanstd(np.concatenate(forward.measured), axis=0)
-    sensors = np.hypot(
-        noise.floor(forward.measured, steps, noise.shares(signals)), ALLOWED * accuracy * sizes
-    )
+    sensors = noise.floor(forward.measured, steps, noise.shares(signals))
     pooled = _pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
     local = zip(numeric, hunting(forward, fine), strict=True)
@@ -248,15 +239,25 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
     times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
     runs = zip(*places, *times, strict=True)
     apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
-    return _level(apart, forward.records)
+    return _largest(apart, forward.records)
 
 
-def _level(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
     """Largest error about each time, (T, C) each: it may come a little earlier or later."""
     return [
         maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
         for error, record in zip(errors, records, strict=True)
     ]
+
+
+def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+    """Rms error about each time, (T, C) each: it goes through zero where it is not small."""
+    levels = []
+    for error, record in zip(errors, records, strict=True):
+        width = max(1, round(2.0 * ABOUT / record.dt))
+        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
+        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # the running sum may end below 0
+    return levels
 
 
 def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
@@ -312,4 +313,4 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         for step in sorted({1.0, fine})
     }
     remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
-    return correction, _level(remains, forward.records)
+    return correction, _rms(remains, forward.records)

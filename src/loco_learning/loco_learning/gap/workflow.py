@@ -58,7 +58,7 @@ def find(
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
-    case = cases.prepare(forward, records, held_out, params.accuracy)
+    case = cases.prepare(forward, records, held_out)
     hypotheses = offer(robot, case.signals, hints.find(case, robot))
     wanted = params.effects
     hypotheses = separable([h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)])
