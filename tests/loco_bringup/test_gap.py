@@ -99,6 +99,17 @@ class Reader(HTMLParser):
         self.words.append(data)
 
 
+def test_what_the_recordings_cannot_tell_a_test_at_the_robot_can():
+    delay = result("ambiguous", ambiguous=[["command_delay", "sensor_latency"]], next=[])
+    (line,) = text.at_the_robot(delay)
+    assert line.startswith("command delay from sensor latency: ")
+    assert "push the robot by hand" in line
+    assert line in " ".join(Reader(pages.page(delay, curves())).words)
+    assert text.at_the_robot(result("named")) == []
+    nominal = result("ambiguous", ambiguous=[["coulomb_friction", "drives.pivot.gain"]])
+    assert text.at_the_robot(nominal) == []
+
+
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_is_whole_and_names_no_address(verdict):
     page = pages.page(result(verdict), curves())

@@ -75,6 +75,8 @@ def show(result: Mapping[str, Any], folder: Path) -> None:
         console.print(f"  {gap}")
     for alarm in result.get("alarms") or ():
         console.print(f"  alarm: {alarm}")
+    for line in text.at_the_robot(result):
+        console.print(f"  to tell {line}")
     if result.get("next"):
         console.print(f"  next: loco gap next {folder}")
     console.print(f"  page: {folder / runner.PAGE}")

@@ -133,9 +133,12 @@ def identifiability(result: Result) -> str:
 
 def proposals(result: Result) -> str:
     """Experiments that would tell most."""
-    items = result.get("next") or []
+    items, lines = result.get("next") or [], text.at_the_robot(result)
+    by_hand = "".join(f"<li>To tell {escape(line)}.</li>" for line in lines)
+    by_hand = f"<p>{_BY_HAND}</p><ul>{by_hand}</ul>" if by_hand else ""
     if not items:
-        return "<p class='soft'>None: nothing is left to tell apart.</p>"
+        none = "none of the library" if by_hand else "nothing is left to tell apart"
+        return f"<p class='soft'>None: {none}.</p>{by_hand}"
     rows = [
         [
             escape(text.words(str(r["experiment"]))),
@@ -144,7 +147,7 @@ def proposals(result: Result) -> str:
         ]
         for r in items
     ]
-    return f"<p>{_NEXT}</p>{table(['Experiment', 'Tells', 'Odds expected'], rows)}"
+    return f"<p>{_NEXT}</p>{table(['Experiment', 'Tells', 'Odds expected'], rows)}{by_hand}"
 
 
 def correction(result: Result) -> str:
@@ -196,6 +199,7 @@ _CORRECTION = (
     "A ridge regression of what the model misses on angles, speeds and commands: it says how much "
     "of the gap depends on them, and nothing about the cause. Its weights are in gap.json."
 )
+_BY_HAND = "At the robot:"
 _NEXT = (
     "<code>loco gap next DIR</code> writes the first as a file, <code>loco run</code> executes it, "
     "<code>loco gap DIR --add BAG</code> takes the new recording in."

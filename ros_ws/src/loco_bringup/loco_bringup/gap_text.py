@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from loco_sim.effects.base import EFFECTS
+
 Result = Mapping[str, Any]
 
 
@@ -121,6 +123,21 @@ def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]
     """Figures of the gap that there are; where nothing is added to the model, only before."""
     known = [key for key in keys if result["gap"].get(key) is not None]
     return [key for key in known if result["verdict"] != "unknown" or key == "before"]
+
+
+def at_the_robot(result: Result) -> list[str]:
+    """What tells ambiguous effects apart at the robot, as the registry knows it, a line a pair."""
+    tests: dict[frozenset[str], list[str]] = {}
+    for group in ambiguous(result) if result["verdict"] == "ambiguous" else ():
+        names = {str(item).split(" ")[0] for item in group}
+        for name in sorted(names & set(EFFECTS)):
+            for alike in EFFECTS[name].identity.look_alikes:
+                if alike.name in names:
+                    tests.setdefault(frozenset((name, alike.name)), []).append(alike.experiment)
+    return [
+        f"{listed([words(n) for n in sorted(pair)], 'from')}: {'; or '.join(dict.fromkeys(found))}"
+        for pair, found in tests.items()
+    ]
 
 
 def next_line(row: Mapping[str, Any]) -> str:
