@@ -2,6 +2,7 @@
 """Nodes that die are restarted or end the run; nothing is left behind, whoever is killed."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -190,6 +191,27 @@ def test_the_guard_ends_a_process_that_heeds_nothing(tmp_path, monkeypatch):
     child, guard = map(int, done.stdout.split())
     wait(lambda: not start_of(child), 20.0)  # it ignored the kernel's signal
     wait(lambda: not start_of(guard), 5.0)
+
+
+def test_a_process_is_there_until_its_last_thread_has_ended():
+    number = {"x86_64": 60, "aarch64": 93}.get(platform.machine())
+    if number is None:
+        pytest.skip("the number of the system call that ends a thread is not known here")
+    script = (
+        "import ctypes, threading, time\n"
+        "threading.Thread(target=time.sleep, args=(600,)).start()\n"
+        f"ctypes.CDLL(None).syscall({number}, 0)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script])
+    try:
+        began = start_of(process.pid)
+        state = Path(f"/proc/{process.pid}/stat")
+        wait(lambda: state.read_text().rpartition(")")[2].split()[0] == "Z")
+        assert start_of(process.pid) == began != ""
+    finally:
+        process.kill()
+    wait(lambda: not start_of(process.pid))
+    process.wait()
 
 
 def test_the_guard_leaves_with_the_run(tmp_path):

@@ -21,13 +21,17 @@ PATIENCE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
 
 
 def start_of(pid: int) -> str:
-    """When a process began, "" if there is none: with the pid it names one process for good."""
+    """When a process began, "" if there is none: with the pid it names one process for good.
+
+    A process whose first thread has ended has its files and locks until the last one has.
+    """
     try:
         with open(f"/proc/{pid}/stat") as file:
             fields = file.read().rpartition(")")[2].split()
+        threads = len(os.listdir(f"/proc/{pid}/task"))
     except OSError:
         return ""
-    return "" if fields[0] == "Z" else fields[19]
+    return "" if fields[0] == "Z" and threads < 2 else fields[19]
 
 
 def send(pid: int, number: int) -> None:
