@@ -169,7 +169,7 @@ def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
     assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
 
 
-@pytest.mark.parametrize(("name", "twin"), decide.TWINS.items())
+@pytest.mark.parametrize(("name", "twin"), [(a, b) for a, bs in decide.TWINS.items() for b in bs])
 def test_a_late_command_and_late_sensors_are_told_together(name, twin):
     found = verdict(dataclasses.replace(GOOD, name=name, place=""))
     assert (found.verdict, found.names) == (AMBIGUOUS, ())

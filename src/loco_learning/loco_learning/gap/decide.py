@@ -67,7 +67,7 @@ class Limits(Params):
 LIMITS = Limits()
 # No recording tells a late command from sensors that are all late: whatever comes, comes later by
 # as much. The search tries the first and says both.
-TWINS = {"command_delay": "sensor_latency"}
+TWINS = {"command_delay": ("sensor_latency",)}
 KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
@@ -304,8 +304,8 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     found = alarms(c, limits)
     c = replace(c, rivals=serious(c, limits))
     close = [r for r in c.rivals if r.over.odds <= limits.odds]
-    alike = {r.name for r in close} | {TWINS[name] for name in (c.name,) if name in TWINS}
-    others = tuple(sorted((alike - {c.name}) | set(c.traded)))
+    names = {r.name for r in close} - {c.name}
+    others = tuple(sorted({*names, *TWINS.get(c.name, ()), *c.traded}))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
     lacks = _lacks(c, found, limits)
     verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED

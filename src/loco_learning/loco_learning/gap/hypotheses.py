@@ -98,8 +98,7 @@ class Hypothesis:
 
 def separable(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Without those that no recording tells from another one that is there: see `TWINS`."""
-    there = {h.effect for h in hypotheses}
-    twins = {twin for name, twin in TWINS.items() if name in there}
+    twins = {twin for h in hypotheses for twin in TWINS.get(h.effect, ())}
     return [h for h in hypotheses if h.effect not in twins or h.variant]
 
 
