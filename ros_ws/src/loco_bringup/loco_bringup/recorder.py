@@ -31,7 +31,6 @@ from .bag_writer import BagWriter
 log = logging.getLogger(__name__)
 
 FAULTS = LOST_TICK.writer
-_STATUS_EVERY = 20  # ticks of all robots between two recorder_status messages
 _STAMP_AT = 4  # bytes: after the CDR header
 _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
 
@@ -52,6 +51,8 @@ class RecorderNode(LocoNode):
         # cost the writers more than writing it. Not so what people say: the recorder may hear
         # of them later than the controllers do.
         self._reliable = self.declare_parameter("reliable", True).value
+        # Ticks between two recorder_status messages: half of what the plant lets us lag behind.
+        self.status_every = self.declare_parameter("status_every", 20).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.table = {**self.table, **_merged(graphs, self.faulted)}
         chosen = {space: _chosen(wanted, TABLES[table]) for space, table in graphs}
@@ -195,7 +196,7 @@ class _Robot:
     def moved(self, now: int, tick: int) -> None:
         """A tick begins."""
         self.now, self.tick = now, tick
-        if tick - self.told >= _STATUS_EVERY // len(self._recorder.robots) or tick == 0:
+        if tick - self.told >= self._recorder.status_every or tick == 0:
             self.tell()
 
     def tell(self) -> None:

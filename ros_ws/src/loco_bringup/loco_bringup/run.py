@@ -265,6 +265,7 @@ class _Plan:
             "custom_data": json.dumps(custom),
             "reliable": self._tick["clock"] != "lockstep",
             "attach": [str(path) for path in files],
+            "status_every": self._tick.get("flow_window", TickParams().flow_window) // 2,
             "control_rate": first.control_rate,
             "namespaces": list(tables),
             "tables": list(tables.values()),
