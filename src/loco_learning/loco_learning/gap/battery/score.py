@@ -189,7 +189,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "by robot": {name: rates([r for r in seen if r["robot"] == name])
                      for name in sorted({r["robot"] for r in rows})},
         "pairs both named": share(set(r["true"]) <= set(r["said"]) for r in pairs),
-        "pairs right": share(r["right"] for r in pairs),
+        "pairs right": share(r["right"] or set(r["true"]) <= set(r["said"]) for r in pairs),
         "pairs one named": share(bool(set(r["true"]) & set(r["said"])) for r in pairs),
         "pairs": len(pairs),
         "nulls": len(nulls),
