@@ -169,6 +169,16 @@ def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
     assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
 
 
+def test_what_needs_an_effect_beside_it_that_is_not_established_gets_no_name():
+    shaky = dataclasses.replace(GOOD, name="offset", closed=0.2)
+    assert verdict(GOOD, dataclasses.replace(GOOD, name="spring")).verdict == NAMED
+    found = verdict(GOOD, shaky)
+    assert (found.verdict, found.names, found.adequate) == (UNKNOWN, ("friction",), True)
+    assert "only beside offset" in found.evidence
+    poor = verdict(GOOD, shaky, after=score(9.0))
+    assert poor.verdict == UNKNOWN and "close part of it" in poor.evidence
+
+
 @pytest.mark.parametrize(("name", "twin"), [(a, b) for a, bs in decide.TWINS.items() for b in bs])
 def test_a_late_command_and_late_sensors_are_told_together(name, twin):
     found = verdict(dataclasses.replace(GOOD, name=name, place=""))
