@@ -184,7 +184,8 @@ def test_a_late_command_and_late_sensors_are_told_together(name, twin):
     found = verdict(dataclasses.replace(GOOD, name=name, place=""))
     assert (found.verdict, found.names) == (AMBIGUOUS, ())
     assert found.ambiguous == (tuple(sorted((name, twin))),)
-    assert f"; {twin} cannot be excluded." in found.rulings[0].evidence  # without odds
+    assert found.rulings[0].odds == 1.0
+    assert f"; {twin} cannot be excluded." in found.rulings[0].evidence
 
 
 def test_late_sensors_of_one_signal_are_told_from_a_late_command():

@@ -312,6 +312,7 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
     named_else = [r for r in c.rivals if r.name != c.name]
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
+    odds = min(odds, 1.0) if c.name in TWINS else odds
     text = _sentence(c, verdict, lacks, others, places)
     return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
 
