@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from loco_learning.gap import decide, evidence
-from loco_learning.gap.decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Candidate, Estimate, Rival
+from loco_learning.gap.candidates import Candidate, Estimate, Rival
+from loco_learning.gap.decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
 
 STRONG = evidence.Comparison(80.0, 50.0, 110.0, 0.95, 1e6, 30)
 CLOSE = dataclasses.replace(STRONG, gain=1.0, low=-3.0, high=5.0, odds=2.0)

@@ -9,7 +9,7 @@ import pytest
 
 from loco_bringup import gap_text as text
 from loco_learning.gap import decide, evidence, kinds
-from loco_learning.gap.decide import Candidate, Estimate, Rival
+from loco_learning.gap.candidates import Candidate, Estimate, Rival
 from loco_sim.effects.base import EFFECTS
 
 STRONG = evidence.Comparison(80.0, 50.0, 110.0, 0.95, 1e6, 30)

@@ -18,7 +18,8 @@ from scipy import stats
 from loco_control.params import Params, parameter
 
 from . import evidence
-from .evidence import Comparison, Score
+from .candidates import Candidate, Estimate, Rival
+from .evidence import Score
 from .leftover import adequate
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
@@ -72,88 +73,6 @@ KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A fitted parameter with its 95 % interval, all in `unit`.
-
-    Attributes:
-        name: As in the registry.
-        value: Best value.
-        low: Lower end of the interval.
-        high: Upper end.
-        unit: SI unit, - without one.
-        least: Smallest value the fit may take, -inf without bound.
-        most: Largest.
-        absent: Value at which the effect is not there; None for a shape such as a velocity scale.
-        sign: +1 or -1 where only this sign is physical, 0 where both are.
-        spread: Deviation of the value between parts of the data that errors do not explain.
-    """
-
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str = "-"
-    least: float = -math.inf
-    most: float = math.inf
-    absent: float | None = 0.0
-    sign: int = 0
-    spread: float = 0.0
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another effect in the place of a candidate, everything else refitted.
-
-    Attributes:
-        name: Its name.
-        place: Where it sits.
-        over: Evidence for the candidate over this one.
-        closed: Share of the gap that it closes.
-        trifle: It is too small to matter on any robot.
-        worse: Rms that it leaves on all data over that of the selected model; at most 1 if it
-            leaves less on held-out data.
-    """
-
-    name: str
-    place: str
-    over: Comparison
-    closed: float = math.nan
-    trifle: bool = False
-    worse: float = 1.0
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A term of the selected model, with what speaks for it on held-out data.
-
-    Attributes:
-        name: Name of the effect.
-        place: Where it sits.
-        estimates: Its parameters.
-        gain: Evidence for the model over the same model without the term, refitted.
-        closed: Share of the gap that comes back without it.
-        rivals: The same model with another effect instead, refitted.
-        trifle: It is too small to matter on any robot.
-        total: As `gain`, on all data, its parameters paid: a few seconds of held-out data of
-            slow motion are too few blocks to tell chance from an effect.
-        worse: As of a rival, of the model without the term: what acts in a few blocks only.
-        elsewhere: It shows in none of the data that judge, so that all were taken.
-    """
-
-    name: str
-    place: str
-    estimates: tuple[Estimate, ...]
-    gain: Comparison
-    closed: float
-    rivals: tuple[Rival, ...] = ()
-    trifle: bool = False
-    traded: tuple[str, ...] = ()
-    total: Comparison | None = None
-    worse: float = 1.0
-    elsewhere: bool = False
-
-
-@dataclass(frozen=True)
 class Ruling:
     """What is said about one candidate.
 
@@ -184,21 +103,30 @@ class Decision:
 
     Attributes:
         verdict: `NAMED`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
-        names: Effects that are named, sorted.
-        ambiguous: Groups of names of which the data cannot choose one.
         rulings: One per candidate, in the order given.
-        alarms: Of all candidates.
         adequate: The model explains the data.
         evidence: One sentence.
     """
 
     verdict: str
-    names: tuple[str, ...]
-    ambiguous: tuple[tuple[str, ...], ...]
     rulings: tuple[Ruling, ...]
-    alarms: tuple[str, ...]
     adequate: bool
     evidence: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Effects that are named, sorted."""
+        return _names(self.rulings, NAMED)
+
+    @property
+    def ambiguous(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of names of which the data cannot choose one."""
+        return _groups(self.rulings)
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """Of all candidates."""
+        return tuple(alarm for r in self.rulings for alarm in r.alarms)
 
 
 def has_gap(before: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
@@ -238,7 +166,7 @@ def decide(
     residuals = whole or (before.residuals, after.residuals)
     if not has_gap(residuals[0], limits):
         text = f"The model explains the data: {before.rms:.2f} times the noise floor."
-        return Decision(NO_GAP, (), (), (), (), True, text)
+        return Decision(NO_GAP, (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
     explained = adequate(*residuals, limits, enough)
@@ -247,20 +175,19 @@ def decide(
             f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
             f"{candidates[0].name} too small to matter explains it."
         )
-        return Decision(NO_GAP, (), (), (), (), True, text)
+        return Decision(NO_GAP, (), True, text)
     verdict = _overall(rulings, explained)
-    names = tuple(sorted({r.name for r in rulings if r.verdict == NAMED}))
-    beside = sorted({r.name for r in rulings if r.verdict == UNKNOWN}) if explained else []
-    groups = {tuple(sorted({r.name, *r.look_alikes})) for r in rulings if r.verdict == AMBIGUOUS}
-    return Decision(
-        verdict,
-        names,
-        tuple(sorted(groups)),
-        rulings,
-        tuple(alarm for r in rulings for alarm in r.alarms),
-        explained,
-        _summary(verdict, names, sorted(groups), before.rms, after.rms, closed, beside),
-    )
+    text = _summary(verdict, rulings, explained, before.rms, after.rms, closed)
+    return Decision(verdict, rulings, explained, text)
+
+
+def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
+    return tuple(sorted({r.name for r in rulings if r.verdict == verdict}))
+
+
+def _groups(rulings: Sequence[Ruling]) -> tuple[tuple[str, ...], ...]:
+    unsure = [r for r in rulings if r.verdict == AMBIGUOUS]
+    return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in unsure}))
 
 
 def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
@@ -376,24 +303,24 @@ def _overall(rulings: Sequence[Ruling], adequate: bool) -> str:
 
 def _summary(
     verdict: str,
-    names: Sequence[str],
-    groups: Sequence[tuple[str, ...]],
+    rulings: Sequence[Ruling],
+    adequate: bool,
     before: float,
     after: float,
     closed: float,
-    beside: Sequence[str],
 ) -> str:
+    names = " and ".join(_names(rulings, NAMED))
+    groups = ["{" + ", ".join(group) + "}" for group in _groups(rulings)]
     gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
     if verdict == NAMED:
-        return f"With {' and '.join(names)} {gap}."
+        return f"With {names} {gap}."
     if verdict == AMBIGUOUS:
-        sets = "; ".join("{" + ", ".join(group) + "}" for group in groups)
-        return f"The data cannot tell {sets} apart; {gap}."
-    best = [*names, *("{" + ", ".join(group) + "}" for group in groups)]
-    if beside and names:
-        rest = f"only beside {' and '.join(beside)}, which the data do not establish"
-        return f"With {' and '.join(names)} {gap}, but {rest}."
-    part = f"{' and '.join(best)} would close part of it, to" if best else "the best try leaves"
+        return f"The data cannot tell {'; '.join(groups)} apart; {gap}."
+    if adequate and names:
+        beside = " and ".join(_names(rulings, UNKNOWN))
+        return f"With {names} {gap}, but only beside {beside}, which the data do not establish."
+    best = " and ".join(filter(None, [names, *groups]))
+    part = f"{best} would close part of it, to" if best else "the best try leaves"
     return f"No known effect explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
 
 

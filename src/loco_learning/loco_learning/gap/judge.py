@@ -17,15 +17,13 @@ import numpy as np
 from loco_sim.effects.base import EFFECTS
 
 from . import evidence, identify
+from .candidates import Candidate, Estimate, Rival
 from .case import Case
 from .decide import (
     LIMITS,
     UNKNOWN,
-    Candidate,
     Decision,
-    Estimate,
     Limits,
-    Rival,
     adequate,
     decide,
     has_gap,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from loco_sim.effects.base import EFFECTS
 
-from .decide import AMBIGUOUS, LIMITS, Candidate, Limits, Ruling, serious
+from .candidates import Candidate
+from .decide import AMBIGUOUS, LIMITS, Limits, Ruling, serious
 
 
 @dataclass(frozen=True)

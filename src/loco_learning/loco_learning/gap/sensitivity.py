@@ -11,8 +11,8 @@ import numpy as np
 from loco_sim.effects.base import EFFECTS
 
 from . import evidence, identify
+from .candidates import Estimate
 from .case import Case
-from .decide import Estimate
 from .fit import Fitted
 from .hypotheses import Hypothesis
 

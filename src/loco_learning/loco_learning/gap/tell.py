@@ -14,8 +14,9 @@ from loco_sim.model import Model
 
 from ..plain import plain
 from . import correction, evidence, identify, kinds, scale
+from .candidates import Candidate
 from .case import Case
-from .decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Candidate, Ruling
+from .decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Ruling
 from .fit import Fitted
 from .judge import Judged
 from .localise import localise
