@@ -7,6 +7,7 @@ springs; a joint without either is free.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
 
 import numpy as np
@@ -17,11 +18,11 @@ from loco_control.types import MotionCommand, TrunkTorque
 from .robot import Robot
 from .servo import COLUMNS as DRIVE_COLUMNS
 from .servo import IMPEDANCE, SERVO, TORQUE
-from .servo_kernels import clipped, servo_torque
+from .servo_kernels import clipped, servo_torque, share
 from .spring import COLUMNS as SPRING_COLUMNS
 from .spring_kernels import spring_energy, spring_torque
 
-MADE_OF = "5db811d1b08a"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "16175b364af4"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)
@@ -61,6 +62,21 @@ def joint_torques(
         if springs[i, 0] > 0.0:
             tau[i] += spring_torque(q, dq, springs[i])
     return tau
+
+
+@njit(cache=True)
+def asked(state, command, drives, rotors, supply, on):
+    """Share of the voltage that each servo asks for, (n,), and speed of its rotor, (n,).
+
+    Arguments as of `joint_torques`. Both are 0 for other drives, and for one that is off.
+    """
+    n = len(drives)
+    found = np.zeros((2, n))
+    for i in range(n):
+        if drives[i, 0] == SERVO:
+            found[0, i] = supply * on * share(state[i], command[0, i], drives[i])
+            found[1, i] = on * rotors[i, 1]
+    return found
 
 
 class Actuators:
@@ -115,17 +131,27 @@ class Actuators:
         """Follow these references instead of the command's, e.g. late ones."""
         self._command[0], self._command[1] = q, dq
 
-    def torque(self, joints: tuple[tuple[float, float, tuple, float], ...]) -> list[float]:
+    def torque(
+        self,
+        joints: tuple[tuple[float, float, tuple, float], ...],
+        change: Callable[..., np.ndarray] | None = None,
+    ) -> list[float]:
         """Joint torques [N·m], (n,).
 
         Args:
             joints: Position [rad] and velocity [rad/s] (and more) of each joint.
+            change: What the motors are in this step: takes and gives back what the hook
+                `on_motor` of effects does; None leaves them alone.
         """
         state = np.array([s[0] for s in joints] + [s[1] for s in joints])
+        drives = self._drives
+        if change:
+            power = self.supply, self.on
+            drives = change(drives, *asked(state, self._command, drives, self._rotors, *power))
         tau = joint_torques(
             state,
             self._command,
-            self._drives,
+            drives,
             self._springs,
             self._rotors,
             self._dt,

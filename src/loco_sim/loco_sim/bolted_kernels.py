@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .actuators import joint_torques
+from .actuators import asked, joint_torques
 from .braking import split
-from .effects.chain import SERIES
-from .effects.chain_kernels import budgets, torques
+from .effects.chain import GAIN, LIMIT, SAG, SERIES, SPEED_LINE
+from .effects.chain_kernels import budgets, motors, torques
 from .tree_kernels import advance, workshop
 
-MADE_OF = "bf4d384c0904"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "3389a2fc5ae0"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)
@@ -103,7 +103,10 @@ def follow(
     known, mean = np.empty(2 * n), np.zeros(n)
     command, budget, tau = np.empty((3, n)), np.zeros(n), np.empty(n)
     push, motor = np.empty(n), np.zeros(n)  # of the tree
-    step, braked = first * steps, len(brake_plan) > 0
+    step, braked, weakened = first * steps, len(brake_plan) > 0, False
+    rows = drives.copy()
+    for k in range(len(plan)):
+        weakened |= plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG)
     room, factor = workshop(n), np.zeros((n, n))
     for row in range(first, stop):
         for i in range(n):
@@ -120,9 +123,12 @@ def follow(
             for i in range(n):
                 known[order[i]], known[n + order[i]] = q[i], dq[i]
             bend(step, plan, joint, memory, command)
-            tau[:] = joint_torques(
-                known, command, drives, springs, rotors, dt, power[row, 0], power[row, 1]
-            )
+            supply, on = power[row, 0], power[row, 1]
+            if weakened:
+                rows[:] = drives
+                share = asked(known, command, drives, rotors, supply, on)
+                motors(step, plan, joint, const, rows, share[0], share[1])
+            tau[:] = joint_torques(known, command, rows, springs, rotors, dt, supply, on)
             torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
             mean += tau
             for i in range(n):

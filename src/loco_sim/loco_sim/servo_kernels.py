@@ -20,6 +20,12 @@ def clipped(x: float, limit: float) -> float:
 
 
 @njit(cache=True)
+def share(q: float, target: float, row: np.ndarray) -> float:
+    """Share of the voltage that the position loop of a servo asks for, in [-1, 1]."""
+    return clipped(row[3] * (rounded(target, row[4]) - rounded(q, row[4])), 1.0)
+
+
+@njit(cache=True)
 def servo_torque(
     q: float,
     dq: float,
@@ -44,9 +50,9 @@ def servo_torque(
         supply: Voltage over the nominal one; 0 short-circuits the motor.
         on: 1, or 0 for a motor that is disconnected.
     """
-    stall, slope, kp, step = row[1] * supply * on, row[2] * on, row[3], row[4]
+    stall, slope = row[1] * supply * on, row[2] * on
     inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
-    push = stall * clipped(kp * (rounded(target, step) - rounded(q, step)), 1.0)
+    push = stall * share(q, target, row)
     if inertia <= 0.0:
         return clipped(push - slope * dq, effort)
     gear = stiff * (rotor[0] - q) - damp * dq  # torque of a rotor that stops now

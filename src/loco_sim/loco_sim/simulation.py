@@ -144,14 +144,17 @@ class Simulation:
             effect.reset(rng)
         (
             self._on_command,
+            self._on_motor,
             self._on_torque,
             self._on_brake,
             self._on_step,
             self._on_measurement,
         ) = (
             windows(self._effects, hook, self.physics_dt)
-            for hook in ("on_command", "on_torque", "on_brake", "on_step", "on_measurement")
-        )
+            for hook in (
+                "on_command", "on_motor", "on_torque", "on_brake", "on_step", "on_measurement"
+            )
+        )  # fmt: skip
         self._affected = bool(
             self._on_command or self._on_torque or self._on_brake or self._on_step
         )
@@ -252,13 +255,24 @@ class Simulation:
                 if start <= step < stop:
                     q, dq = change(q, dq, t)
             drive.follow(q, dq)
-        tau = drive.torque(joints)
+        if self._on_motor and self.robot.equipped:
+            tau = drive.torque(joints, self._motors)
+        else:
+            tau = drive.torque(joints)
         if self._on_torque or self._on_brake:
             tau = self._changed(tau, joints, t)
         for start, stop, act in self._on_step:
             if start <= step < stop:
                 act(self._world, t)
         return tau
+
+    def _motors(self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """What the motors are in this physics step, with every effect that is on."""
+        step, dt = self._step, self.physics_dt
+        for start, stop, change in self._on_motor:
+            if start <= step < stop:
+                rows = change(rows, asked, speed, dt, step * dt)
+        return rows
 
     def _changed(self, tau: list[float], joints: tuple, t: float) -> list[float]:
         """Torques after the effects that change them; brakes the joints."""

@@ -8,6 +8,7 @@ from loco_learning.gap.hints import Hints, distinct, interval
 from loco_learning.gap.hypotheses import NOISE, offer, separable
 from loco_learning.gap.places import chains, common, groups, links, members
 from loco_sim import effects, robot
+from loco_sim.effects.compliance import rest
 
 ROBOTS = ("servo_pendulum", "linear_axis", "hyq_leg", "tigrillo")
 SIGNALS = ("q", "dq", "tau", "gyro", "acceleration", "grf")
@@ -54,6 +55,24 @@ def test_what_all_joints_share_is_one_hypothesis():
     """A supply sags for all drives: joint by joint it would take three names to explain it."""
     for name in ROBOTS:
         assert [h.place for h in all_of(name)[1] if h.effect == "supply_sag"] == [""]
+
+
+@pytest.mark.parametrize("name", ["hyq_leg", "tigrillo"])
+def test_stops_are_sought_at_either_end_of_the_way_that_a_joint_went(name):
+    """Angles of a stop count from the joint's rest, which is not where its sensor says 0."""
+    made = robot.load(name)
+    slack = rest(made, np.arange(len(made.joints)))
+    hints = Hints(slack - 0.4, slack + 0.3)
+    for joint in made.joints:
+        stops = [h for h in offer(made, ("q",), hints) if h.key.endswith(f" {joint}")]
+        angles = {
+            h.variant: [dict(h.term(x).params)["angle"] for x in h.starts()]
+            for h in stops
+            if h.effect == "end_stop"
+        }
+        assert set(angles) == {"above", "below"}
+        assert max(angles["above"]) == pytest.approx(0.294)
+        assert min(angles["below"]) == pytest.approx(-0.392)
 
 
 def test_late_sensors_are_tried_where_data_could_tell_them_from_a_late_command():

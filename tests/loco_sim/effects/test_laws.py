@@ -2,13 +2,16 @@
 """Laws of the effects in the joints, on one-joint benches and by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects, robot
+from loco_sim.bolted import Bolted, Setting
 from loco_sim.braking import split
+from loco_sim.effects.laws import given
 from loco_sim.simulation import Simulation
 
 INERTIA, ARM = 0.00667 + 0.5 * 0.2**2, 0.5 * 0.2  # of the pendulum's rod; mass times lever
@@ -222,3 +225,51 @@ def test_one_call_for_many_effects_is_the_same_as_one_call_for_each():
         np.testing.assert_array_equal(swing(apart, tau=lambda t: math.sin(20.0 * t)), together)
     finally:
         effects.EFFECTS.pop("test_apart")
+
+
+SERVO = robot.load("servo_pendulum")
+SERVO = replace(SERVO, sensors=SERVO.sensors.replace(exact=True))
+EFFORT, STALL = SERVO.effort[0], SERVO.drives["pivot"].stall_torque
+
+
+def swung(plant, *listed):
+    """Positions of a servo that jumps to and fro, (T, 1)."""
+    t = np.arange(150) / plant.control_rate
+    wanted = np.where(np.sin(2.0 * np.pi * 1.3 * t) > 0.0, 1.2, -0.8)[:, None]
+    return Bolted(plant, effects.from_list(listed)).run(wanted).q
+
+
+def test_a_weak_servo_has_a_weak_motor_and_no_clutch():
+    """Behind rotor and gear a limit would let the rotor run away, which nothing does."""
+    effect = {"name": "torque_limit", "reduction": 0.4}
+    weak = replace(SERVO, effort=0.6 * SERVO.effort)
+    np.testing.assert_allclose(swung(SERVO, effect), swung(weak), atol=1e-12)
+    assert np.abs(swung(SERVO, effect) - swung(SERVO)).max() > 0.01
+
+
+def test_a_torque_constant_scales_all_that_the_motor_does():
+    effect = {"name": "torque_constant_error", "error": -0.3}
+    drive = SERVO.drives["pivot"].replace(stall_torque=0.7 * STALL)
+    other = replace(SERVO, drives={"pivot": drive}, effort=0.7 * SERVO.effort)
+    np.testing.assert_allclose(swung(SERVO, effect), swung(other), atol=1e-12)
+    assert np.abs(swung(SERVO, effect) - swung(SERVO)).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("effect", "speed", "left"),
+    [
+        ({"name": "supply_sag", "sag": 0.2}, 0.0, 0.8 * EFFORT),
+        ({"name": "supply_sag", "sag": 0.2}, 6.6, 0.45 * EFFORT),  # at half the load
+        ({"name": "torque_speed_line", "slope": 0.1}, 5.0, 0.5 * EFFORT),
+        ({"name": "torque_speed_line", "slope": 0.1}, -5.0, EFFORT),  # it brakes
+    ],
+)
+def test_what_a_motor_gives_at_a_speed(effect, speed, left):
+    made = effects.from_list([effect])[0]
+    made.configure(Setting(SERVO, SERVO.sim, 1e-3))
+    made.reset(np.random.default_rng(0))
+    rows = np.array([SERVO.drives["pivot"].row(EFFORT)])
+    changed = made.on_motor(rows, np.ones(1), np.array([speed]), 1e-3, 0.0)
+    assert given(changed[0], 1.0, speed) == pytest.approx(left, rel=1e-3)
+    tau = np.array([9.0])
+    np.testing.assert_array_equal(made.on_torque(tau, *np.zeros((2, 1)), 1e-3, 0.0), tau)

@@ -16,6 +16,7 @@ import numpy as np
 
 from loco_sim.description import Description
 from loco_sim.effects.base import EFFECTS, turning
+from loco_sim.effects.compliance import rest
 from loco_sim.effects.identity import SENSOR_SIGNALS
 from loco_sim.robot import Robot
 
@@ -116,13 +117,12 @@ def cable_force(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entr
 def end_stop(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Entry]:
     """A stop at either side of each joint, inside the range that was measured."""
     made = []
+    slack = rest(robot, np.arange(len(robot.joints)))
     for joint in joint_places(robot, "all"):
         if joint not in robot.joints:
             continue
         j = robot.joints.index(joint)
-        spring = robot.springs.get(joint)
-        rest = getattr(spring, "rest", 0.0) if spring else 0.0
-        for side, edge in (("above", hints.high[j] - rest), ("below", hints.low[j] - rest)):
+        for side, edge in (("above", hints.high[j] - slack[j]), ("below", hints.low[j] - slack[j])):
             if not np.isfinite(edge) or abs(edge) < 1e-3 or (edge > 0) != (side == "above"):
                 continue
             low, high = sorted((0.05 * edge, 1.3 * edge))

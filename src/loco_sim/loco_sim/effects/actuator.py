@@ -13,7 +13,7 @@ from loco_control.params import parameter
 
 from .. import lazy
 from . import chain
-from .chain import JointEffect, TorqueEffect
+from .chain import JointEffect, MotorEffect, TorqueEffect
 from .identity import Identity, LookAlike, Prior
 from .readings import Layout, Measuring
 
@@ -55,8 +55,11 @@ class ActuatorLag(TorqueEffect, name="actuator_lag"):
 
 
 @dataclass
-class TorqueLimit(TorqueEffect, name="torque_limit"):
-    """The drive gives less than the torque limit of the robot's description."""
+class TorqueLimit(MotorEffect, name="torque_limit"):
+    """The drive gives less than the torque limit of the robot's description.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
 
     reduction: float = parameter(0.0, "share of the limit that is missing", "-", 0.0, 1.0)
     law, among = chain.LIMIT, "limited"
@@ -83,10 +86,10 @@ class TorqueLimit(TorqueEffect, name="torque_limit"):
 
 
 @dataclass
-class TorqueSpeedLine(TorqueEffect, name="torque_speed_line"):
+class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
     """The faster the joint moves, the less torque is left to drive it on.
 
-    Braking is not limited.
+    Braking is not limited. In a geared servo it is about the motor, before rotor and gear.
     """
 
     slope: float = parameter(0.0, "one over the speed without load", "s/rad", 0.0, 10.0)
@@ -112,8 +115,11 @@ class TorqueSpeedLine(TorqueEffect, name="torque_speed_line"):
 
 
 @dataclass
-class SupplySag(TorqueEffect, name="supply_sag"):
-    """The supply voltage, and with it every torque, falls with the load of all drives."""
+class SupplySag(MotorEffect, name="supply_sag"):
+    """The supply voltage, and with it every torque, falls with the load of all drives.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
 
     sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
     law, among, shared = chain.SAG, "limited", True
@@ -137,8 +143,11 @@ class SupplySag(TorqueEffect, name="supply_sag"):
 
 
 @dataclass
-class TorqueConstantError(TorqueEffect, name="torque_constant_error"):
-    """The drive gives another torque than it believes, in proportion."""
+class TorqueConstantError(MotorEffect, name="torque_constant_error"):
+    """The drive gives another torque than it believes, in proportion.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
 
     error: float = parameter(0.0, "relative error", "-", low=-0.9, high=2.0)
     law, among = chain.GAIN, "driven"

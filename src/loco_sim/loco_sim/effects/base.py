@@ -158,6 +158,22 @@ class Effect:
         """
         return tau
 
+    def on_motor(
+        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """What the motors of servos are in this physics step.
+
+        Called before every physics step, after `on_command`, for robots that list drives.
+
+        Args:
+            rows: Drives as they are, a row each (`servo.ServoParams.row`), (n, 9).
+            asked: Share of its voltage that each servo asks for, (n,).
+            speed: Of its rotor [rad/s], (n,).
+            dt: Physics step [s].
+            t: Time [s].
+        """
+        return rows
+
     def on_brake(
         self,
         budget: np.ndarray,

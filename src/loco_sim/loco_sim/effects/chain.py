@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
 CONSTANTS, MEMORY = 9, 5  # per row
+ON_MOTOR = 2  # among the constants of a drive's law: 1 where it is about the motor behind a gear
 NEVER = np.iinfo(np.int64).max
+HOOKS = {"on_torque": "torque", "on_motor": "motor", "on_brake": "brake"}  # functions of a chain
 
 
 class Laws(NamedTuple):
@@ -99,6 +101,14 @@ class Chain:
         self._kernels.torques(round(t / dt), dt, plan, joint, const, memory, self._line, out, q, dq)
         return out
 
+    def motor(
+        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """Hook `on_motor` of all effects."""
+        out, step = rows.copy(), round(t / dt)
+        self._kernels.motors(step, self._plan, self._joint, self._const, out, asked, speed)
+        return out
+
     def brake(
         self,
         budget: np.ndarray,
@@ -116,8 +126,7 @@ class Chain:
 
 def fused(effects: list[JointEffect], hook: str, dt: float) -> Any:
     """One function for a hook of several effects."""
-    chain = Chain(effects, dt)
-    return chain.torque if hook == "on_torque" else chain.brake
+    return getattr(Chain(effects, dt), HOOKS[hook])
 
 
 @dataclass
@@ -137,7 +146,7 @@ class JointEffect(Effect):
 
     @classmethod
     def fuse(cls, hook: str) -> Any:
-        return fused if hook in ("on_torque", "on_brake") else super().fuse(hook)
+        return fused if hook in HOOKS else super().fuse(hook)
 
     def constants(self, world: World, joints: np.ndarray) -> Sequence[Any]:
         """Constants of the law, each one number or one per joint.
@@ -200,6 +209,24 @@ class TorqueEffect(JointEffect):
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
         return self._alone.torque(tau, q, dq, dt, t)
+
+
+@dataclass
+class MotorEffect(TorqueEffect):
+    """An effect on what a motor gives: in a geared servo before rotor and gear.
+
+    Behind them it would be a clutch that slips, which the rotor does not feel.
+    """
+
+    def configure(self, world: World) -> None:
+        super().configure(world)
+        drives = [world.robot.drives.get(world.robot.joints[j]) for j in self.joints]
+        self.rows[:, ON_MOTOR] = [getattr(drive, "rotor_inertia", 0.0) > 0.0 for drive in drives]
+
+    def on_motor(
+        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.motor(rows, asked, speed, dt, t)
 
 
 @dataclass

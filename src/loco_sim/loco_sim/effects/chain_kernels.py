@@ -24,7 +24,7 @@ from .chain import (
     SPRING,
 )
 
-MADE_OF = "e3bd8a613c1e"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "4ce3470e75b8"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)
@@ -77,6 +77,33 @@ def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
             laws.hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == MAXWELL:
             laws.maxwell(a, b, joint, const, memory, tau, q, dq, dt)
+
+
+@njit(cache=True)
+def motors(step, plan, joint, const, rows, asked, speed):
+    """Run laws of motors one after the other, in place of what servos are.
+
+    Args:
+        step: Physics step.
+        plan: As of `torques`.
+        joint: As there.
+        const: As there.
+        rows: Drives, as in `servo.ServoParams.row`, (n, 9); changed.
+        asked: Share of the voltage that each asks for, (n,).
+        speed: Of its rotor [rad/s], (n,).
+    """
+    for k in range(plan.shape[0]):
+        law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
+        if step < plan[k, 3] or step >= plan[k, 4]:
+            continue
+        if law == GAIN:
+            laws.motor_gain(a, b, joint, const, rows)
+        elif law == LIMIT:
+            laws.motor_limit(a, b, joint, const, rows)
+        elif law == SPEED_LINE:
+            laws.motor_line(a, b, joint, const, rows, asked, speed)
+        elif law == SAG:
+            laws.motor_sag(a, b, joint, const, rows, asked, speed)
 
 
 @njit(cache=True)

@@ -14,6 +14,7 @@ from math import exp
 from numba import njit
 
 from ..spring_kernels import spring_torque
+from .chain import ON_MOTOR
 
 MADE_OF = "29c8fa1bf297"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
@@ -24,7 +25,30 @@ SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 def gain(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- (1 + error) tau; const: error."""
     for r in range(first, last):
-        tau[joint[r]] *= 1.0 + const[r, 0]
+        if const[r, ON_MOTOR] == 0.0:
+            tau[joint[r]] *= 1.0 + const[r, 0]
+
+
+@njit(cache=True)
+def scaled(row, factor):
+    """Scale all that the motor of a servo gives: see `servo.ServoParams.row`."""
+    row[1] *= factor
+    row[2] *= factor
+    row[8] *= factor
+
+
+@njit(cache=True)
+def given(row, asked, speed):
+    """Torque that the motor of a servo gives at a share of its voltage and a speed [N·m]."""
+    return min(max(row[1] * asked - row[2] * speed, -row[8]), row[8])
+
+
+@njit(cache=True)
+def motor_gain(first, last, joint, const, rows):
+    """Law `gain` on motors."""
+    for r in range(first, last):
+        if const[r, ON_MOTOR] != 0.0:
+            scaled(rows[joint[r]], 1.0 + const[r, 0])
 
 
 @njit(cache=True)
@@ -63,7 +87,16 @@ def limit(first, last, joint, const, memory, tau, q, dq, dt):
     """|tau| <= limit; const: limit."""
     for r in range(first, last):
         j = joint[r]
-        tau[j] = min(max(tau[j], -const[r, 0]), const[r, 0])
+        if const[r, ON_MOTOR] == 0.0:
+            tau[j] = min(max(tau[j], -const[r, 0]), const[r, 0])
+
+
+@njit(cache=True)
+def motor_limit(first, last, joint, const, rows):
+    """Law `limit` on motors."""
+    for r in range(first, last):
+        if const[r, ON_MOTOR] != 0.0:
+            rows[joint[r], 8] = min(rows[joint[r], 8], const[r, 0])
 
 
 @njit(cache=True)
@@ -71,9 +104,19 @@ def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
     """|tau| <= stall (1 - slope |dq|) when the torque drives; const: stall, slope."""
     for r in range(first, last):
         j = joint[r]
-        if tau[j] * dq[j] > 0.0:
+        if const[r, ON_MOTOR] == 0.0 and tau[j] * dq[j] > 0.0:
             most = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(dq[j]))
             tau[j] = min(max(tau[j], -most), most)
+
+
+@njit(cache=True)
+def motor_line(first, last, joint, const, rows, asked, speed):
+    """Law `speed_line` on motors, at their speed."""
+    for r in range(first, last):
+        j = joint[r]
+        if const[r, ON_MOTOR] != 0.0 and given(rows[j], asked[j], speed[j]) * speed[j] > 0.0:
+            most = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(speed[j]))
+            rows[j, 8] = min(rows[j, 8], most)
 
 
 @njit(cache=True)
@@ -81,10 +124,26 @@ def sag(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau (1 - sag mean |tau| / stall); const: stall, sag."""
     load = 0.0
     for r in range(first, last):
-        load += abs(tau[joint[r]]) / const[r, 0]
+        if const[r, ON_MOTOR] == 0.0:
+            load += abs(tau[joint[r]]) / const[r, 0]
     load /= max(1, last - first)
     for r in range(first, last):
-        tau[joint[r]] *= max(0.0, 1.0 - const[r, 1] * load)
+        if const[r, ON_MOTOR] == 0.0:
+            tau[joint[r]] *= max(0.0, 1.0 - const[r, 1] * load)
+
+
+@njit(cache=True)
+def motor_sag(first, last, joint, const, rows, asked, speed):
+    """Law `sag` on motors, which do not feel the load of drives without a rotor."""
+    load = 0.0
+    for r in range(first, last):
+        j = joint[r]
+        if const[r, ON_MOTOR] != 0.0:
+            load += abs(given(rows[j], asked[j], speed[j])) / const[r, 0]
+    load /= max(1, last - first)
+    for r in range(first, last):
+        if const[r, ON_MOTOR] != 0.0:
+            scaled(rows[joint[r]], max(0.0, 1.0 - const[r, 1] * load))
 
 
 @njit(cache=True)

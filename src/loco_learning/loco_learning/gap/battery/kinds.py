@@ -24,9 +24,8 @@ class Kind:
     Attributes:
         strength: Its parameter that says how large it is.
         low: Smallest strength that makes sense, in `unit`; and `high`.
-        among: Joints it may sit on: all, driven, direct (driven, but by no servo), firm (driven,
-            with a rotor that is light beside the load), sprung, turning; or whole (the robot),
-            supply (the same, where drives are firm), body (a link).
+        among: Joints it may sit on: all, driven, direct (driven, but by no servo), sprung,
+            turning; or whole (the robot), body (a link).
         unit: Scale of the bounds, of the robot itself (`scale`).
         signed: Whether it may be below 0.
         draw: Its other parameters.
@@ -139,10 +138,10 @@ KINDS: dict[str, Kind] = {
     "command_delay": Kind("delay", 2e-4, 0.15, "whole", family="time"),
     "actuation_delay": Kind("delay", 2e-4, 0.05, "direct", family="time"),
     "actuator_lag": Kind("time", 2e-4, 0.1, "direct", family="time"),
-    "torque_limit": Kind("reduction", 0.05, 0.95, "firm", family="limit"),
-    "torque_speed_line": Kind("slope", 0.05, 1.2, "firm", "slope", family="limit"),
-    "supply_sag": Kind("sag", 0.001, 0.8, "supply", family="limit"),
-    "torque_constant_error": Kind("error", 0.005, 0.5, "firm", signed=True, family="gain"),
+    "torque_limit": Kind("reduction", 0.05, 0.95, family="limit"),
+    "torque_speed_line": Kind("slope", 0.05, 1.2, unit="slope", family="limit"),
+    "supply_sag": Kind("sag", 0.001, 0.8, "whole", family="limit"),
+    "torque_constant_error": Kind("error", 0.005, 0.5, signed=True, family="gain"),
     "joint_offset": Kind("offset", 1e-4, 0.3, "driven", "span", True, family="zero"),
     "added_stiffness": Kind("stiffness", 1e-4, 1.0, "all", "stiffness", draw=_rest,
                             family="spring"),
@@ -194,11 +193,8 @@ ALL = {**KINDS, **OUTSIDERS}
 
 def places(kind: Kind, m: Machine) -> list[int]:
     """Joints on which a kind may sit; those of the bodies it may change."""
-    firm = [j for j in m.driven if _firm(m, j)]
-    if kind.among in ("whole", "supply"):
-        return [int(m.driven[0])] if kind.among == "whole" or firm else []
     chosen = {
-        "firm": firm,
+        "whole": m.driven[:1],
         "all": range(len(m.joints)),
         "body": range(len(m.joints)),
         "driven": m.driven,
@@ -207,11 +203,6 @@ def places(kind: Kind, m: Machine) -> list[int]:
         "turning": [j for j in m.driven if not m.body.slides[j]],
     }[kind.among]
     return [int(j) for j in chosen]
-
-
-def _firm(m: Machine, j: int) -> bool:
-    """A drive whose rotor is light beside its load: motor and joint feel the same torque."""
-    return m.drives[j, 0] != slots.SERVO or scale("inertia", m, j) > 3.0 * m.drives[j, 5]
 
 
 def draw(name: str, m: Machine, rng: np.random.Generator) -> tuple[Hidden, float, float] | None:
@@ -224,6 +215,6 @@ def draw(name: str, m: Machine, rng: np.random.Generator) -> tuple[Hidden, float
     params = kind.draw(rng, m, j) if kind.draw else {}
     sign = -1.0 if kind.signed and rng.random() < 0.5 else 1.0
     params.setdefault(kind.strength, sign)
-    place = {"whole": "", "supply": "", "body": m.body.links[j]}.get(kind.among, m.joints[j])
+    place = {"whole": "", "body": m.body.links[j]}.get(kind.among, m.joints[j])
     unit = scale(kind.unit, m, j)
     return Hidden(name, place, kind.strength, params), kind.low * unit, kind.high * unit
