@@ -234,6 +234,17 @@ def test_blocks_in_which_an_effect_does_not_show_do_not_vote():
     assert over.blocks_improved == 1.0
 
 
+def test_noise_of_many_channels_does_not_vote():
+    """Two models that differ by fifths of a floor in 40 channels, but for 100 samples."""
+    rng = np.random.default_rng(5)
+    noise = rng.normal(size=(TICKS, 40))
+    right = noise + 0.2 * rng.normal(size=noise.shape)
+    wrong = noise + 0.2 * rng.normal(size=noise.shape)
+    wrong[400:500] += 5.0
+    over = evidence.compare(evidence.score([right]), evidence.score([wrong]), rng)
+    assert over.blocks_improved == 1.0
+
+
 def test_a_price_is_paid_out_of_the_gain_and_not_out_of_what_blocks_allow():
     """Few blocks cap the odds; a parameter must not turn a large gain round below the cap."""
     rng = np.random.default_rng(4)

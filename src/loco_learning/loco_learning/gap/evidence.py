@@ -31,7 +31,7 @@ MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
 CLEAR = 10.0  # odds in a block from which on it is won, however much more it gains
-TELLING = 1.0  # evidence in a block that says something [nat]
+TELLING = 1.0  # evidence of one channel in a block that says something [nat]
 CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
 
 
@@ -221,20 +221,20 @@ def compare(
         gain,
         float(low),
         float(high),
-        _improved(sums),
+        _improved(sums, a.residuals[0].shape[1]),
         _odds(sums, index, CAUTION * few, pieces, price),
         n,
     )
 
 
-def _improved(sums: np.ndarray) -> float:
+def _improved(sums: np.ndarray, channels: int) -> float:
     """Share of the blocks with something to say in which the first model wins.
 
-    Where an effect hardly shows, noise decides: a block that says less than a nat does not
-    count beside those that say more.
+    Where an effect hardly shows, noise decides, and that of several channels adds up in squares:
+    a block that says less does not count beside those that say more.
     """
-    size = np.abs(sums)
-    telling = size > (TELLING if np.any(size > TELLING) else 0.05 * size.mean())
+    size, least = np.abs(sums), TELLING * math.sqrt(channels)
+    telling = size > (least if np.any(size > least) else 0.05 * size.mean())
     return float((sums[telling] > 0.0).mean()) if telling.any() else 0.5
 
 
