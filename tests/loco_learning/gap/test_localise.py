@@ -128,6 +128,15 @@ def test_a_region_is_told_in_words(where, words):
     assert best.time == pytest.approx(where(q, dq).mean(), abs=0.1)
 
 
+def test_states_of_a_joint_that_slides_are_lengths():
+    rec, r = record(), noise()
+    r[phases.position(rec, "lf_knee") > 0.3, 1] += 5.0
+    slides = [Channel("q", j, "m") for j in JOINTS] + CHANNELS[3:]
+    (word,) = regions.regions([rec], slides, [r])[0].words
+    assert word.startswith("q >")
+    assert word.endswith(" m")
+
+
 def test_a_contact_phase_is_a_region():
     rec = record(feet=True)
     names, index = phases.phases(rec, "lf_knee")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .channels import SLIDING
 from .localise import JOINT_SIGNALS
 from .phases import STEP, phases, position, speed
 from .record import Record
@@ -53,7 +54,7 @@ def regions(
 
     Args:
         records: What was measured.
-        channels: Column names of the residuals, with `signal` and `name`.
+        channels: Of the columns of the residuals.
         residuals: Whitened, (T, C) per record.
         joints: Of how many joints at most.
         least: Share of the whole gap that a joint must hold.
@@ -66,17 +67,20 @@ def regions(
             energies[channel.name] = old + np.nan_to_num(parts)
     total = sum(max(e.sum(), 0.0) for e in energies.values())
     ranked = sorted(energies, key=lambda name: (-energies[name].sum(), name))
+    slides = {c.name for c in channels if c.unit == SLIDING.get(c.signal)}
     found = []
     for joint in ranked[:joints]:
+        unit = "m" if joint in slides else "rad"
         held = [r for r in records if joint in r.joints]
         if len(held) == len(records) and energies[joint].sum() > max(least * total, 0.0):
-            found += of_joint(joint, energies[joint], *features(records, joint))
+            found += of_joint(joint, energies[joint], *features(records, joint, unit))
     return found
 
 
-def features(records: Sequence[Record], joint: str) -> tuple[list[tuple[str, str]], np.ndarray]:
+def features(
+    records: Sequence[Record], joint: str, unit: str
+) -> tuple[list[tuple[str, str]], np.ndarray]:
     """States of a joint: names with units, and values (N, F) over all records in a row."""
-    unit = "rad"
     named = [("q", unit), ("dq", f"{unit}/s"), ("|dq|", f"{unit}/s"), ("t", "s")]
     rows = []
     errors = all("position" in r.command and joint in r.driven for r in records)
