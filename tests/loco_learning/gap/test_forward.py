@@ -114,6 +114,20 @@ def test_a_later_start_is_taken_from_the_measurements_and_its_transient_is_not_w
     assert np.nanmax(np.abs(error[:, 0])) < 0.1 * np.nanstd(forward.measured[0][:, 0])
 
 
+def test_a_robot_that_is_told_to_stay_has_come_to_rest_and_a_model_has_still_to():
+    """A spring pulls at the carriage: in the measurement for ever, in the model from now on."""
+    t = np.arange(500) / 250.0
+    wanted = np.where(t < 1.0, 0.0, 0.05)[:, None]
+    empty = Record("r", t, {"position": wanted}, ("slide",), {"q": wanted}, ("slide",))
+    pull = {"name": "added_stiffness", "stiffness": 5.0, "rest": 0.5}
+    (said,) = Forward(Model("linear_axis"), [empty])([pull])
+    rested = empty.rows(200, 500)  # told to stay for 0.2 s more, there already
+    forward = Forward(Model("linear_axis"), [replace(rested, signals={"q": said[200:]})])
+    error = forward([pull])[0] - forward.measured[0]
+    assert np.isnan(error[:49]).all()
+    assert np.abs(error[49:]).max() < 0.05 * np.abs(forward([pull])[0][0] - said[200])
+
+
 def test_a_shift_of_whole_samples_moves_rows():
     wave = np.sin(np.arange(60) * 0.2)[:, None]
     assert shifted(wave, 2.0)[10:-10] == pytest.approx(wave[8:-12], abs=1e-4)

@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects that a linear step does not find: limits that are not reached, friction that stops."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
+from loco_learning.gap.bundles import Bundle
+from loco_learning.gap.hints import Hints
+from loco_learning.gap.hypotheses import offer
 from loco_learning.gap.screen import IDLE
 from loco_learning.gap.screen import screen as screened
+from loco_sim import robot
 
 LATE = {"name": "command_delay", "delay": 0.02}
 
@@ -40,3 +47,20 @@ def test_the_longest_legal_delay_can_be_simulated(bench):
 def test_what_cannot_explain_anything_does_not(bench):
     found = tried(bench, {"name": "torque_limit", "reduction": 0.8}, "command_delay")
     assert found.share < IDLE
+
+
+def test_a_size_that_is_far_too_loud_and_turns_round_does_not_end_the_search():
+    """A drive that rounds its encoder does at a fifth of sag the contrary of at a fortieth."""
+    wave = np.sin(np.arange(200.0))
+
+    def vector(specs, overrides, only, coarse):
+        sag = sum(spec["sag"] for spec in specs)
+        return wave * ((sag if sag < 0.1 else -sag) - 0.025)
+
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
+    hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
+    offered = offer(robot.load("servo_pendulum"), ("q",), hints)
+    (hypothesis,) = [h for h in offered if h.effect == "supply_sag"]
+    (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], vector([], {}, [0], 1))
+    assert found.share > 0.9
+    assert hypothesis.term(found.x).params["sag"] == pytest.approx(0.025, rel=0.3)

@@ -102,6 +102,8 @@ class Forward:
         first = round(params.burn_in / dt) if not params.window else round(params.settling / dt)
         for piece in self._starts[index]:
             values[piece.row : piece.row + max(1, first)] = np.nan
+        if not self._starts[index] and self.robot(index).fixed_base:
+            values[: min(first, idle(self._told[index]))] = np.nan
         return values
 
     def robot(self, index: int = 0) -> Robot:
@@ -221,6 +223,17 @@ def start(record: Record, robot: Robot) -> list[Start]:
         return []
     moving = np.where(known, at, standing), np.where(known, speed, 0.0)
     return [Start(0, len(record.t), *moving)]
+
+
+def idle(told: running.Orders) -> int:
+    """Rows before a robot is told anything new.
+
+    A bolted one that stands there has come to rest under what pulls at it; a model that gets
+    the same pull at this moment has not.
+    """
+    rows = np.hstack([told.q, told.dq, told.tau])
+    moved = np.any(rows != rows[0], axis=1)
+    return int(np.argmax(moved)) - 1 if moved.any() else len(rows)
 
 
 def turned(

@@ -150,13 +150,19 @@ class _Trial:
         """Set the next size of a strength that explained nothing so far; False if there is none.
 
         A limit does nothing until it is reached, and friction that stops a joint is not a
-        large part of one that slows it.
+        large part of one that slows it. Where even the least is too loud, a drive that rounds
+        its encoder does something else at each size: what a tenth does says nothing of a third.
         """
-        quiet = [x for x, level in self.levels.items() if level < LOUD and x]
+        sizes = [x for x in self.levels if x]
+        quiet = [x for x in sizes if self.levels[x] < LOUD]
         best = max((share for share, _ in self.tried), default=0.0)
-        if not quiet or best >= IDLE or self.rungs == self.most:
+        if not sizes or best >= IDLE or self.rungs == self.most:
             return False
         (at,) = self.hypothesis.strengths
+        if not quiet:
+            self.rungs += 1
+            self.x[at] = min(sizes, key=abs) / RUNG
+            return True
         x = max(quiet, key=abs)
         loud = [abs(y) for y, level in self.levels.items() if level >= LOUD and abs(y) > abs(x)]
         factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
