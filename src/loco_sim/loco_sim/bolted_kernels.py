@@ -8,11 +8,11 @@ from numba import njit
 
 from .actuators import asked, joint_torques
 from .braking import split
-from .effects.chain import GAIN, LIMIT, SAG, SERIES, SPEED_LINE
+from .effects.chain import GAIN, LIMIT, ON_MOTOR, SAG, SERIES, SPEED_LINE
 from .effects.chain_kernels import budgets, motors, torques
 from .tree_kernels import advance, workshop
 
-MADE_OF = "3389a2fc5ae0"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "900243028a57"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)
@@ -106,7 +106,8 @@ def follow(
     step, braked, weakened = first * steps, len(brake_plan) > 0, False
     rows = drives.copy()
     for k in range(len(plan)):
-        weakened |= plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG)
+        if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
+            weakened |= np.any(const[plan[k, 1] : plan[k, 2], ON_MOTOR] != 0.0)
     room, factor = workshop(n), np.zeros((n, n))
     for row in range(first, stop):
         for i in range(n):

@@ -26,6 +26,20 @@ def share(q: float, target: float, row: np.ndarray) -> float:
 
 
 @njit(cache=True)
+def scaled(row: np.ndarray, factor: float) -> None:
+    """Scale all that the motor of a servo gives, in place in its row."""
+    row[1] *= factor
+    row[2] *= factor
+    row[8] *= factor
+
+
+@njit(cache=True)
+def given(row: np.ndarray, asked: float, speed: float) -> float:
+    """Torque that the motor of a servo gives at a share of its voltage and a speed [N·m]."""
+    return clipped(row[1] * asked - row[2] * speed, row[8])
+
+
+@njit(cache=True)
 def servo_torque(
     q: float,
     dq: float,

@@ -11,7 +11,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects, robot
 from loco_sim.bolted import Bolted, Setting
 from loco_sim.braking import split
-from loco_sim.effects.laws import given
+from loco_sim.servo_kernels import given
 from loco_sim.simulation import Simulation
 
 INERTIA, ARM = 0.00667 + 0.5 * 0.2**2, 0.5 * 0.2  # of the pendulum's rod; mass times lever

@@ -39,8 +39,8 @@ class ForwardParams(Params):
 
     signals: tuple[str, ...] = parameter(SIGNALS, "signals that are compared", any_length=True)
     burn_in: float = parameter(
-        0.2, "at the start of a record: what is not weighed, unless the robot stands and is told to "
-        "move before that", "s", low=0.0, high=100.0
+        0.2, "at the start of a record: what is not weighed, unless the robot stands and is told "
+        "to move before that", "s", low=0.0, high=100.0
     )  # fmt: skip
     window: float = parameter(
         0.0, "length of pieces that each begin in the measured state; 0 runs whole records", "s",

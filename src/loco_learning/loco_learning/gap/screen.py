@@ -159,16 +159,15 @@ class _Trial:
         if not sizes or best >= IDLE or self.rungs == self.most:
             return False
         (at,) = self.hypothesis.strengths
-        if not quiet:
-            self.rungs += 1
-            self.x[at] = min(sizes, key=abs) / RUNG
-            return True
-        x = max(quiet, key=abs)
-        loud = [abs(y) for y, level in self.levels.items() if level >= LOUD and abs(y) > abs(x)]
-        factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
+        if quiet:
+            x = max(quiet, key=abs)
+            loud = [abs(y) for y, level in self.levels.items() if level >= LOUD and abs(y) > abs(x)]
+            factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
+        else:
+            x, factor = min(sizes, key=abs), 1.0 / RUNG
         self.rungs += 1
         self.x[at] = self.hypothesis.coordinates[at].clipped(x * factor)
-        return factor > NEAR and self.x[at] not in self.levels
+        return max(factor, 1.0 / factor) > NEAR and self.x[at] not in self.levels
 
     def _overshot(self, share: float) -> bool:
         """Note what the present size explains; go half way back where another did more."""

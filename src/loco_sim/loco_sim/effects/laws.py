@@ -13,10 +13,11 @@ from math import exp
 
 from numba import njit
 
+from ..servo_kernels import given, scaled
 from ..spring_kernels import spring_torque
 from .chain import ON_MOTOR
 
-MADE_OF = "29c8fa1bf297"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "6558e16acb3c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
@@ -27,20 +28,6 @@ def gain(first, last, joint, const, memory, tau, q, dq, dt):
     for r in range(first, last):
         if const[r, ON_MOTOR] == 0.0:
             tau[joint[r]] *= 1.0 + const[r, 0]
-
-
-@njit(cache=True)
-def scaled(row, factor):
-    """Scale all that the motor of a servo gives: see `servo.ServoParams.row`."""
-    row[1] *= factor
-    row[2] *= factor
-    row[8] *= factor
-
-
-@njit(cache=True)
-def given(row, asked, speed):
-    """Torque that the motor of a servo gives at a share of its voltage and a speed [N·m]."""
-    return min(max(row[1] * asked - row[2] * speed, -row[8]), row[8])
 
 
 @njit(cache=True)
