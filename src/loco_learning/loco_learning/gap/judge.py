@@ -37,7 +37,7 @@ from .traded import LeftOut, Nominal
 NAMES, PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
 COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
-TRIFLE = 0.25, 0.02  # of the low end of a prior, and of the high end of a two-sided one
+TRIFLE = 0.1, 0.02  # of the low end of a prior, and of the high end of a two-sided one
 MOST_PRICE = 100.0  # odds that all parameters together cost at most
 CLEAR = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
