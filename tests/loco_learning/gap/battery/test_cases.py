@@ -46,7 +46,7 @@ def test_unknown_names_are_refused(robots, effects):
 def test_a_size_shows_as_much_as_it_says(size):
     found = sizes.sized("viscous_friction", "linear_axis", size, np.random.default_rng(1), 7)
     assert abs(np.log(found[1] / sizes.TARGETS[size])) < 0.4
-    again = sizes.visibility("linear_axis", [found[0]], 7, full=True)
+    again = sizes.visibility("linear_axis", [found[0]], 7)
     assert again == pytest.approx(found[1])
 
 

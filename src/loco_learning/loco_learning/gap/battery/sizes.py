@@ -23,11 +23,9 @@ SEEN = 0.75  # share of the target that a size must reach to count
 
 
 @lru_cache(maxsize=8)
-def reference(
-    robot: str, seed: int, full: bool = False
-) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Readings without anything hidden, (T, C) per fit record, and their floor, (C,)."""
-    machine = _machine(robot, full)
+    machine = _quick(robot)
     bare, gap, count = [], 0.0, 0
     for kind in excitation.FIT:
         moved = excitation.command(machine, kind, seed)
@@ -41,10 +39,10 @@ def reference(
     return tuple(bare), np.sqrt(gap / count / 2.0 + np.square(steps) / 12.0)
 
 
-def _machine(robot: str, full: bool) -> Machine:
-    """The machine as it is recorded, or at fewer steps: sizes that are tried need not be exact."""
+def _quick(robot: str) -> Machine:
+    """The machine at fewer steps: sizes need not be exact."""
     machine = machines.get(robot)
-    return machine if full else machine.with_steps(machine.quick or machine.steps // 2)
+    return machine.with_steps(machine.quick or machine.steps // 2)
 
 
 def columns(reading: plant.Reading) -> np.ndarray:
@@ -52,9 +50,7 @@ def columns(reading: plant.Reading) -> np.ndarray:
     return reading.q if reading.tau is None else np.hstack((reading.q, reading.tau))
 
 
-def visibility(
-    robot: str, effects: Sequence[Hidden], seed: int, least: float = 0.0, full: bool = False
-) -> float:
+def visibility(robot: str, effects: Sequence[Hidden], seed: int, least: float = 0.0) -> float:
     """Whitened rms of the sensor that shows most, 1 for nothing; inf if it diverges.
 
     Args:
@@ -62,10 +58,9 @@ def visibility(
         effects: What is hidden.
         seed: Of the excitation.
         least: Stop looking at records when this much shows already.
-        full: At the steps of the recording.
     """
-    machine = _machine(robot, full)
-    bare, floor = reference(robot, seed, full)
+    machine = _quick(robot)
+    bare, floor = reference(robot, seed)
     square, rows = np.zeros(len(floor)), 0
     for kind, base in zip(excitation.FIT, bare, strict=True):
         moved = excitation.command(machine, kind, seed)
@@ -106,14 +101,8 @@ def sized(
             bounds[1] - 0.05 * (bounds[1] - bounds[0]),
         )
         at = float(np.clip(at + slope, *inside)) if np.isfinite(shows) else np.mean(bounds)
-    if not _seen(found[1], target) or chance(robot, found[0], seed) >= CHANCE:
-        return None
-    shows = visibility(robot, (found[0],), seed, full=True)  # hunting may be of the steps alone
-    return (found[0], shows) if _seen(shows, target) else None
-
-
-def _seen(shows: float, target: float) -> bool:
-    return shows >= SEEN * target and 1.2 < shows < np.inf
+    seen = found[1] >= SEEN * target and found[1] > 1.2
+    return found if seen and chance(robot, found[0], seed) < CHANCE else None
 
 
 def chance(robot: str, effect: Hidden, seed: int) -> float:
@@ -122,7 +111,7 @@ def chance(robot: str, effect: Hidden, seed: int) -> float:
     Sticking and hunting may grow differences of rounding until they are seen; then no model
     can be judged on the record.
     """
-    machine = _machine(robot, full=False)
+    machine = _quick(robot)
     _, floor = reference(robot, seed)
     worst = 0.0
     for kind in excitation.FIT:
