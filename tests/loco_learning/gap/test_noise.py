@@ -44,8 +44,15 @@ def test_without_noise_a_share_of_the_motion_remains():
 
 def test_a_torque_is_never_known_well():
     x = np.stack([motion(1.0), motion(1.0)], axis=1)
-    found = noise.floor([x], relative=noise.shares(["q", "tau"]))
+    found = noise.floor([x], signals=["q", "tau"])
     np.testing.assert_allclose(found / x.std(0), [noise.RELATIVE, noise.EFFORT])
+
+
+def test_a_torque_that_hardly_changes_is_known_no_better_than_those_of_other_joints():
+    x = np.stack([motion(1.0), 0.08 + 1e-5 * motion(7.0)], axis=1)
+    torques, angles = noise.floor([x], signals=["tau", "tau"]), noise.floor([x])
+    assert torques[1] == pytest.approx(noise.ALIKE * x[:, 0].std())
+    assert angles[1] == pytest.approx(noise.RELATIVE * x[:, 1].std())
 
 
 def test_gaps_and_slower_channels_change_nothing():
@@ -62,7 +69,7 @@ def test_records_are_pooled_and_never_joined():
     rng = np.random.default_rng(4)
     x = 1e-3 * rng.normal(size=(2000, 2))
     halves = [x[:1000] + 5.0, x[1000:] - 5.0]
-    np.testing.assert_allclose(noise.floor(halves, relative=0.0), 1e-3, rtol=0.15)
+    np.testing.assert_allclose(noise.floor(halves), 1e-3, rtol=0.15)
 
 
 def test_a_channel_never_measured_gets_a_floor_too():

@@ -204,7 +204,7 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     fine = finest(forward)
     signals = [c.signal for c in forward.channels]
     correction, numeric = step_error(forward, fine)
-    sensors = noise.floor(forward.measured, steps, noise.shares(signals))
+    sensors = noise.floor(forward.measured, steps, signals)
     pooled = _pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
     local = zip(numeric, hunting(forward, fine), strict=True)

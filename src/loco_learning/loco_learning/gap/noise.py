@@ -17,39 +17,45 @@ ORDERS = (2, 3, 4, 5, 6)
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # of a channel's own deviation: no floor is set below it
 EFFORT = 0.02  # the same of a torque: on robots it is an estimate from current or pressure
+ALIKE = 1e-3  # of the largest deviation of any torque: what holds a joint to its stop says nothing
 
 
 def floor(
     measured: Sequence[np.ndarray],
     resolution: np.ndarray | float = 0.0,
-    relative: np.ndarray | float = RELATIVE,
+    signals: Sequence[str] = (),
 ) -> np.ndarray:
     """Standard deviation of the white noise of each channel, in the channel's unit.
 
     Args:
         measured: One (T, C) array per record; NaN where nothing was measured.
         resolution: Quantisation step per channel, (C,) or one for all; 0 where none is seen.
-        relative: Share of a channel's deviation below which no floor is set (`shares`), (C,)
-            or one for all, so that a record without noise does not ask for a perfect model.
+        signals: What each channel measures, (C,): see `least`; none is a torque by default.
 
     Returns:
-        (C,) floors, all above 0: the largest of noise, step / sqrt(12) and the share.
+        (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `least`.
     """
-    channels = measured[0].shape[1]
-    steps = np.broadcast_to(np.asarray(resolution, dtype=float), (channels,))
-    share = np.broadcast_to(np.asarray(relative, dtype=float), (channels,))
-    found = np.empty(channels)
-    for c in range(channels):
-        columns = [record[:, c] for record in measured]
-        spread = _deviation(columns)
-        least = max(share[c] * spread, np.finfo(float).tiny ** 0.5)
-        found[c] = max(white(columns), steps[c] / math.sqrt(12.0), least)
-    return found
+    columns = [[record[:, c] for record in measured] for c in range(measured[0].shape[1])]
+    noise = np.array([white(column) for column in columns])
+    steps = np.asarray(resolution, dtype=float) / math.sqrt(12.0)
+    spread = np.array([_deviation(column) for column in columns])
+    return np.maximum(np.maximum(noise, steps), least(spread, signals))
 
 
-def shares(signals: Sequence[str]) -> np.ndarray:
-    """Least floor of each channel over its deviation, by its signal, (C,)."""
-    return np.array([EFFORT if signal == "tau" else RELATIVE for signal in signals])
+def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
+    """Below which no floor is set, so that a record without noise does not ask for a perfect model.
+
+    A share of the channel's deviation; torque sensors of a robot are alike, so that none tells
+    less than a share of what the busiest of them does.
+
+    Args:
+        spread: Deviation of each channel, (C,).
+        signals: What each measures, (C,); none is a torque by default.
+    """
+    torques = np.array([signal == "tau" for signal in signals] or np.zeros(len(spread), dtype=bool))
+    alike = ALIKE * np.max(spread, where=torques, initial=0.0)
+    efforts = np.maximum(EFFORT * spread, alike)
+    return np.maximum(np.where(torques, efforts, RELATIVE * spread), np.finfo(float).tiny ** 0.5)
 
 
 def white(columns: Sequence[np.ndarray]) -> float:
