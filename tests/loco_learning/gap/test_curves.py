@@ -125,6 +125,11 @@ def test_a_single_channel_is_drawn_too():
         assert draw(Curves(CHANNELS[:1], np.full(1, 0.01), (one,))).axes
 
 
+def test_a_channel_that_misses_nothing_does_not_stretch_the_axis_of_the_others():
+    (ax,) = figures.channels(made(late=0.0, noise=0.0)).axes
+    assert ax.get_xlim()[0] > 0.1 * figures.FAINT
+
+
 def test_the_window_holds_the_largest_gap():
     found = curve()
     found.before[430:450] += 1.0

@@ -23,6 +23,7 @@ BAND = {"color": "#e9ecef", "lw": 0}
 WIDTH = 7.4  # [in]
 POINTS = 1500  # that a line is drawn with
 MOST = 4  # channels in a figure of signals
+FAINT = 0.01  # noise floors: what is missed less is drawn there, as nothing at all has no logarithm
 
 
 def canvas(rows: int, columns: int, height: float, **more: object) -> tuple[Figure, np.ndarray]:
@@ -140,7 +141,8 @@ def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray,
 
 def channels(curves: Curves) -> Figure:
     """Gap of every channel in units of its noise, before and after."""
-    ratio = {k: curves.rms(k) / np.maximum(curves.floor, 1e-30) for k in ("before", "after")}
+    floor = np.maximum(curves.floor, 1e-30)
+    ratio = {k: np.maximum(curves.rms(k) / floor, FAINT) for k in ("before", "after")}
     shown = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])]
     made, ((ax,),) = canvas(1, 1, 0.9 + 0.24 * len(shown))
     y = np.arange(len(shown))[::-1]
