@@ -33,16 +33,17 @@ def test_nothing_planted_is_no_gap(found):
 
 
 @pytest.mark.parametrize(
-    ("effect", "parameter", "value"),
-    [("coulomb_friction", "torque", 3.0), ("sensor_bias", "q", 0.002)],
+    ("effect", "parameter", "value", "unit"),
+    [("coulomb_friction", "torque", 3.0, "N"), ("sensor_bias", "q", 0.002, "m")],
 )
-def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parameter, value):
+def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parameter, value, unit):
     gap = found([{"name": effect, parameter: value}])
     assert (gap["verdict"], gap["names"]) == ("named", [effect])
     (term,) = gap["terms"]
     assert term["place"] == "slide"
     assert term["parameters"][parameter]["value"] == pytest.approx(value, rel=0.1)
     assert term["parameters"][parameter]["low"] > 0.0
+    assert term["parameters"][parameter]["unit"] == unit
     assert gap["gap"]["closed"] > 0.9
     assert gap["model"]["effects"][0]["name"] == effect
 

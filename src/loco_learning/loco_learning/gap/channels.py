@@ -41,6 +41,11 @@ UNITS = {
     "grf": "N",
 }
 SLIDING = {"q": "m", "dq": "m/s", "tau": "N"}
+ON_SLIDES = {
+    "rad": "m", "rad/s": "m/s", "N·m": "N", "N·m·s/rad": "N·s/m", "N·m/rad": "N/m",
+    "N·m/rad³": "N/m³", "kg·m²": "kg", "rad/(N·m)": "m/N", "s/rad": "s/m", "1/rad": "1/m",
+    "1/rad²": "1/m²",
+}  # fmt: skip
 TURNED = ("orientation", "base_orientation")
 
 
@@ -89,6 +94,11 @@ def of(robot: Robot, records: Sequence[Record], signals: Sequence[str]) -> tuple
             unit = SLIDING.get(signal) if name in sliding else UNITS[signal]
             found.append(Channel(signal, name, unit or UNITS[signal]))
     return tuple(found)
+
+
+def slides(channels: Sequence[Channel]) -> set[str]:
+    """Joints that slide."""
+    return {c.name for c in channels if c.unit == SLIDING.get(c.signal)}
 
 
 def _names(robot: Robot, signal: str) -> tuple[str, ...]:

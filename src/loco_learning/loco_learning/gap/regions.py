@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .channels import SLIDING
+from .channels import slides
 from .localise import JOINT_SIGNALS
 from .phases import STEP, phases, position, speed
 from .record import Record
@@ -67,10 +67,10 @@ def regions(
             energies[channel.name] = old + np.nan_to_num(parts)
     total = sum(max(e.sum(), 0.0) for e in energies.values())
     ranked = sorted(energies, key=lambda name: (-energies[name].sum(), name))
-    slides = {c.name for c in channels if c.unit == SLIDING.get(c.signal)}
+    sliding = slides(channels)
     found = []
     for joint in ranked[:joints]:
-        unit = "m" if joint in slides else "rad"
+        unit = "m" if joint in sliding else "rad"
         held = [r for r in records if joint in r.joints]
         if len(held) == len(records) and energies[joint].sum() > max(least * total, 0.0):
             found += of_joint(joint, energies[joint], *features(records, joint, unit))

@@ -16,6 +16,7 @@ from ..plain import plain
 from . import correction, evidence, identify, kinds, scale
 from .candidates import Candidate
 from .case import Case
+from .channels import ON_SLIDES, slides
 from .decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Ruling
 from .fit import Fitted
 from .judge import Judged
@@ -46,7 +47,7 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
-            "terms": terms(judged) if told else [],
+            "terms": terms(case, judged) if told else [],
             "rivals": rivals(judged) if told else [],
             "ambiguous": [list(group) for group in decision.ambiguous],
             "kinds": kinds_of(judged) if told else [],
@@ -69,20 +70,27 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
     )
 
 
-def terms(judged: Judged) -> list[dict[str, Any]]:
+def terms(case: Case, judged: Judged) -> list[dict[str, Any]]:
     """Effects of the selected model with their evidence."""
+    sliding = slides(case.forward.channels)
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    return [_term(candidate, ruling) for candidate, ruling in pairs]
+    return [_term(candidate, ruling, sliding) for candidate, ruling in pairs]
 
 
-def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
+def _term(candidate: Candidate, ruling: Ruling, sliding: set[str]) -> dict[str, Any]:
+    units = ON_SLIDES if sliding.intersection(candidate.place.split()) else {}
     return {
         "effect": candidate.name,
         "place": candidate.place,
         "places": list(ruling.places),
         "verdict": ruling.verdict,
         "parameters": {
-            e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
+            e.name: {
+                "value": e.value,
+                "low": e.low,
+                "high": e.high,
+                "unit": units.get(e.unit, e.unit),
+            }
             for e in candidate.estimates
         },
         "gain": _gain(candidate.gain),
