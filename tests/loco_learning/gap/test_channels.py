@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from loco_learning.gap.channels import ON_SLIDES
+from loco_learning.gap import tell
+from loco_learning.gap.channels import ON_SLIDES, Channel
 from loco_sim.effects.base import EFFECTS
 
 
@@ -19,3 +20,11 @@ def test_every_unit_of_a_joint_in_the_registry_has_one_for_slides():
     turning = {unit for unit in units if "rad" in unit or "N·m" in unit or unit == "kg·m²"}
     assert "N·m/rad³" in turning
     assert turning <= set(ON_SLIDES)
+
+
+def test_only_what_sits_on_a_slide_is_told_in_metres():
+    channels = [Channel("q", "slide", "m"), Channel("q", "hinge", "rad")]
+    places = ["slide", "q slide", "hinge", "*"]
+    made = [{"place": place, "parameters": {"step": {"unit": "rad"}}} for place in places]
+    told = tell.in_metres(made, channels)
+    assert [t["parameters"]["step"]["unit"] for t in told] == ["m", "m", "rad", "rad"]

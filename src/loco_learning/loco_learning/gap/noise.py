@@ -52,10 +52,10 @@ def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
         spread: Deviation of each channel, (C,).
         signals: What each measures, (C,); none is a torque by default.
     """
-    torques = np.array([signal == "tau" for signal in signals] or np.zeros(len(spread), dtype=bool))
-    alike = ALIKE * np.max(spread, where=torques, initial=0.0)
-    efforts = np.maximum(EFFORT * spread, alike)
-    return np.maximum(np.where(torques, efforts, RELATIVE * spread), np.finfo(float).tiny ** 0.5)
+    torques = np.array([signal == "tau" for signal in signals or [""] * len(spread)])
+    own = np.where(torques, EFFORT, RELATIVE) * spread
+    alike = ALIKE * np.max(spread, where=torques, initial=0.0) * torques
+    return np.maximum(np.maximum(own, alike), np.finfo(float).tiny ** 0.5)
 
 
 def white(columns: Sequence[np.ndarray]) -> float:

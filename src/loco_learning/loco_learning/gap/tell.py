@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -16,7 +16,7 @@ from ..plain import plain
 from . import correction, evidence, identify, kinds, scale
 from .candidates import Candidate
 from .case import Case
-from .channels import ON_SLIDES, slides
+from .channels import ON_SLIDES, Channel, slides
 from .decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Ruling
 from .fit import Fitted
 from .judge import Judged
@@ -47,7 +47,7 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
-            "terms": terms(case, judged) if told else [],
+            "terms": terms(judged) if told else [],
             "rivals": rivals(judged) if told else [],
             "ambiguous": [list(group) for group in decision.ambiguous],
             "kinds": kinds_of(judged) if told else [],
@@ -70,27 +70,35 @@ def contents(model: Model, case: Case, judged: Judged, params: GapParams) -> dic
     )
 
 
-def terms(case: Case, judged: Judged) -> list[dict[str, Any]]:
+def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -> list[dict]:
+    """The terms of ``gap.json`` with the units of slides where that is what their joint does."""
+    sliding = slides(channels)
+    return [
+        {**term, "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()}}
+        if sliding.intersection(term["place"].split())
+        else dict(term)
+        for term in terms
+    ]
+
+
+def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
+    return {**parameter, "unit": ON_SLIDES.get(parameter["unit"], parameter["unit"])}
+
+
+def terms(judged: Judged) -> list[dict[str, Any]]:
     """Effects of the selected model with their evidence."""
-    sliding = slides(case.forward.channels)
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    return [_term(candidate, ruling, sliding) for candidate, ruling in pairs]
+    return [_term(candidate, ruling) for candidate, ruling in pairs]
 
 
-def _term(candidate: Candidate, ruling: Ruling, sliding: set[str]) -> dict[str, Any]:
-    units = ON_SLIDES if sliding.intersection(candidate.place.split()) else {}
+def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
     return {
         "effect": candidate.name,
         "place": candidate.place,
         "places": list(ruling.places),
         "verdict": ruling.verdict,
         "parameters": {
-            e.name: {
-                "value": e.value,
-                "low": e.low,
-                "high": e.high,
-                "unit": units.get(e.unit, e.unit),
-            }
+            e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
             for e in candidate.estimates
         },
         "gain": _gain(candidate.gain),

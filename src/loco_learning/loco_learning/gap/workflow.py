@@ -25,7 +25,7 @@ from .parallel import Tasks
 from .params import GapParams
 from .record import Record
 from .search import Search
-from .tell import contents
+from .tell import contents, in_metres
 
 SEARCH = 0.9  # share of the time that the search takes
 
@@ -75,6 +75,7 @@ def find(
         judged = judge(case, search, found)
         result = contents(model, case, judged, params)
         result = lattice.tell(result, case.records, robot, params.effects)
+        result["terms"] = in_metres(result["terms"], forward.channels)
         report(0.95, "looking for the next experiment", " + ".join(result["names"]))
         result["next"] = following(model, case, judged)
     finally:
