@@ -22,10 +22,10 @@ from .servo_kernels import clipped, servo_torque, share
 from .spring import COLUMNS as SPRING_COLUMNS
 from .spring_kernels import spring_energy, spring_torque
 
-MADE_OF = "6558e16acb3c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "2fa561c645f2"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def joint_torques(
     state: np.ndarray,
     command: np.ndarray,
@@ -35,8 +35,9 @@ def joint_torques(
     dt: float,
     supply: float,
     on: float,
-) -> np.ndarray:
-    """Torque of drive and spring of every joint [N·m], (n,).
+    tau: np.ndarray,
+) -> None:
+    """Torque of drive and spring of every joint.
 
     Args:
         state: Positions, then velocities of the joints [rad, rad/s], (2 n,).
@@ -47,10 +48,11 @@ def joint_torques(
         dt: Physics step [s].
         supply: Voltage of the servos over the nominal one.
         on: 1, or 0 for drives that are switched off.
+        tau: Filled in [N·m], (n,).
     """
     n = len(drives)
-    tau = np.zeros(n)
     for i in range(n):
+        tau[i] = 0.0
         q, dq, row = state[i], state[n + i], drives[i]
         if row[0] == SERVO:
             tau[i] = servo_torque(q, dq, command[0, i], row, rotors[i], dt, supply, on)
@@ -61,10 +63,9 @@ def joint_torques(
             tau[i] = on * clipped(row[1] * command[2, i] + row[2], row[8])
         if springs[i, 0] > 0.0:
             tau[i] += spring_torque(q, dq, springs[i])
-    return tau
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def asked(state, command, drives, rotors, supply, on):
     """Share of the voltage that each servo asks for, (n,), and speed of its rotor, (n,).
 
@@ -148,7 +149,8 @@ class Actuators:
         if change:
             power = self.supply, self.on
             drives = change(drives, *asked(state, self._command, drives, self._rotors, *power))
-        tau = joint_torques(
+        tau = np.empty(len(drives))
+        joint_torques(
             state,
             self._command,
             drives,
@@ -157,6 +159,7 @@ class Actuators:
             self._dt,
             self.supply,
             self.on,
+            tau,
         )
         return tau.tolist()
 

@@ -122,8 +122,8 @@ class Bolted:
         n = len(q)
         matrix, bias = np.zeros((n, n)), np.empty(n)
         at = np.asarray(q, dtype=float)[self._order]
-        room = kernels.workshop(n)
-        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), room, matrix, bias)
+        links = kernels.workshop(n)[0]
+        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), links, matrix, bias)
         back = np.argsort(self._order)
         return matrix[np.ix_(back, back)]
 

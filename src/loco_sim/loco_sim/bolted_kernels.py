@@ -12,10 +12,10 @@ from .effects.chain import GAIN, LIMIT, ON_MOTOR, SAG, SERIES, SPEED_LINE
 from .effects.chain_kernels import budgets, motors, torques
 from .tree_kernels import advance, workshop
 
-MADE_OF = "900243028a57"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "5eaa6d1cd21a"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def run(
     tree,
     order,
@@ -72,7 +72,7 @@ def run(
         )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow(
     tree,
     order,
@@ -108,7 +108,7 @@ def follow(
     for k in range(len(plan)):
         if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
             weakened |= np.any(const[plan[k, 1] : plan[k, 2], ON_MOTOR] != 0.0)
-    room, factor = workshop(n), np.zeros((n, n))
+    room = workshop(n)
     for row in range(first, stop):
         for i in range(n):
             if not (np.isfinite(q[i]) and np.isfinite(dq[i])):
@@ -129,8 +129,9 @@ def follow(
                 rows[:] = drives
                 share = asked(known, command, drives, rotors, supply, on)
                 motors(step, plan, joint, const, rows, share[0], share[1])
-            tau[:] = joint_torques(known, command, rows, springs, rotors, dt, supply, on)
-            torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
+            joint_torques(known, command, rows, springs, rotors, dt, supply, on, tau)
+            if len(plan):
+                torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
             mean += tau
             for i in range(n):
                 push[i] = tau[order[i]]
@@ -141,12 +142,12 @@ def follow(
                 for i in range(n):
                     push[i] += drag[order[i]]
                     motor[i] = held[order[i]]
-            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, room, factor)
+            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, room)
             step += 1
         mean /= steps
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def bend(step, plan, joint, memory, command):
     """Commands as motors behind springs see them: see `effects.reading_laws.move_back`."""
     for k in range(plan.shape[0]):

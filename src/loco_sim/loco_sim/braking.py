@@ -24,7 +24,7 @@ def stopped_per_torque(inertia: np.ndarray, dt: float) -> np.ndarray:
     return MARGIN * dt * np.diag(np.linalg.inv(inertia))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def split(budget, dq, slow):
     """Stopping torque for the engine, and torque to apply [N·m], both (n,).
 

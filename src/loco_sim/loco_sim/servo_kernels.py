@@ -7,25 +7,25 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def rounded(x: float, step: float) -> float:
     """To the nearest multiple of a step; 0 leaves it alone."""
     return step * np.floor(x / step + 0.5) if step > 0.0 else x
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def clipped(x: float, limit: float) -> float:
     """Within +-limit."""
     return min(max(x, -limit), limit)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def share(q: float, target: float, row: np.ndarray) -> float:
     """Share of the voltage that the position loop of a servo asks for, in [-1, 1]."""
     return clipped(row[3] * (rounded(target, row[4]) - rounded(q, row[4])), 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def scaled(row: np.ndarray, factor: float) -> None:
     """Scale all that the motor of a servo gives, in place in its row."""
     row[1] *= factor
@@ -33,13 +33,13 @@ def scaled(row: np.ndarray, factor: float) -> None:
     row[8] *= factor
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def given(row: np.ndarray, asked: float, speed: float) -> float:
     """Torque that the motor of a servo gives at a share of its voltage and a speed [N·m]."""
     return clipped(row[1] * asked - row[2] * speed, row[8])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def servo_torque(
     q: float,
     dq: float,

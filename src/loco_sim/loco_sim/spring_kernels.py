@@ -11,7 +11,7 @@ from numba import njit
 from .spring import LINEAR, PRETENSION
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def spring_torque(q: float, dq: float, row: np.ndarray) -> float:
     """Torque of a joint's spring and damper [N·m, or N if prismatic].
 

@@ -20,20 +20,20 @@ SLIDES = "prismatic"
 MOVES = ("revolute", "continuous", SLIDES)
 
 
-class Tree(NamedTuple):
-    """Joints from the base outwards, each with the link it moves; n joints."""
+# Columns of `Tree.body`: vectors have three, matrices nine, by rows.
+PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the link before
+AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # axis of length 1; [kg], [m], about it [kg·m²]
+DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
 
-    parent: np.ndarray  # index of the joint before it, -1 is the base, (n,)
-    slides: np.ndarray  # it slides and does not turn, (n,) bool
-    place: np.ndarray  # origin in the frame of the link before [m], (n, 3)
-    turn: np.ndarray  # rotation into the frame of the link before, (n, 3, 3)
-    axis: np.ndarray  # of length 1, (n, 3)
-    mass: np.ndarray  # [kg], (n,)
-    com: np.ndarray  # centre of mass [m], (n, 3)
-    inertia: np.ndarray  # about it [kg·m²], (n, 3, 3)
-    damping: np.ndarray  # viscous, of the joint [N·m·s/rad], (n,)
-    low: np.ndarray  # smallest position [rad or m], (n,)
-    high: np.ndarray  # largest position, (n,)
+
+class Tree(NamedTuple):
+    """Joints from the base outwards, each with the link it moves; n joints.
+
+    In few arrays, as a compiled function takes its time over each that it is given.
+    """
+
+    kin: np.ndarray  # index of the joint before it, -1 is the base, and whether it slides, (n, 2)
+    body: np.ndarray  # columns as above, (n, 31)
     fastest: float  # velocities are clipped at this, as by the engine
 
 
@@ -65,21 +65,17 @@ def build(
         moments = np.linalg.eigvalsh(inertia)
         if not mass > 0.0 or moments[0] <= 0.0 or moments[2] > moments[0] + moments[1] + 1e-9:
             raise ParameterError(f"what joint {name} moves has no inertia that a body can have")
-    limits = [description.limits(name) for name in found.names]
-    tree = Tree(
-        parent=np.array(found.parent, dtype=np.int64),
-        slides=np.array(found.slides, dtype=np.bool_),
-        place=np.array(found.place).reshape(-1, 3),
-        turn=np.array(found.turn).reshape(-1, 3, 3),
-        axis=np.array(found.axis).reshape(-1, 3),
-        mass=np.array(found.mass),
-        com=np.array(found.com).reshape(-1, 3),
-        inertia=np.array(found.inertia).reshape(-1, 3, 3),
-        damping=np.array([description.damping(name) for name in found.names]),
-        low=np.array([low for low, _ in limits]),
-        high=np.array([high for _, high in limits]),
-        fastest=description.fastest(),
-    )
+    body = [
+        found.place,
+        np.reshape(found.turn, (-1, 9)),
+        found.axis,
+        np.reshape(found.mass, (-1, 1)),
+        found.com,
+        np.reshape(found.inertia, (-1, 9)),
+        [[description.damping(name), *description.limits(name)] for name in found.names],
+    ]
+    kin = np.array([found.parent, found.slides], dtype=np.int64).T
+    tree = Tree(np.ascontiguousarray(kin), np.hstack(body), description.fastest())
     return tree, order, found.frames
 
 

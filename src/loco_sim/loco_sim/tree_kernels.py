@@ -11,56 +11,115 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .tree import AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
+
 STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the engine does
 STOP_DEPTH = 0.04  # but nothing of a way that is longer [rad or m]
 SWEEPS = 50  # of the impulses, at most
 SETTLED = 1e-5  # they end when no joint's velocity changes by more, as the engine's [rad/s]
 
 
-@njit(cache=True)
-def cross(a, b, out):
-    """Put a x b into out, (3,) each."""
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    out[0], out[1] = x, y
+# What is known of a link, a row of `workshop`: where it is, how it moves (accelerations with
+# gravity), then what it takes to move it and all that hangs on it.
+AT, ALONG, SPIN, SPIN_RATE, RATE, ROT = 0, 3, 6, 9, 12, 15
+FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = 24, 27, 30, 33, 42, 43
+
+ZERO = (0.0, 0.0, 0.0)
+EYE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+# Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers. Views of arrays
+# are counted in and out at each use, which took longer than the arithmetic.
 
 
-@njit(cache=True)
-def product(a, b, out):
-    """Put the product of two (3, 3) into a third."""
-    for r in range(3):
-        for c in range(3):
-            out[r, c] = a[r, 0] * b[0, c] + a[r, 1] * b[1, c] + a[r, 2] * b[2, c]
+@njit(cache=True, error_model="numpy")
+def vector(a, i, k=0):
+    """Three numbers of row i of an array, from column k."""
+    return a[i, k], a[i, k + 1], a[i, k + 2]
 
 
-@njit(cache=True)
-def applied(a, v, out):
-    """Put a (3, 3) times a (3,) into another (3,)."""
-    for r in range(3):
-        out[r] = a[r, 0] * v[0] + a[r, 1] * v[1] + a[r, 2] * v[2]
+@njit(cache=True, error_model="numpy")
+def matrix(a, i, k=0):
+    """Nine numbers of row i of an array, from column k."""
+    return (
+        a[i, k], a[i, k + 1], a[i, k + 2],
+        a[i, k + 3], a[i, k + 4], a[i, k + 5],
+        a[i, k + 6], a[i, k + 7], a[i, k + 8],
+    )  # fmt: skip
 
 
-@njit(cache=True)
-def turn_about(axis, angle, out):
-    """Rotation about a unit axis, (3, 3)."""
+@njit(cache=True, error_model="numpy")
+def put(a, i, k, values):
+    """Put a vector or matrix into row i of an array, from column k."""
+    for r in range(len(values)):
+        a[i, k + r] = values[r]
+
+
+@njit(cache=True, error_model="numpy")
+def dot(a, b):
+    """Inner product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy")
+def cross(a, b):
+    """Vector product of two vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def along_by(a, b, by):
+    """Vector a + by b."""
+    return a[0] + by * b[0], a[1] + by * b[1], a[2] + by * b[2]
+
+
+@njit(cache=True, error_model="numpy")
+def applied(m, v):
+    """Matrix times vector."""
+    return dot(m[0:3], v), dot(m[3:6], v), dot(m[6:9], v)
+
+
+@njit(cache=True, error_model="numpy")
+def transposed(m):
+    """Matrix, rows for columns."""
+    return m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]
+
+
+@njit(cache=True, error_model="numpy")
+def product(a, b):
+    """Matrix product."""
+    t = transposed(b)
+    x, y, z = applied(a, t[0:3]), applied(a, t[3:6]), applied(a, t[6:9])
+    return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
+
+
+@njit(cache=True, error_model="numpy")
+def turn_about(axis, angle):
+    """Rotation about a unit axis."""
     c, s = np.cos(angle), np.sin(angle)
-    x, y, z = axis[0], axis[1], axis[2]
+    x, y, z = axis
     v = 1.0 - c
-    out[0, 0], out[0, 1], out[0, 2] = c + x * x * v, x * y * v - z * s, x * z * v + y * s
-    out[1, 0], out[1, 1], out[1, 2] = y * x * v + z * s, c + y * y * v, y * z * v - x * s
-    out[2, 0], out[2, 1], out[2, 2] = z * x * v - y * s, z * y * v + x * s, c + z * z * v
+    return (
+        c + x * x * v, x * y * v - z * s, x * z * v + y * s,
+        y * x * v + z * s, c + y * y * v, y * z * v - x * s,
+        z * x * v - y * s, z * y * v + x * s, c + z * z * v,
+    )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def workshop(n):
-    """Arrays that `dynamics` and `advance` work in, for n joints; making them takes longer."""
-    vectors = np.empty((10, n, 3))
-    return vectors, np.empty((2, n, 3, 3)), np.empty((6, 3)), np.empty((3, 3, 3)), np.empty((3, n))
+    """Arrays that `advance` works in, for n joints; making them takes longer than a step.
+
+    Links; mass matrix; velocities after an impulse of 1 on a joint, a row each, and after them
+    accelerations, which are seen by themselves as well; impulses by stops, then by brakes, and
+    which of them are there.
+    """
+    rows = np.empty((n + 1, n))
+    given, active = np.empty(2 * n), np.empty(2 * n, dtype=np.bool_)
+    return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], given, active
 
 
-@njit(cache=True)
-def dynamics(tree, gravity, q, dq, room, mass_matrix, bias):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def dynamics(tree, gravity, q, dq, links, mass_matrix, bias):
     """Mass matrix, (n, n), and torque that keeps all accelerations zero, (n,), in place.
 
     Args:
@@ -68,16 +127,16 @@ def dynamics(tree, gravity, q, dq, room, mass_matrix, bias):
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
-        room: From `workshop`.
-        mass_matrix: Filled in.
+        links: First of `workshop`; filled in.
+        mass_matrix: Filled in, but for zeros between branches.
         bias: Filled in.
     """
-    outwards(tree, gravity, q, dq, room)
-    inwards(tree, room, mass_matrix, bias)
+    outwards(tree, gravity, q, dq, links)
+    inwards(tree, links, mass_matrix, bias)
 
 
-@njit(cache=True)
-def outwards(tree, gravity, q, dq, room):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def outwards(tree, gravity, q, dq, links):
     """From the base outwards: where links are, and what it takes to move them as they do.
 
     Args:
@@ -85,203 +144,174 @@ def outwards(tree, gravity, q, dq, room):
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
-        room: From `workshop`; filled in for `inwards`, if no joint accelerates: origin of each
-            link [m], axis of its joint, force on it [N], moment [N·m], mass times centre of
-            mass, and inertia, the last three about the world's origin.
+        links: Filled in, if no joint accelerates: origin of each link [m], axis of its joint,
+            angular velocity and acceleration, acceleration, rotation to the world, force on
+            it [N], moment [N·m], mass times centre of mass, inertia, and mass; moment to
+            inertia about the world's origin.
     """
-    parent, slides, place, turn, axis, mass, com, inertia = tree[:8]
-    n = len(parent)
-    at, along, force, moment, first = room[0][0], room[0][1], room[0][2], room[0][3], room[0][4]
-    spin, spin_rate, rate = room[0][5], room[0][6], room[0][7]  # acceleration: gravity included
-    second, rot = room[1][0], room[1][1]  # link to world
-    tmp, arm, x, y = room[2][0], room[2][1], room[2][2], room[2][3]
-    own, world, base = room[3][0], room[3][1], room[3][2]
-    for r in range(3):
-        for c in range(3):
-            base[r, c] = 1.0 if r == c else 0.0
-    for i in range(n):
-        p = parent[i]
-        up = base if p < 0 else rot[p]
-        product(up, turn[i], world)
-        applied(world, axis[i], along[i])
-        applied(up, place[i], arm)
-        if slides[i]:
-            rot[i, :, :] = world
-            for r in range(3):
-                arm[r] += along[i, r] * q[i]
+    kin, body = tree[0], tree[1]
+    for i in range(len(kin)):
+        p, slides, m = kin[i, 0], kin[i, 1], body[i, MASS]
+        up = EYE if p < 0 else matrix(links, p, ROT)
+        rot = product(up, matrix(body, i, TURN))
+        along = applied(rot, vector(body, i, AXIS))
+        arm = applied(up, vector(body, i, PLACE))
+        if slides:
+            arm = along_by(arm, along, q[i])
         else:
-            turn_about(axis[i], q[i], own)
-            product(world, own, rot[i])
-        if p < 0:
-            for r in range(3):
-                at[i, r], spin[i, r], spin_rate[i, r] = arm[r], 0.0, 0.0
-                rate[i, r] = -gravity[r]
-        else:
-            carried(arm, spin[p], spin_rate[p], rate[p], x, y, rate[i])
-            cross(spin[p], along[i], tmp)
-            for r in range(3):
-                at[i, r] = at[p, r] + arm[r]
-                spin[i, r], spin_rate[i, r] = spin[p, r], spin_rate[p, r]
-                if slides[i]:
-                    rate[i, r] += 2.0 * dq[i] * tmp[r]
-                else:
-                    spin_rate[i, r] += dq[i] * tmp[r]
-        if not slides[i]:
-            for r in range(3):
-                spin[i, r] += along[i, r] * dq[i]
+            rot = product(rot, turn_about(vector(body, i, AXIS), q[i]))
+        at, spin, spin_rate = arm, ZERO, ZERO
+        rate = -gravity[0], -gravity[1], -gravity[2]
+        if p >= 0:
+            at = along_by(vector(links, p, AT), arm, 1.0)
+            spin, spin_rate = vector(links, p, SPIN), vector(links, p, SPIN_RATE)
+            rate = carried(arm, spin, spin_rate, vector(links, p, RATE))
+            turned = cross(spin, along)
+            if slides:
+                rate = along_by(rate, turned, 2.0 * dq[i])
+            else:
+                spin_rate = along_by(spin_rate, turned, dq[i])
+        if not slides:
+            spin = along_by(spin, along, dq[i])
+        put(links, i, AT, at)
+        put(links, i, ALONG, along)
+        put(links, i, SPIN, spin)
+        put(links, i, SPIN_RATE, spin_rate)
+        put(links, i, RATE, rate)
+        put(links, i, ROT, rot)
         # Force and moment of the link, and its inertia about the world's origin.
-        m = mass[i]
-        applied(rot[i], com[i], arm)
-        carried(arm, spin[i], spin_rate[i], rate[i], x, y, force[i])
+        arm = applied(rot, vector(body, i, COM))
+        push = carried(arm, spin, spin_rate, rate)
+        force = push[0] * m, push[1] * m, push[2] * m
+        arm = along_by(arm, at, 1.0)
+        own = product(product(rot, matrix(body, i, INERTIA)), transposed(rot))
+        moment = along_by(cross(arm, force), cross(spin, applied(own, spin)), 1.0)
+        put(links, i, FORCE, force)
+        square = m * dot(arm, arm)
         for r in range(3):
-            force[i, r] *= m
-            arm[r] += at[i, r]
-            first[i, r] = m * arm[r]
-        product(rot[i], inertia[i], world)
-        product(world, rot[i].T, own)
-        applied(own, spin[i], tmp)
-        cross(spin[i], tmp, tmp)
-        cross(arm, force[i], moment[i])
-        square = arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2]
-        for r in range(3):
-            moment[i, r] += tmp[r]
+            total = moment[r]
+            links[i, FIRST + r] = m * arm[r]
             for c in range(3):
-                moment[i, r] += own[r, c] * spin_rate[i, c]
-                second[i, r, c] = own[r, c] - m * arm[r] * arm[c]
-            second[i, r, r] += m * square
+                total += own[3 * r + c] * spin_rate[c]
+                links[i, SECOND + 3 * r + c] = own[3 * r + c] - m * arm[r] * arm[c]
+            links[i, SECOND + 4 * r] += square
+            links[i, MOMENT + r] = total
+        links[i, WEIGHT] = m
 
 
-@njit(cache=True)
-def carried(arm, spin, spin_rate, rate, x, y, out):
-    """Acceleration of a point that is `arm` away on a body, (3,) each; x and y are room."""
-    cross(spin_rate, arm, x)
-    cross(spin, arm, y)
-    cross(spin, y, y)
-    for r in range(3):
-        out[r] = rate[r] + x[r] + y[r]
+@njit(cache=True, error_model="numpy")
+def carried(arm, spin, spin_rate, rate):
+    """Acceleration of a point that is `arm` away on a body."""
+    x, y = cross(spin_rate, arm), cross(spin, cross(spin, arm))
+    return rate[0] + x[0] + y[0], rate[1] + x[1] + y[1], rate[2] + x[2] + y[2]
 
 
-@njit(cache=True)
-def inwards(tree, room, mass_matrix, bias):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def inwards(tree, links, mass_matrix, bias):
     """From the tips inwards: what each joint carries; arguments as of `dynamics`."""
-    parent, slides = tree[0], tree[1]
-    at, along, force, moment, first = room[0][0], room[0][1], room[0][2], room[0][3], room[0][4]
-    second, weight, tmp, arm = room[1][0], room[4][0], room[2][0], room[2][1]
-    push, spun = room[2][2], room[2][3]  # momentum of what a joint moves with speed 1
-    weight[:] = tree[5]
-    for i in range(len(parent) - 1, -1, -1):
-        cross(at[i], force[i], tmp)
-        bias[i] = 0.0
-        for r in range(3):
-            bias[i] += along[i, r] * (force[i, r] if slides[i] else moment[i, r] - tmp[r])
-        if slides[i]:
-            for r in range(3):
-                push[r] = weight[i] * along[i, r]
-            cross(first[i], along[i], spun)
+    kin = tree[0]
+    for i in range(len(kin) - 1, -1, -1):
+        at, along, first = vector(links, i, AT), vector(links, i, ALONG), vector(links, i, FIRST)
+        force = vector(links, i, FORCE)
+        bias[i] = lever(kin[i, 1], at, along, force, vector(links, i, MOMENT))
+        m = links[i, WEIGHT]
+        if kin[i, 1]:  # momentum of what a joint moves with speed 1
+            push, spun = (m * along[0], m * along[1], m * along[2]), cross(first, along)
         else:
-            cross(at[i], along[i], arm)  # velocity of the point at the world's origin
-            cross(along[i], first[i], push)
-            cross(first[i], arm, spun)
-            for r in range(3):
-                push[r] += weight[i] * arm[r]
-                for c in range(3):
-                    spun[r] += second[i, r, c] * along[i, c]
+            arm = cross(at, along)  # velocity of the point at the world's origin
+            push, spun = along_by(cross(along, first), arm, m), cross(first, arm)
+            for c in range(3):
+                column = (
+                    links[i, SECOND + c], links[i, SECOND + 3 + c], links[i, SECOND + 6 + c]
+                )  # fmt: skip
+                spun = along_by(spun, column, along[c])
         j = i
         while j >= 0:
-            total = 0.0
-            cross(at[j], push, tmp)
-            for r in range(3):
-                total += along[j, r] * (push[r] if slides[j] else spun[r] - tmp[r])
-            mass_matrix[i, j] = mass_matrix[j, i] = total
-            j = parent[j]
-        p = parent[i]
+            at, along = vector(links, j, AT), vector(links, j, ALONG)
+            mass_matrix[i, j] = mass_matrix[j, i] = lever(kin[j, 1], at, along, push, spun)
+            j = kin[j, 0]
+        p = kin[i, 0]
         if p >= 0:
-            weight[p] += weight[i]
-            for r in range(3):
-                force[p, r] += force[i, r]
-                moment[p, r] += moment[i, r]
-                first[p, r] += first[i, r]
-                for c in range(3):
-                    second[p, r, c] += second[i, r, c]
+            for k in range(FORCE, WIDTH):
+                links[p, k] += links[i, k]
 
 
-@njit(cache=True)
-def factorise(parent, matrix):
+@njit(cache=True, error_model="numpy")
+def lever(slides, at, along, force, moment):
+    """Torque at a joint, of a force and a moment about the world's origin."""
+    if slides:
+        return dot(along, force)
+    return dot(along, along_by(moment, cross(at, force), -1.0))
+
+
+@njit(cache=True, error_model="numpy")
+def factorise(kin, matrix):
     """L' L of a mass matrix, in place in its lower half; zeros between branches are skipped."""
-    for k in range(len(parent) - 1, -1, -1):
+    for k in range(len(kin) - 1, -1, -1):
         matrix[k, k] = np.sqrt(matrix[k, k])
-        i = parent[k]
+        i = kin[k, 0]
         while i >= 0:
             matrix[k, i] /= matrix[k, k]
-            i = parent[i]
-        i = parent[k]
+            i = kin[i, 0]
+        i = kin[k, 0]
         while i >= 0:
             j = i
             while j >= 0:
                 matrix[i, j] -= matrix[k, i] * matrix[k, j]
-                j = parent[j]
-            i = parent[i]
+                j = kin[j, 0]
+            i = kin[i, 0]
 
 
-@njit(cache=True)
-def solve(parent, factor, x):
-    """Solve M x = x in place, with M from `factorise`."""
-    n = len(parent)
+@njit(cache=True, error_model="numpy")
+def solve(kin, factor, rows, k):
+    """Solve M x = x in place in row k, with M from `factorise`."""
+    n = len(kin)
     for i in range(n - 1, -1, -1):
-        x[i] /= factor[i, i]
-        j = parent[i]
+        rows[k, i] /= factor[i, i]
+        j = kin[i, 0]
         while j >= 0:
-            x[j] -= factor[i, j] * x[i]
-            j = parent[j]
+            rows[k, j] -= factor[i, j] * rows[k, i]
+            j = kin[j, 0]
     for i in range(n):
-        j = parent[i]
+        j = kin[i, 0]
         while j >= 0:
-            x[i] -= factor[i, j] * x[j]
-            j = parent[j]
-        x[i] /= factor[i, i]
+            rows[k, i] -= factor[i, j] * rows[k, j]
+            j = kin[j, 0]
+        rows[k, i] /= factor[i, i]
 
 
-@njit(cache=True)
-def pulled(tree, room, pulls, step, x):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def pulled(tree, links, pulls, step, x):
     """Take what forces from outside do at the joints from torques, in place.
 
     Args:
         tree: `tree.Tree`.
-        room: After `outwards`.
+        links: After `outwards`.
         pulls: `effects.pulls.Pulls`.
         step: Of the run.
         x: Torques [N·m], (n,).
     """
-    parent, slides = tree[0], tree[1]
-    at, along, rot = room[0][0], room[0][1], room[1][1]
-    body, window, const = pulls
-    point, force, moment = room[2][0], room[2][1], room[2][2]
-    for k in range(len(body)):
-        i = body[k]
+    kin = tree[0]
+    pulled_body, window, const = pulls
+    for k in range(len(pulled_body)):
+        i = pulled_body[k]
         if i < 0 or not window[k, 0] <= step < window[k, 1]:
             continue
-        applied(rot[i], const[k, 0:3], point)
-        distance = 0.0
-        for r in range(3):
-            point[r] += at[i, r]
-            force[r] = const[k, 3 + r]
-            distance += (const[k, 6 + r] - point[r]) ** 2
-        distance = np.sqrt(distance)
+        point = applied(matrix(links, i, ROT), vector(const, k))
+        point = along_by(point, vector(links, i, AT), 1.0)
+        way = along_by(vector(const, k, 6), point, -1.0)
+        force, distance = vector(const, k, 3), np.sqrt(dot(way, way))
         if const[k, 9] > 0.0 and distance > const[k, 10]:
-            pull = const[k, 9] * (distance - const[k, 10]) / distance
-            for r in range(3):
-                force[r] += pull * (const[k, 6 + r] - point[r])
+            force = along_by(force, way, const[k, 9] * (distance - const[k, 10]) / distance)
         while i >= 0:
+            moment = cross(along_by(point, vector(links, i, AT), -1.0), force)
             for r in range(3):
-                room[2][3][r] = point[r] - at[i, r]
-            cross(room[2][3], force, moment)
-            for r in range(3):
-                x[i] -= along[i, r] * (force[r] if slides[i] else moment[r])
-            i = parent[i]
+                x[i] -= links[i, ALONG + r] * (force[r] if kin[i, 1] else moment[r])
+            i = kin[i, 0]
 
 
-@njit(cache=True)
-def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room, factor):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
     """One step in time, in place.
 
     Args:
@@ -295,73 +325,74 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room, factor):
         dq: Joint velocities, (n,).
         dt: Step [s].
         room: From `workshop`.
-        factor: Room for the mass matrix, (n, n), with zeros between branches.
     """
-    parent, damping, low, high, fastest = tree[0], tree[8], tree[9], tree[10], tree[11]
-    n, x = len(parent), room[4][1]
-    dynamics(tree, gravity, q, dq, room, factor, x)
-    pulled(tree, room, pulls, step, x)
+    kin, body, fastest = tree
+    links, factor, rows, x, given, active = room
+    n = len(kin)
+    dynamics(tree, gravity, q, dq, links, factor, x)
+    pulled(tree, links, pulls, step, x)
     for i in range(n):
-        x[i] = tau[i] - damping[i] * dq[i] - x[i]
-    factorise(parent, factor)
-    solve(parent, factor, x)
+        x[i] = tau[i] - body[i, DAMPING] * dq[i] - x[i]
+    factorise(kin, factor)
+    solve(kin, factor, rows, n)
     held = False
     for i in range(n):
         dq[i] = min(max(dq[i] + dt * x[i], -fastest), fastest)
-        held |= brake[i] > 0.0 or q[i] <= low[i] or q[i] >= high[i]
+        held |= brake[i] > 0.0 or q[i] <= body[i, LOW] or q[i] >= body[i, HIGH]
     if held:
-        stop(parent, factor, brake, low, high, q, dq, dt)
+        stop(kin, factor, brake, body, q, dq, dt, rows, given, active)
     for i in range(n):
         q[i] += dt * dq[i]
 
 
-@njit(cache=True)
-def stop(parent, factor, brake, low, high, q, dq, dt):
-    """Impulses of stops and brakes, by sweeps to and fro; arguments as of `advance`.
+@njit(cache=True, error_model="numpy")
+def stop(kin, factor, brake, body, q, dq, dt, answer, given, active):
+    """Impulses of stops and brakes, by sweeps to and fro; arguments as of `advance` and `workshop`.
 
     A brake may work against a stop, and light legs feel what is left over when the sweeps
     end: so order and end are those of the engine.
     """
-    n = len(parent)
-    answer = np.zeros((n, n))  # rows: velocities after an impulse of 1 on a joint
-    given = np.zeros(2 * n)  # by stops, then by brakes
-    active = np.zeros(2 * n, dtype=np.bool_)
+    n = len(kin)
+    given[:] = 0.0
     for i in range(n):
-        active[i], active[n + i] = q[i] <= low[i] or q[i] >= high[i], brake[i] > 0.0
+        active[i], active[n + i] = q[i] <= body[i, LOW] or q[i] >= body[i, HIGH], brake[i] > 0.0
         if active[i] or active[n + i]:
+            for j in range(n):
+                answer[i, j] = 0.0
             answer[i, i] = 1.0
-            solve(parent, factor, answer[i])
+            solve(kin, factor, answer, i)
     for sweep in range(SWEEPS):
         moved = 0.0
         for k in range(2 * n):
-            row = (n - 1 - k) % (2 * n) if sweep % 2 == 0 else (n + k) % (2 * n)
+            row = n - 1 - k if sweep % 2 == 0 else k - n
+            row += 2 * n if row < 0 else 0
             if not active[row]:
                 continue
-            i = row % n
+            i = row if row < n else row - n
             if row >= n:
                 most = brake[i] * dt
                 wanted = min(max(given[row] - dq[i] / answer[i, i], -most), most)
-            elif q[i] <= low[i]:
-                back = given_back(low[i] - q[i], dt)
+            elif q[i] <= body[i, LOW]:
+                back = given_back(body[i, LOW] - q[i], dt)
                 wanted = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
             else:
-                back = given_back(high[i] - q[i], dt)
+                back = given_back(body[i, HIGH] - q[i], dt)
                 wanted = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
-            shove(answer[i], wanted - given[row], dq)
+            shove(answer, i, wanted - given[row], dq)
             moved = max(moved, abs(wanted - given[row]) * answer[i, i])
             given[row] = wanted
         if moved <= SETTLED:
             break
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def given_back(way, dt):
     """Speed with which a stop pushes a joint back that is beyond it [rad/s or m/s]."""
     return STOP_SHARE * way / dt if abs(way) < STOP_DEPTH else 0.0
 
 
-@njit(cache=True)
-def shove(answer, impulse, dq):
-    """Add what an impulse does to the velocities."""
+@njit(cache=True, error_model="numpy")
+def shove(answer, i, impulse, dq):
+    """Add what an impulse on joint i does to the velocities."""
     for j in range(len(dq)):
-        dq[j] += impulse * answer[j]
+        dq[j] += impulse * answer[i, j]

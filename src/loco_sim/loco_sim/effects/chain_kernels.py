@@ -24,7 +24,7 @@ from .chain import (
     SPRING,
 )
 
-MADE_OF = "66a22fcace47"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "44738cb09cc0"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True)

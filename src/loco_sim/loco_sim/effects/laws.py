@@ -17,7 +17,7 @@ from ..servo_kernels import given, scaled
 from ..spring_kernels import spring_torque
 from .chain import ON_MOTOR
 
-MADE_OF = "6558e16acb3c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "2fa561c645f2"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
