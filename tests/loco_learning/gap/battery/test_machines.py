@@ -17,17 +17,16 @@ from loco_learning.gap.battery.hidden import Hidden
 
 
 def matrices(machine, q, dq):
-    body = plant.packed(machine, machine.body)[:9]
-    work, held = bodies.room(len(q)), np.zeros(len(q))
-    bodies.poses(q, body, work)
-    bodies.mass_matrix(body, work)
-    bodies.bias(dq, body, machines.GRAVITY, work, held)
-    return work[2].copy(), held, work
+    body, held = bodies.of(machine.body), np.zeros(len(q))
+    bodies.poses(q, body)
+    bodies.mass_matrix(body)
+    bodies.bias(dq, body, machines.GRAVITY, held)
+    return body.mass, held, body.links
 
 
 def potential(machine, q):
-    _, _, work = matrices(machine, q, np.zeros(len(q)))
-    return machines.GRAVITY * float(machine.body.mass @ work[0][bodies.COM, :, 2])
+    _, _, links = matrices(machine, q, np.zeros(len(q)))
+    return machines.GRAVITY * float(machine.body.mass @ links[:, bodies.COM + 2])
 
 
 def test_a_pendulum_is_the_one_of_the_textbook():
@@ -72,7 +71,9 @@ def test_solved_is_linear_algebra():
     a = a @ a.T + np.eye(4)
     b = rng.normal(size=4)
     x = b.copy()
-    bodies.solved(a, x)
+    low = np.zeros((4, 4))
+    bodies.factored(a, low)
+    bodies.solved(low, x)
     assert np.allclose(a @ x, b)
 
 

@@ -35,13 +35,13 @@ from .slots import (
 )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def within(x, limit):
     """Within +-limit."""
     return max(-limit, min(limit, x))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def wanted(row, target, seen, speed):
     """Torque that an impedance or torque drive asks for [N·m].
 
@@ -57,7 +57,7 @@ def wanted(row, target, seen, speed):
     return within(tau, row[8])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def weakened(tau, speed, row, hidden, j, load, t):
     """What is left of a torque after limits, supply and constant of the drive [N·m].
 
@@ -82,7 +82,7 @@ def weakened(tau, speed, row, hidden, j, load, t):
     return tau * (1.0 + error)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def gear(row, lead, closing, play):
     """Torque of a servo's gear on its joint [N·m].
 
@@ -102,7 +102,7 @@ def gear(row, lead, closing, play):
     return row[6] * lead + row[7] * closing
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def spring(row, q):
     """Torque of a spring of the robot, without its damper [N·m]."""
     if row[0] == 1.0:
@@ -114,7 +114,7 @@ def spring(row, q):
     return 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def elastic(state, j, row, rest, hidden):
     """Torque of the robot's spring and of all that is hidden beside the drive [N·m].
 
@@ -142,7 +142,7 @@ def elastic(state, j, row, rest, hidden):
     return tau
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def stop(x, v, row):
     """A soft stop beyond row[0] from rest, on that side; it only pushes back [N·m]."""
     if row[1] <= 0.0:
@@ -154,7 +154,7 @@ def stop(x, v, row):
     return -side * max(0.0, row[1] * depth + row[2] * side * v)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def strange(state, j, hidden):
     """Torque of laws that nobody has a name for, and of viscous friction [N·m]."""
     q, v = state[Q, j], state[V, j]
@@ -173,7 +173,7 @@ def strange(state, j, hidden):
     return tau
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def memories(state, rate, j, hidden):
     """Rates of what bends, fades and swings beside the joint."""
     v = state[V, j]
@@ -192,7 +192,7 @@ def memories(state, rate, j, hidden):
             rate[RUBBER_A + k, j] = (v - abs(v) * bent * abs(bent)) / stroke
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def play_of(hidden, j, kind):
     """Play of a servo's gear [rad]; that of other drives is dealt with step by step."""
     return hidden[BACKLASH, j, 0] if kind == SERVO else 0.0

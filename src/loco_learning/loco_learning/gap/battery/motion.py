@@ -40,13 +40,12 @@ SWEEPS = 30  # of the impulses
 LINE = 4096  # steps that a delayed torque may be old
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def simulate(machine, command, hidden, outside, start, settle, steps, dt, every):
     """Positions and torques of a machine that follows commands.
 
     Args:
-        machine: parent, turn, place, axis, slides, mass, com, inertia, armature, damping,
-            lower, upper, drives, springs, rest, gravity, `bodies.room`.
+        machine: `plant.Packed`.
         command: Position, velocity, feed-forward at each tick, (ticks, 3, n).
         hidden: Constants of the hidden laws, (LAWS, n, 4).
         outside: Body or -1, kind (0 push, 1 cable), point (3), force or anchor (3),
@@ -85,21 +84,26 @@ def simulate(machine, command, hidden, outside, start, settle, steps, dt, every)
         tick = max(0, int(np.floor((t - late) / (steps * dt) + 1e-6)))
         tick = min(tick, ticks - 1)
         _advance(state, command[tick], machine, hidden, outside, work, line, gap, step, t, dt)
-        summed += work[3]
+        for j in range(n):
+            summed[j] += work[3][j]
     _encode(seen[total // every], speed[total // every], state, hidden)
     torque[0] = torque[1] if ticks > 1 else work[3]
     return seen, speed, torque
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _room(n):
-    """Room: targets, push of servos, what passes, torque, state before, drive, 3 of rates."""
+    """Room: targets, push of servos, what passes, torque, state before, drive, 3 of rates.
+
+    Then what is on a joint, what holds it up, and impulses to either side.
+    """
     states = np.zeros((STATES, n)), np.zeros((STATES, n)), np.zeros((STATES, n))
+    more = np.zeros(n), np.zeros(n), np.zeros((2, n))
     return (np.zeros((3, n)), np.zeros(n), np.ones(n), np.zeros(n), np.zeros((2, n)), np.zeros(n),
-            *states)  # fmt: skip
+            *states, *more)  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _encode(q, v, state, hidden):
     """What the encoders see: the motor when a spring is behind it."""
     for j in range(len(q)):
@@ -108,13 +112,14 @@ def _encode(q, v, state, hidden):
         v[j] = state[MOTOR_V, j] if soft else state[V, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _advance(state, command, machine, hidden, outside, work, line, gap, step, t, dt):
     """One step, in place."""
-    target, held, through, both, before, drive, rate, tried, slope = work
-    drives, n = machine[12], state.shape[1]
+    target, held, through, both, before, drive, rate, tried, slope, tau, up, impulse = work
+    drives, n = machine.drives, state.shape[1]
     for j in range(n):
-        target[:, j] = command[:, j]
+        for k in range(3):
+            target[k, j] = command[k, j]
         target[0, j] += hidden[OFFSET, j, 0]
         soft = hidden[SERIES, j, 0] > 0.0
         seen = state[MOTOR, j] if soft else state[Q, j]
@@ -135,28 +140,30 @@ def _advance(state, command, machine, hidden, outside, work, line, gap, step, t,
         for k in range(STATES):
             for j in range(n):
                 tried[k, j] = state[k, j] + part * rate[k, j]
-        _rate(tried, target, machine, hidden, outside, held, through, load, t + part, rate, drive)
+        _rate(tried, target, machine, hidden, outside, held, through, load, t + part, rate, drive,
+              tau, up)  # fmt: skip
         weight = (1.0, 2.0, 2.0, 1.0)[stage]
         for k in range(STATES):
             for j in range(n):
                 slope[k, j] = rate[k, j] * weight + (slope[k, j] if stage else 0.0)
         if stage == 0:
-            both[:] = drive
+            for j in range(n):
+                both[j] = drive[j]
     for k in range(STATES):
         for j in range(n):
             state[k, j] += dt / 6.0 * slope[k, j]
-    _stop(state, before, machine, hidden, both, t, dt)
+    _stop(state, before, machine, hidden, both, impulse, t, dt)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _rounded(x, step):
     return step * np.floor(x / step + 0.5) if step > 0.0 else x
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _hold_late(state, target, machine, hidden, held, line, step, t, dt):
     """Torques that act late: put the one of now in line, take the one that is due."""
-    drives = machine[12]
+    drives = machine.drives
     for j in range(state.shape[1]):
         delay = hidden[ACTUATION_DELAY, j, 0]
         if delay <= 0.0 or drives[j, 0] == SERVO or drives[j, 0] == FREE:
@@ -172,7 +179,7 @@ def _hold_late(state, target, machine, hidden, held, line, step, t, dt):
         held[j] = (1.0 - part) * due + part * before
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _in_play(gap, j, want, v, row, dt):
     """1 when the motor leans on a flank of its play, else 0 and it moves freely."""
     half = 0.5 * row[0]
@@ -191,10 +198,10 @@ def _in_play(gap, j, want, v, row, dt):
     return 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _asked(state, j, target, machine, hidden, held, load, t):
     """Torque of a drive that is no servo [N·m]."""
-    drives = machine[12]
+    drives = machine.drives
     soft = hidden[SERIES, j, 0] > 0.0
     seen = state[MOTOR, j] if soft else state[Q, j]
     speed = state[MOTOR_V, j] if soft else state[V, j]
@@ -205,13 +212,13 @@ def _asked(state, j, target, machine, hidden, held, load, t):
     return laws.weakened(tau, speed, drives[j], hidden, j, load, t)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _load(state, target, machine, hidden, held, t):
     """Share of the supply that is lost to the load of all drives."""
     sag = hidden[SAG, 0, 0]
     if sag == 0.0:
         return 0.0
-    drives, total, count = machine[12], 0.0, 0
+    drives, total, count = machine.drives, 0.0, 0
     for j in range(state.shape[1]):
         if drives[j, 0] == FREE:
             continue
@@ -224,35 +231,40 @@ def _load(state, target, machine, hidden, held, t):
     return sag * total / max(1, count)
 
 
-@njit(cache=True)
-def _rate(state, target, machine, hidden, outside, held, through, load, t, rate, drive):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _rate(state, target, machine, hidden, outside, held, through, load, t, rate, drive, tau, up):
     """Fill in rates of all states, and torque of drives and springs on the joints."""
-    damping, springs, rest, gravity = machine[9], machine[13], machine[14], machine[15]
+    body, springs, rest = machine.body, machine.springs, machine.rest
     n = state.shape[1]
-    tau, held_up = np.empty(n), np.empty(n)
-    rate[:] = 0.0
+    for k in range(STATES):
+        for j in range(n):
+            rate[k, j] = 0.0
     for j in range(n):
         through_gear = _drive(state, rate, j, target, machine, hidden, held, through, load, t)
         through_gear += laws.elastic(state, j, springs[j], rest[j], hidden)
         drive[j] = through_gear
-        tau[j] = through_gear - damping[j] * state[V, j] + laws.strange(state, j, hidden)
+        tau[j] = (
+            through_gear
+            - body.rows[j, bodies.DAMPING] * state[V, j]
+            + laws.strange(state, j, hidden)
+        )
         laws.memories(state, rate, j, hidden)
         rate[Q, j] = state[V, j]
-    body, space = machine[:9], machine[16]
-    bodies.poses(state[Q], body, space)
+    bodies.poses(state[Q], body)
     if outside[0] >= 0.0:
-        _outside(tau, outside, body[0], body[4], space, t)
-    bodies.mass_matrix(body, space)
-    bodies.bias(state[V], body, gravity, space, held_up)
+        _outside(tau, outside, body, t)
+    bodies.mass_matrix(body)
+    bodies.bias(state[V], body, machine.gravity, up)
     for j in range(n):
-        rate[V, j] = tau[j] - held_up[j]
-    bodies.solved(space[2], rate[V])
+        rate[V, j] = tau[j] - up[j]
+    bodies.factored(body.mass, body.low)
+    bodies.solved(body.low, rate[V])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _drive(state, rate, j, target, machine, hidden, held, through, load, t):
     """Torque of a drive on its joint; rates of rotor, motor and lag [N·m]."""
-    row = machine[12][j]
+    row = machine.drives[j]
     if row[0] == FREE:
         return 0.0
     soft = hidden[SERIES, j, 0] > 0.0
@@ -279,31 +291,28 @@ def _drive(state, rate, j, target, machine, hidden, held, through, load, t):
     return tau
 
 
-@njit(cache=True)
-def _outside(tau, outside, parent, slides, space, t):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _outside(tau, outside, body, t):
     """Add the torques of a push or a cable."""
-    body = int(outside[0])
-    point, pull = np.empty(3), np.empty(3)
-    bodies.turned(space[1][bodies.ROT, body], outside[2:5], point)
-    for k in range(3):
-        point[k] += space[0][bodies.AT, body, k]
-        pull[k] = outside[5 + k] - point[k]
+    i, links = int(outside[0]), body.links
+    point = bodies.turned(bodies.nine(links, i, bodies.ROT), (outside[2], outside[3], outside[4]))
+    point = bodies.plus(point, bodies.three(links, i, bodies.AT))
+    other = (outside[5], outside[6], outside[7])  # a force, or an anchor
     if outside[1] == 0.0:
         if outside[8] <= t < outside[9]:
-            bodies.pulled(tau, body, point, outside[5:8], parent, slides, space)
+            bodies.pulled(tau, i, point, other, body)
         return
+    pull = bodies.minus(other, point)
     length = np.sqrt(bodies.dot(pull, pull))
     if length > outside[9]:
-        pull *= outside[8] * (length - outside[9]) / length
-        bodies.pulled(tau, body, point, pull, parent, slides, space)
+        pull = bodies.times(outside[8] * (length - outside[9]) / length, pull)
+        bodies.pulled(tau, i, point, pull, body)
 
 
-@njit(cache=True)
-def _stop(state, before, machine, hidden, drive, t, dt):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _stop(state, before, machine, hidden, drive, impulse, t, dt):
     """Impulses of dry friction and hard stops at the end of a step, in place."""
-    lower, upper, n = machine[10], machine[11], state.shape[1]
-    most, least = np.zeros(n), np.zeros(n)  # impulses of friction to either side
-    acting, count = np.zeros(n, np.int64), 0
+    body, n, count = machine.body, state.shape[1], 0
     for j in range(n):
         v = 0.5 * (before[1, j] + state[V, j])
         budget = hidden[COULOMB, j, 0] + hidden[LOAD, j, 0] * abs(drive[j])
@@ -311,32 +320,40 @@ def _stop(state, before, machine, hidden, drive, t, dt):
             budget += hidden[STRIBECK, j, 0] * np.exp(-((v / hidden[STRIBECK, j, 1]) ** 2))
         if hidden[DRIFT, j, 0] > 0.0:
             budget += hidden[DRIFT, j, 0] * np.exp(-max(0.0, t) / hidden[DRIFT, j, 1])
-        most[j] = budget * dt
-        least[j] = -budget * dt
-        if least[j] < 0.0 or state[Q, j] <= lower[j] or state[Q, j] >= upper[j]:
-            acting[count] = j
-            count += 1
+        impulse[0, j] = budget * dt
+        impulse[1, j] = -budget * dt
+        count += _acts(state, impulse, body.rows, j)
     if count == 0:
         return
-    v, slid = _impulses(state, lower, upper, least, most, acting[:count], machine[16][2])
+    v, slid = _impulses(state, impulse, body, count)
     for j in range(n):
         state[Q, j] += 0.5 * dt * (v[j] - state[V, j])
         state[V, j] = v[j]
-        if least[j] < 0.0 and not slid[j]:  # it sticks, to the last bit
+        if impulse[1, j] < 0.0 and not slid[j]:  # it sticks, to the last bit
             state[V, j] = 0.0
             if before[1, j] == 0.0:
                 state[Q, j] = before[0, j]
-        state[Q, j] = max(lower[j], min(upper[j], state[Q, j]))  # a stop is where it is
+        low, high = body.rows[j, bodies.LOWER], body.rows[j, bodies.UPPER]
+        state[Q, j] = max(low, min(high, state[Q, j]))  # a stop is where it is
 
 
-@njit(cache=True)
-def _impulses(state, lower, upper, least, most, acting, mass):
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _acts(state, impulse, rows, j):
+    """Whether friction or a stop acts on a joint."""
+    at = state[Q, j]
+    return impulse[1, j] < 0.0 or at <= rows[j, bodies.LOWER] or at >= rows[j, bodies.UPPER]
+
+
+@njit(cache=True, error_model="numpy")
+def _impulses(state, impulse, body, count):
     """Velocities after the impulses, (n,), and which joints slide, (n,)."""
-    n, count = state.shape[1], len(acting)
-    inverse = np.zeros((count, n))
-    for a in range(count):
-        inverse[a, acting[a]] = 1.0
-        bodies.solved(mass, inverse[a])
+    n, rows = state.shape[1], body.rows
+    acting, inverse, a = np.zeros(count, np.int64), np.zeros((count, n)), 0
+    for j in range(n):
+        if _acts(state, impulse, rows, j):
+            acting[a], inverse[a, j] = j, 1.0
+            bodies.solved(body.low, inverse[a])
+            a += 1
     v, slid = state[V].copy(), np.ones(n, np.bool_)
     p, s = np.zeros(count), np.zeros(count)
     for _ in range(SWEEPS):
@@ -345,14 +362,14 @@ def _impulses(state, lower, upper, least, most, acting, mass):
             j = acting[a]
             own = inverse[a, j]
             free = p[a] - v[j] / own
-            new = max(least[j], min(most[j], free))
+            new = max(impulse[1, j], min(impulse[0, j], free))
             slid[j] = new != free
             step = new - p[a]
             p[a] = new
             push = s[a] - (v[j] + step * own) / own
-            if state[Q, j] <= lower[j]:
+            if state[Q, j] <= rows[j, bodies.LOWER]:
                 push = max(0.0, push)
-            elif state[Q, j] >= upper[j]:
+            elif state[Q, j] >= rows[j, bodies.UPPER]:
                 push = min(0.0, push)
             else:
                 push = 0.0

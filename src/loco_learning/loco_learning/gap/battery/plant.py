@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
+from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -117,13 +118,19 @@ def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
     return row
 
 
-def packed(machine: Machine, body) -> tuple:
-    """Arrays for the kernel."""
-    return (
-        body.parent, body.turn, body.place, body.axis, body.slides, body.mass, body.com,
-        body.inertia, body.armature, body.damping, body.lower, body.upper, machine.drives,
-        machine.springs, machine.rest, GRAVITY, bodies.room(len(machine.joints)),
-    )  # fmt: skip
+class Packed(NamedTuple):
+    """A machine for the kernel, n joints."""
+
+    body: bodies.Body
+    drives: np.ndarray  # (n, slots.DRIVE)
+    springs: np.ndarray  # (n, slots.SPRING)
+    rest: np.ndarray  # positions from which hidden springs and stops count [rad], (n,)
+    gravity: float  # downwards [m/s²]
+
+
+def packed(machine: Machine, body) -> Packed:
+    """A machine with a body, for the kernel."""
+    return Packed(bodies.of(body), machine.drives, machine.springs, machine.rest, GRAVITY)
 
 
 def joint_inertia(machine: Machine) -> np.ndarray:
@@ -139,10 +146,10 @@ def _inertia(name: str) -> np.ndarray:
 
 
 def _diagonal(machine: Machine) -> np.ndarray:
-    work, body = bodies.room(len(machine.joints)), packed(machine, machine.body)[:9]
-    bodies.poses(machine.start, body, work)
-    bodies.mass_matrix(body, work)
-    return np.diag(work[2]).copy()
+    body = bodies.of(machine.body)
+    bodies.poses(machine.start, body)
+    bodies.mass_matrix(body)
+    return np.diag(body.mass).copy()
 
 
 def loose(machine: Machine) -> Machine:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from ..record import Record
-from . import bodies, machines, plant, slots
+from . import bodies, machines, slots
 from .machines import Machine
 
 WINDOWS = (0.08, 0.16)  # of the smoother [s]
@@ -99,14 +99,13 @@ def _signals(machine: Machine, record: Record, smooth: float) -> dict[str, np.nd
         savgol_filter(q, window, 3, deriv, record.dt, axis=0, mode="interp") for deriv in range(3)
     )
     drive = _drive(machine, record, q, v)
-    body = plant.packed(machine, machine.body)
-    work, held, needed = bodies.room(q.shape[1]), np.zeros(q.shape[1]), np.empty_like(q)
+    body, held, needed = bodies.of(machine.body), np.zeros(q.shape[1]), np.empty_like(q)
     rotor = np.where(machine.drives[:, 0] == slots.SERVO, machine.drives[:, 5], 0.0)
     for k in range(len(q)):
-        bodies.poses(q[k], body[:9], work)
-        bodies.mass_matrix(body[:9], work)
-        bodies.bias(v[k], body[:9], machines.GRAVITY, work, held)
-        needed[k] = work[2] @ a[k] + held
+        bodies.poses(q[k], body)
+        bodies.mass_matrix(body)
+        bodies.bias(v[k], body, machines.GRAVITY, held)
+        needed[k] = body.mass @ a[k] + held
     needed += machine.body.damping * v + rotor * a
     inner = slice(window, len(q) - window)
     return {"q": q[inner], "v": v[inner], "missing": (needed - drive)[inner]}
