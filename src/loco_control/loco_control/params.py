@@ -9,6 +9,7 @@ them. Nothing is listed twice.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import typing
 from dataclasses import dataclass, field
@@ -62,6 +63,9 @@ class Params:
         return dataclasses.replace(self, **changes)
 
 
+_hints = functools.cache(typing.get_type_hints)  # reading annotations takes longer than all else
+
+
 def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T:
     """Build nested parameters from plain values, refusing unknown keys.
 
@@ -79,7 +83,7 @@ def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T
     if not isinstance(values, dict):
         raise ParameterError(f"{where or cls.__name__} must be a mapping, got {values!r}")
     known = {f.name: f for f in dataclasses.fields(cls)}
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     made = {}
     for key, value in values.items():
         if key not in known:

@@ -12,7 +12,7 @@ from .effects.chain import GAIN, LIMIT, ON_MOTOR, SAG, SERIES, SPEED_LINE
 from .effects.chain_kernels import budgets, motors, torques
 from .tree_kernels import advance, workshop
 
-MADE_OF = "5eaa6d1cd21a"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "24bba0e6300b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

@@ -111,11 +111,11 @@ def workshop(n):
 
     Links; mass matrix; velocities after an impulse of 1 on a joint, a row each, and after them
     accelerations, which are seen by themselves as well; impulses by stops, then by brakes, and
-    which of them are there.
+    which of them act.
     """
     rows = np.empty((n + 1, n))
-    given, active = np.empty(2 * n), np.empty(2 * n, dtype=np.bool_)
-    return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], given, active
+    given, acting = np.empty(2 * n), np.empty(2 * n, dtype=np.int64)
+    return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], given, acting
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -327,7 +327,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         room: From `workshop`.
     """
     kin, body, fastest = tree
-    links, factor, rows, x, given, active = room
+    links, factor, rows, x, given, acting = room
     n = len(kin)
     dynamics(tree, gravity, q, dq, links, factor, x)
     pulled(tree, links, pulls, step, x)
@@ -340,34 +340,33 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         dq[i] = min(max(dq[i] + dt * x[i], -fastest), fastest)
         held |= brake[i] > 0.0 or q[i] <= body[i, LOW] or q[i] >= body[i, HIGH]
     if held:
-        stop(kin, factor, brake, body, q, dq, dt, rows, given, active)
+        stop(kin, factor, brake, body, q, dq, dt, rows, given, acting)
     for i in range(n):
         q[i] += dt * dq[i]
 
 
 @njit(cache=True, error_model="numpy")
-def stop(kin, factor, brake, body, q, dq, dt, answer, given, active):
+def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
     """Impulses of stops and brakes, by sweeps to and fro; arguments as of `advance` and `workshop`.
 
     A brake may work against a stop, and light legs feel what is left over when the sweeps
     end: so order and end are those of the engine.
     """
     n = len(kin)
-    given[:] = 0.0
-    for i in range(n):
-        active[i], active[n + i] = q[i] <= body[i, LOW] or q[i] >= body[i, HIGH], brake[i] > 0.0
-        if active[i] or active[n + i]:
+    count = 0
+    for k in range(2 * n):  # brakes, then stops
+        row, i = (k + n, k) if k < n else (k - n, k - n)
+        if brake[i] > 0.0 if row >= n else q[i] <= body[i, LOW] or q[i] >= body[i, HIGH]:
+            acting[count], given[row] = row, 0.0
+            count += 1
             for j in range(n):
                 answer[i, j] = 0.0
             answer[i, i] = 1.0
             solve(kin, factor, answer, i)
     for sweep in range(SWEEPS):
         moved = 0.0
-        for k in range(2 * n):
-            row = n - 1 - k if sweep % 2 == 0 else k - n
-            row += 2 * n if row < 0 else 0
-            if not active[row]:
-                continue
+        for k in range(count):
+            row = acting[count - 1 - k if sweep % 2 == 0 else k]
             i = row if row < n else row - n
             if row >= n:
                 most = brake[i] * dt
