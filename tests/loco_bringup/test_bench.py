@@ -18,7 +18,7 @@ def test_graph_bench_has_all_layouts_and_shares_that_add_up():
         assert row["x real time"] * row["tick µs"] == pytest.approx(4000.0)
 
 
-@pytest.mark.parametrize("name", ["messages", "rls"])
+@pytest.mark.parametrize("name", ["messages", "rls", "bolted"])
 def test_bench_prints_and_writes_its_rows(name, tmp_path, capsys):
     out = tmp_path / "rows.json"
     bench.show_bench(name, out)

@@ -199,6 +199,13 @@ def bench_effects() -> Rows:
     return run()
 
 
+def bench_bolted() -> Rows:
+    """A bolted robot without the engine, and with it."""
+    from .bench_bolted import bench_bolted as run
+
+    return run()
+
+
 def bench_bag() -> Rows:
     """Reading a bag into arrays: ours, rosbags, mcap-ros2-support."""
     from .bench_bag import bench_bag as run
@@ -230,4 +237,5 @@ BENCHES: dict[str, tuple[str, Callable[..., Rows]]] = {
     "damage": ("A bag cut off or with a byte changed, read and recovered", bench_damage),
     "realtime": ("Clock realtime: how late ticks begin", bench_realtime),
     "effects": ("Effects, in shares of a physics step", bench_effects),
+    "bolted": ("One physics step of a bolted robot", bench_bolted),
 }
