@@ -16,11 +16,7 @@ from loco_learning.calibration.params import CalibrationParams
 from loco_learning.experiment import load
 from loco_sim import model as models
 
-pytestmark = [
-    pytest.mark.ros,
-    pytest.mark.xdist_group("graph"),
-    pytest.mark.timeout(300),  # each run takes 25 s on two idle cores
-]
+pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 
 # Fast enough to see ten periods in ten seconds; the hind springs of the "real" robot are stiffer.
 MEASURED = {

@@ -19,7 +19,7 @@ from loco_msgs.action import Calibrate
 from loco_sim import model as models
 from loco_sim import robot as robots
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.ros
 
 PARAMETERS = {
     "listen.patience": 1.5,

@@ -33,7 +33,7 @@ if HERE not in sys.path:  # the child process gets our path
 
 import quick_gap  # noqa: E402
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.ros
 
 
 @pytest.fixture(scope="module")

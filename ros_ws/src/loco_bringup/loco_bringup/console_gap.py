@@ -73,6 +73,8 @@ def show(result: Mapping[str, Any], folder: Path) -> None:
     gap = text.gap_line(result)
     if gap:
         console.print(f"  {gap}")
+    if result["verdict"] == "no gap" and result.get("evidence"):
+        console.print(f"  {result['evidence']}")
     for alarm in result.get("alarms") or ():
         console.print(f"  alarm: {alarm}")
     for line in text.at_the_robot(result):

@@ -127,7 +127,7 @@ _MEANING = {
     "named": "It explains data that was never fitted, better than every other effect.",
     "ambiguous": "Several effects explain the data about equally well; see the next experiment.",
     "unknown": "The page says where the gap lives. Nothing was made up to close it.",
-    "no gap": "Nothing needs to be added to the model.",
+    "no gap": "It explains the recordings down to their noise.",
 }
 _SIGNALS = (
     "The channels with the largest gap, where it is largest, on the same axes. Below each: what "

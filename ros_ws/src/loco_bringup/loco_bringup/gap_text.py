@@ -62,7 +62,7 @@ def headline(result: Result) -> str:
     """The verdict in one sentence."""
     verdict, terms = result["verdict"], result.get("terms") or []
     if verdict == "no gap":
-        return "No gap: the model explains the recordings down to their noise."
+        return "No gap: nothing needs to be added to the model."
     if verdict == "named":
         return f"Named: {listed([term_name(t) for t in terms if _named(t)] or ['-'])}."
     if verdict == "ambiguous":
