@@ -14,7 +14,10 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.timeout(600)  # the build alone takes half a minute on two idle cores
+pytestmark = [
+    pytest.mark.timeout(600),  # the build alone takes half a minute on two idle cores
+    pytest.mark.xdist_group("colcon"),  # one build
+]
 
 PACKAGES = ["loco_bringup", "loco_control", "loco_learning", "loco_msgs", "loco_sim"]
 EXECUTABLES = {

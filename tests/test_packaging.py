@@ -285,3 +285,11 @@ def test_tf_message_is_the_one_of_every_other_installation():
     assert TFMessage.get_fields_and_field_types() == {
         "transforms": "sequence<geometry_msgs/TransformStamped>"
     }
+
+
+@pytest.mark.xdist_group("itself")
+def test_tests_of_a_group_stay_together(request):
+    """They share runs that take minutes; pytest 9.2 keeps the groups from pytest-xdist 3.8."""
+    if not getattr(request.config.option, "loadgroup", False):
+        pytest.skip("one process, or tests are spread one by one")
+    assert request.node.nodeid.endswith("@itself")

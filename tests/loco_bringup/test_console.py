@@ -55,6 +55,7 @@ def test_demo_runs_records_replays_and_reports(tmp_path, monkeypatch, capfd):
 
 
 @pytest.mark.ros
+@pytest.mark.xdist_group("graph")  # the runs it shares
 def test_replay_sends_the_recorded_bytes(outcomes):
     """What a subscriber gets is what the bag holds, in order."""
     import threading
