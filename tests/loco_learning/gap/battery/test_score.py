@@ -189,3 +189,8 @@ def test_the_page_in_markdown_has_all_cases():
     text = score_text.markdown(score.figures(found), found, "Battery")
     assert text.count("case_0000") == len(found)
     assert "| 50 % | >= 90 % |" in text
+
+
+def test_a_share_of_less_than_a_percent_is_not_told_as_none():
+    told = [score_text.percent(value) for value in (None, 0.0, 0.004, 0.01, 0.874, 1.0)]
+    assert told == ["–", "0 %", "0.4 %", "1 %", "87 %", "100 %"]

@@ -129,8 +129,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def percent(value: float | None) -> str:
-    """Share in percent."""
-    return "–" if value is None else f"{100.0 * value:.0f} %"
+    """Share in percent; less than one has a decimal."""
+    if value is None:
+        return "–"
+    return f"{100.0 * value:.{1 if 0.0 < value < 0.01 else 0}f} %"
 
 
 def number(value: float | None) -> str:
