@@ -33,15 +33,16 @@ def recorded(robot: str, overrides: dict, effects: tuple = (), duration: float =
         learner=JointLearnerParams(enabled=False),
     )
     log, plant = rollout(experiment), experiment.plant
-    signals = {"q": log.q, "dq": log.dq, "tau": log.tau}
-    if not plant.fixed_base:
-        signals |= {
-            "gyro": log.gyro,
-            "acceleration": log.acceleration,
-            "orientation": log.imu_orientation,
-            "base_position": log.position,
-            "base_orientation": log.orientation,
-        }
+    signals = {
+        "q": log.q,
+        "dq": log.dq,
+        "tau": log.tau,
+        "gyro": log.gyro,  # a real IMU speaks on a stand as well
+        "acceleration": log.acceleration,
+        "orientation": log.imu_orientation,
+        "base_position": log.position,
+        "base_orientation": log.orientation,
+    }
     said = {"position": log.command, "velocity": log.command_dq}
     if robot == "pendulum":
         said = {"torque": log.command}
@@ -96,6 +97,19 @@ def test_a_sliding_robot_speaks_in_metres_and_a_bolted_one_of_its_joints_only():
     assert {c.signal for c in Forward(Model("tigrillo"), [recorded("tigrillo", AIR)]).channels} == {
         "q", "dq", "tau",
     }  # fmt: skip
+
+
+def test_recordings_in_the_air_and_on_the_ground_go_together():
+    air, ground = recorded("tigrillo", EXACT | AIR), recorded("tigrillo", EXACT)
+    assert "gyro" in air.signals
+    forward = Forward(Model("tigrillo"), [air, ground])
+    for said, wanted in zip(forward(), forward.measured, strict=True):
+        np.testing.assert_allclose(said, wanted, rtol=0.0, atol=CLOSE)
+    base = [c.signal not in ("q", "dq", "tau") for c in forward.channels]
+    assert any(base)
+    assert np.all(np.isnan(forward.measured[0][:, base]))
+    assert np.any(np.isfinite(forward.measured[1][:, base]))
+    assert forward.channels == Forward(Model("tigrillo"), [ground]).channels
 
 
 def test_the_numerical_error_is_small_and_of_the_model_alone():

@@ -67,28 +67,28 @@ class Channel:
         return f"{self.signal} {self.name}"
 
 
-def of(robot: Robot, records: Sequence[Record], signals: Sequence[str]) -> tuple[Channel, ...]:
+def of(
+    robots: Sequence[Robot], records: Sequence[Record], signals: Sequence[str]
+) -> tuple[Channel, ...]:
     """Channels that any of the records measured, in a fixed order.
 
-    What a base measures that is bolted to the world says nothing and is left out.
-
     Args:
-        robot: Whose joints and feet they are.
+        robots: One per record, the same but for how it is held.
         records: What was measured.
         signals: Which of `SIGNALS` count.
     """
     from loco_sim.description import Description
 
     sliding = {
-        j for j, kind in Description(robot.urdf).joint_types().items() if kind == "prismatic"
+        j for j, kind in Description(robots[0].urdf).joint_types().items() if kind == "prismatic"
     }
     found = []
     for signal in SIGNALS:
-        if signal not in signals or (robot.fixed_base and signal not in JOINT_SIGNALS):
+        if signal not in signals:
             continue
-        names = _names(robot, signal)
+        names = _names(robots[0], signal)
         seen = np.zeros(len(names), dtype=bool)
-        for record in records:
+        for robot, record in zip(robots, records, strict=True):
             seen |= np.any(np.isfinite(_columns(robot, record, signal)), axis=0)
         for name in np.array(names)[seen].tolist():
             unit = SLIDING.get(signal) if name in sliding else UNITS[signal]
@@ -108,9 +108,14 @@ def _names(robot: Robot, signal: str) -> tuple[str, ...]:
 
 
 def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
-    """A signal of a record as numbers that can be subtracted, (T, k); NaN where not measured."""
+    """A signal of a record as numbers that can be subtracted, (T, k); NaN where not measured.
+
+    What a base measures that is bolted to the world says nothing: NaN as well.
+    """
     if signal in JOINT_SIGNALS:
         return record.joints_of(robot, signal)
+    if robot.fixed_base:
+        return np.full((len(record.t), len(_names(robot, signal))), np.nan)
     if signal == FEET_SIGNAL:
         return record.feet_of(robot.feet)
     values = record.signals.get(signal)

@@ -85,8 +85,7 @@ class Forward:
             )
         both = list(zip(self.records, robots, strict=True))
         self._told = [running.orders(record, robot) for record, robot in both]
-        free = min(robots, key=lambda robot: robot.fixed_base)
-        self.channels: tuple[Channel, ...] = of(free, self.records, self.params.signals)
+        self.channels: tuple[Channel, ...] = of(robots, self.records, self.params.signals)
         length = self.params.window
         self._starts = [
             windows.pieces(record, robot, length) if length else start(record, robot)

@@ -131,9 +131,8 @@ class Search:
         for held in (False, True):
             rows = self.case.masked(model.whole, range(len(model.whole)), held)
             stacked = np.concatenate(rows)
-            with np.errstate(invalid="ignore"):
-                each = np.nanmean(np.square(stacked), axis=0)
-            worst = max(worst, math.sqrt(np.nanmax(each)))
+            seen = np.maximum(np.isfinite(stacked).sum(0), 1)  # a channel may be in one alone
+            worst = max(worst, math.sqrt(np.max(np.nansum(np.square(stacked), axis=0) / seen)))
         return worst <= self.params.adequate
 
     def enough(self, model: Fitted, base: Fitted) -> bool:
