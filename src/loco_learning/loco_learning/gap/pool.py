@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,23 @@ SHRINK, TRIES = 0.7, 6  # of a motion that is beyond a limit
 def pool(model: Model) -> list[JointExperiment]:
     """All experiments for the robot of a model."""
     return library(model)
+
+
+def alike(
+    model: Model, experiments: Sequence[JointExperiment], records: Sequence[Record]
+) -> list[JointExperiment]:
+    """Those in which the robot is held, or stands free, as in some recording; else all.
+
+    On the ground contacts join in, of which recordings on a stand say nothing: what the model
+    lacks there would be a gap of its own.
+    """
+    ways = {_bolted(model, record.overrides) for record in records}
+    found = [e for e in experiments if _bolted(model, e.overrides) in ways]
+    return found or list(experiments)
+
+
+def _bolted(model: Model, overrides: Mapping[str, Any]) -> bool:
+    return Model(model.robot, {**model.overrides, **overrides}).make_robot().fixed_base
 
 
 def choose(experiments: Sequence[JointExperiment], name: str) -> JointExperiment:
