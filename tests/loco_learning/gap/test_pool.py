@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from loco_learning.gap import pool
 from loco_learning.gap.excitation import library
-from loco_learning.gap.record import Record
 from loco_sim.model import Model
 
 
@@ -21,14 +19,13 @@ def named(experiments):
     return {e.name for e in experiments}
 
 
-def record(overrides):
-    t = np.arange(3) / 100.0
-    return Record("a", t, {"position": np.zeros((3, 1))}, ("x",), {}, ("x",), overrides=overrides)
+def robot(overrides):
+    return Model("tigrillo", overrides).make_robot()
 
 
 def test_the_next_experiment_is_held_as_the_recordings_were(experiments):
     model = Model("tigrillo")
-    air, ground = record({"fixed_base": True, "height": 1.0}), record({})
+    air, ground = robot({"fixed_base": True, "height": 1.0}), robot({})
     on_stand = pool.alike(model, experiments, [air])
     free = pool.alike(model, experiments, [ground])
     assert {"chirp_large_air", "steps_air"} <= named(on_stand)
@@ -40,9 +37,9 @@ def test_the_next_experiment_is_held_as_the_recordings_were(experiments):
 def test_a_robot_that_is_always_bolted_keeps_all_of_its_experiments():
     model = Model("servo_pendulum")
     made = library(model)
-    assert pool.alike(model, made, [record({})]) == made
+    assert pool.alike(model, made, [model.make_robot()]) == made
 
 
 def test_where_none_is_held_alike_all_are_left(experiments):
     on_stand = [e for e in experiments if e.overrides.get("fixed_base")]
-    assert pool.alike(Model("tigrillo"), on_stand, [record({})]) == on_stand
+    assert pool.alike(Model("tigrillo"), on_stand, [robot({})]) == on_stand

@@ -33,7 +33,8 @@ def following(model: Model, case: Case, judged: Judged) -> list[dict[str, Any]]:
     leading = hypotheses(judged)
     if judged.decision.verdict == NO_GAP or len(leading) < 2:
         return []
-    experiments = pool.alike(model, pool.pool(model), case.forward.records)
+    robots = [case.forward.robot(i) for i in range(len(case.forward.records))]
+    experiments = pool.alike(model, pool.pool(model), robots)
     records = pool.records(model, experiments)
     forward = Forward(model, records)
     floors = _floors(case, forward, judged.best)

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from loco_control.exceptions import DivergedError, NameUnknownError, ParameterError
 from loco_sim.model import Model
+from loco_sim.robot import Robot
 
 from ..joint_experiment import JointExperiment
 from ..joint_log import JointLog
@@ -27,20 +27,21 @@ def pool(model: Model) -> list[JointExperiment]:
 
 
 def alike(
-    model: Model, experiments: Sequence[JointExperiment], records: Sequence[Record]
+    model: Model, experiments: Sequence[JointExperiment], robots: Sequence[Robot]
 ) -> list[JointExperiment]:
-    """Those in which the robot is held, or stands free, as in some recording; else all.
+    """Those in which the robot is bolted, or free, as in some recording; else all.
 
     On the ground contacts join in, of which recordings on a stand say nothing: what the model
     lacks there would be a gap of its own.
+
+    Args:
+        model: As it came.
+        experiments: To choose from.
+        robots: Of the recordings.
     """
-    ways = {_bolted(model, record.overrides) for record in records}
-    found = [e for e in experiments if _bolted(model, e.overrides) in ways]
+    ways = {robot.fixed_base for robot in robots}
+    found = [e for e in experiments if _with(model, e).plant.fixed_base in ways]
     return found or list(experiments)
-
-
-def _bolted(model: Model, overrides: Mapping[str, Any]) -> bool:
-    return Model(model.robot, {**model.overrides, **overrides}).make_robot().fixed_base
 
 
 def choose(experiments: Sequence[JointExperiment], name: str) -> JointExperiment:
