@@ -9,6 +9,8 @@ import pytest
 
 from loco_bringup.testing import isolate
 
+from . import quadrupeds
+
 isolate()  # before anything reads the environment
 
 
@@ -16,3 +18,9 @@ isolate()  # before anything reads the environment
 def repository() -> Path:
     """Root folder of the repository."""
     return Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def quadruped(tmp_path):
+    """Function that makes a folder of one of `quadrupeds.ROBOTS`, with more keys in robot.yaml."""
+    return lambda name, **more: quadrupeds.write(tmp_path, name, **more)

@@ -14,15 +14,15 @@ TOOLS = "sh cat cksum cp chmod dirname env flock mkdir readlink rm sleep tail".s
 
 # Each stage by a part of the command that does it, in order.
 VENV = "-m venv"
-REQUIREMENTS = "pip install --require-hashes"
-TF2_MSGS = "src/tf2_msgs"
-LOCO_MSGS = "src/loco_msgs"
+REQUIREMENTS = "requirements/lock.txt"
+MESSAGES = "src/loco_msgs"  # beside it, in no order, src/tf2_msgs
 PACKAGES = "pip install --no-deps --no-build-isolation -e"
-COMMAND = "-m loco_bringup.cli"
-STAGES = [VENV, REQUIREMENTS, TF2_MSGS, LOCO_MSGS, PACKAGES]
+COMMAND = "-m loco_bringup.cli.main"
+TOOLS_STAGE = "requirements/tools.txt"
+STAGES = [VENV, REQUIREMENTS, MESSAGES, PACKAGES]
 
 STAND_IN = """#!/bin/sh
-echo "$*" >>"$CALLS"
+case "$1" in -c) ;; *) echo "$*" >>"$CALLS" ;; esac
 case "$*" in
 *${KILL_AT:-nothing}*) kill -9 $PPID; exit ;;
 *${FAIL_AT:-nothing}*) echo "out of cheese" >&2; exit 3 ;;
@@ -30,7 +30,7 @@ esac
 case "$1 $2" in
 "-c "*) echo "$0" ;;
 "-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
-"-m loco_bringup.cli") env >"$CALLS.env" ;;
+"-m loco_bringup.cli.main") env >"$CALLS.env" ;;
 esac
 """
 
@@ -44,6 +44,7 @@ class Checkout:
         self.calls = folder / "calls"
         for file in (
             "requirements/lock.txt",
+            "requirements/tools.txt",
             "pyproject.toml",
             "src/loco_msgs/CMakeLists.txt",
             "src/loco_msgs/msg/A.msg",
@@ -86,7 +87,7 @@ class Checkout:
         self.calls.write_text("")
         process = self.popen(*arguments, **environment)
         _, told = process.communicate(timeout=30)
-        calls = [line for line in self.calls.read_text().splitlines() if line.startswith("-m")]
+        calls = self.calls.read_text().splitlines()
         return process.returncode, told, calls
 
 
@@ -99,20 +100,43 @@ def checkout(tmp_path: Path, repository: Path) -> Checkout:
 
 def stages(calls: list[str]) -> list[str]:
     """Which stages the calls belong to, in order and once each."""
-    return list(dict.fromkeys(s for call in calls for s in [*STAGES, COMMAND] if s in call))
+    known = [*STAGES, TOOLS_STAGE, COMMAND]
+    return list(dict.fromkeys(s for call in calls for s in known if s in call))
 
 
 def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
     status, told, calls = checkout.start("report", "a bag")
     assert status == 0
     assert stages(calls) == [*STAGES, COMMAND]
-    assert calls[-1] == "-m loco_bringup.cli report a bag"
+    assert calls[-1] == "-m loco_bringup.cli.main report a bag"
     assert "ready" in told
+
+
+def test_both_message_packages_are_built_and_a_failure_of_either_ends_the_setup(checkout):
+    calls = checkout.start()[2]
+    for package in ("src/tf2_msgs", "src/loco_msgs"):
+        assert any(package in call for call in calls)
+    for package in ("src/tf2_msgs", "src/loco_msgs"):
+        (checkout.root / package / "CMakeLists.txt").write_text(package)
+        status, told, _ = checkout.start(FAIL_AT=package)
+        assert status == 1 and "out of cheese" in told
+    assert stages(checkout.start()[2]) == [MESSAGES, COMMAND]
+
+
+@pytest.mark.parametrize("command", ["test", "colcon", "bench", "mutants"])
+def test_tools_are_installed_when_they_are_asked_for(checkout, command):
+    (checkout.root / "ros_ws").mkdir()
+    assert TOOLS_STAGE not in stages(checkout.start("list")[2])
+    assert stages(checkout.start(command)[2])[0] == TOOLS_STAGE
+    assert TOOLS_STAGE not in stages(checkout.start(command)[2])
+    (checkout.root / "requirements/tools.txt").write_text("two\n")
+    assert TOOLS_STAGE not in stages(checkout.start("list")[2])
+    assert stages(checkout.start(command)[2])[0] == TOOLS_STAGE
 
 
 def test_second_start_only_runs_the_command(checkout):
     checkout.start()
-    assert checkout.start("list") == (0, "", ["-m loco_bringup.cli list"])
+    assert checkout.start("list") == (0, "", ["-m loco_bringup.cli.main list"])
 
 
 def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
@@ -120,16 +144,16 @@ def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
     link = tmp_path / "link"
     link.symlink_to(checkout.root / "loco")
     subprocess.run([link], env=checkout.environment, cwd="/", check=True)
-    assert checkout.calls.read_text().endswith("-m loco_bringup.cli\n")
+    assert checkout.calls.read_text().endswith("-m loco_bringup.cli.main\n")
 
 
 @pytest.mark.parametrize(
     ("file", "expected"),
     [
         ("requirements/lock.txt", STAGES),
-        ("src/loco_msgs/msg/A.msg", [TF2_MSGS, LOCO_MSGS]),
-        ("src/loco_msgs/CMakeLists.txt", [TF2_MSGS, LOCO_MSGS]),
-        ("src/tf2_msgs/msg/B.msg", [TF2_MSGS, LOCO_MSGS]),
+        ("src/loco_msgs/msg/A.msg", [MESSAGES]),
+        ("src/loco_msgs/CMakeLists.txt", [MESSAGES]),
+        ("src/tf2_msgs/msg/B.msg", [MESSAGES]),
         ("pyproject.toml", [PACKAGES]),
     ],
 )
@@ -159,8 +183,7 @@ def test_a_killed_setup_repairs_itself(checkout, stage):
     assert status == -9
     status, _, calls = checkout.start()
     assert status == 0
-    first = {VENV: VENV, REQUIREMENTS: VENV, TF2_MSGS: TF2_MSGS, LOCO_MSGS: TF2_MSGS}
-    assert stages(calls)[0] == first.get(stage, stage)
+    assert stages(calls)[0] == {REQUIREMENTS: VENV}.get(stage, stage)
     assert stages(checkout.start()[2]) == [COMMAND]
 
 

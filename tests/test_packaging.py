@@ -9,6 +9,7 @@ import fnmatch
 import inspect
 import math
 import re
+import runpy
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from loco_control import types
+from loco_control.ros.messages.joint_topics import TABLES
 
 ROOT = Path(__file__).resolve().parent.parent
 PYTHON_PACKAGES = {
@@ -55,6 +57,7 @@ def test_versions_agree():
         init = (folder / name / "__init__.py").read_text()
         if "__version__" in init:
             versions[f"{name}/__init__.py"] = match(r'__version__ = "(.+)"', init)
+    versions["CITATION.cff"] = match(r"^version: (.+)$", read("CITATION.cff"))
     assert len(set(versions.values())) == 1, versions
 
 
@@ -113,6 +116,9 @@ def imported_packages(package: str) -> set[str]:
                 names |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names.add(node.module.split(".")[0])
+    if package == "loco_control":  # its tables name the messages of the topics
+        names |= {t.message.partition("/")[0] for table in TABLES.values() for t in table.values()}
+        names.add("builtin_interfaces")
     return names - {package} - set(sys.stdlib_module_names)
 
 
@@ -120,15 +126,18 @@ def imported_packages(package: str) -> set[str]:
 # is installed by pip, from requirements/runtime.in.
 ROSDEP = {
     "PIL": "python3-pil",
+    "jinja2": "python3-jinja2",
+    "markupsafe": "python3-markupsafe",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
-    "psutil": "python3-psutil",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
 }
 ONLY_PIP = {
+    "trimesh",
+    "mujoco",
     *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),
     *("pybullet_data", "rosbags", "zstandard"),  # lz4 and zstandard come with mcap
 }
@@ -164,8 +173,9 @@ def named_requirements(file: str) -> set[str]:
 
 
 def locked_requirements() -> list[str]:
-    """Blocks of the lock file, one requirement with its hashes each."""
-    text = re.sub(r"^ *#.*\n", "", read("requirements/lock.txt"), flags=re.MULTILINE)
+    """Blocks of the lock files, one requirement with its hashes each."""
+    text = "".join(read(f"requirements/{name}.txt") for name in ("lock", "tools"))
+    text = re.sub(r"^ *#.*\n", "", text, flags=re.MULTILINE)
     return re.split(r"\n(?=\S)", text.strip())
 
 
@@ -175,10 +185,24 @@ def test_every_locked_requirement_has_a_version_and_a_hash():
         assert "--hash=sha256:" in block, block.splitlines()[0]
 
 
-@pytest.mark.parametrize("file", ["runtime.in", "test.in", "build.in"])
+FILES = ["runtime.in", "ros.in", "cluster.in", "build.in", "test.in", "colcon.in"]
+
+
+@pytest.mark.parametrize("file", FILES)
 def test_every_named_requirement_is_locked(file):
     locked = {block.split("==")[0] for block in locked_requirements()}
     assert named_requirements(f"requirements/{file}") - locked == set()
+
+
+def test_parts_of_a_lock_file_are_all_of_it_and_share_no_package():
+    """What pips install side by side: every block once, packages of one family together."""
+    install = runpy.run_path(str(ROOT / "requirements/install.py"))
+    text = read("requirements/lock.txt")
+    parts = install["split"](text)
+    assert sorted("".join(parts)) == sorted(text[text.index("\n", text.index("#    ")) + 1 :])
+    places = [{n for n, p in enumerate(parts) if re.search(rf"(?m)^{name}", p)}
+              for name in ("mujoco", "numpy", "mcap")]  # fmt: skip
+    assert all(len(place) == 1 for place in places)
 
 
 def test_no_package_index_is_named():

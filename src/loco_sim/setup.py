@@ -10,7 +10,7 @@ setup(
     package_data={
         "": [
             f"**/*.{kind}"
-            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml")
+            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml", "msg")
         ]
     },
     data_files=[

@@ -26,3 +26,9 @@ make tigrillo_reflex "$joint joint_prediction" tigrillo_bound_reflex \
     --set learner.neurons=40 --set learner.memory=20 --set target.start_time=0.1 \
     --set learner.stand=0.4 --set learner.train=0.8 --set learner.closing=0.4 \
     --set learner.test=0.4
+
+for engine in pybullet mujoco; do
+    make "hyq_open_$engine" "$hyq" hyq_trot_open --engine "$engine" --set duration=0.6 \
+        --set gait.start_time=0.1
+    make "tigrillo_open_$engine" "$joint" tigrillo_bound --engine "$engine" --set duration=1.5
+done

@@ -3,9 +3,9 @@
 
 import pytest
 
-from loco_bringup import run as runner
-from loco_bringup.rollout_bag import run_rollout
-from loco_learning.experiment import load
+from loco_bringup.graph import run as runner
+from loco_bringup.logs.rollout_bag import run_rollout
+from loco_learning.runs.experiment import load
 
 SHORT = {"learner.train": 1.5, "learner.closing": 0.5, "learner.test": 0.5}
 

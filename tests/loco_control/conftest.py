@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from loco_control.gait import GaitParams, TargetGenerator
-from loco_control.kinematics import joint_position
+from loco_control.gait.generator import GaitParams, TargetGenerator
+from loco_control.legs.kinematics import joint_position
 from loco_control.orientation import quaternion
 from loco_control.types import RobotState
 

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.gait import GaitParams
-from loco_control.impedance import ImpedanceParams
-from loco_control.kinematics import LegGeometry
-from loco_control.oscillators import CpgParams
+from loco_control.gait.generator import GaitParams
+from loco_control.gait.oscillators import CpgParams
+from loco_control.legs.geometry import LegGeometry
 from loco_control.params import Params, from_dict, parameter, to_dict
-from loco_control.stance import StanceParams
-from loco_control.trunk import TrunkParams
+from loco_control.stance.controller import StanceParams
+from loco_control.stance.trunk import TrunkParams
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Outer(Params):
     anything: object = parameter(None, "not checked")
 
 
-ALL = [Inner, Outer, CpgParams, GaitParams, ImpedanceParams, LegGeometry, StanceParams, TrunkParams]
+ALL = [Inner, Outer, CpgParams, GaitParams, LegGeometry, StanceParams, TrunkParams]
 
 
 @pytest.mark.parametrize("cls", ALL)

@@ -1,12 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A trot without physics: states and targets with the rhythm of the real ones."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from loco_control.types import GaitTarget, RobotState
-from loco_learning.experiment import load
-from loco_learning.rollout import rollout
+from loco_learning.runs.experiment import load
+from loco_learning.runs.rollout import rollout
 
 DT = 0.004
 
@@ -41,7 +46,10 @@ def drive():
     """Function that runs a network over ticks [start, stop) of the fake trot."""
 
     def run(network, start, stop, force=415.7):
-        return [network.step(state_at(k, force), target_at(k)) for k in range(start, stop)]
+        return [
+            network.step(k, k * DT, state_at(k, force).grf[:, 2], target_at(k))
+            for k in range(start, stop)
+        ]
 
     return run
 
@@ -50,3 +58,31 @@ def drive():
 def short_log():
     """Log of the experiment hyq_short; do not change it."""
     return rollout(load("hyq_short"))
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Address of a dask scheduler with 2 workers, and their processes, which may be killed."""
+    path = os.pathsep.join(
+        [str(Path(__file__).parent / "search"), os.environ.get("PYTHONPATH", "")]
+    )
+    environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+    begin = "import sys; from dask.__main__ import main; sys.argv[0] = 'dask'; main()"
+    options = {"env": environment, "stderr": subprocess.PIPE, "text": True}
+
+    def dask(*arguments):
+        return subprocess.Popen([sys.executable, "-c", begin, *arguments], **options)
+
+    scheduler = dask("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    address = ""
+    for line in scheduler.stderr:
+        if "Scheduler at:" in line:
+            address = line.split()[-1]
+            break
+    workers = [
+        dask("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in "ab"
+    ]
+    yield address, workers
+    for process in (*workers, scheduler):
+        process.kill()
+        process.communicate()

@@ -8,12 +8,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from loco_control.impedance import ImpedanceParams
 from loco_control.types import MotionCommand, TrunkTorque
-from loco_sim import robot
+from loco_sim.engines import ENGINES
 from loco_sim.params import SimParams
-from loco_sim.simulation import Simulation
-from loco_sim.world import World
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
+from loco_sim.world.world import make_world
 
 
 @pytest.fixture(scope="session")
@@ -27,9 +27,9 @@ def plant():
     """Function that makes a `Simulation` with changed parameters."""
     made = []
 
-    def make(effects=(), seed=0, impedance=None, dt=0.004, standing=None, **params):
-        gains = impedance or ImpedanceParams()
-        made.append(Simulation(SimParams(**params), gains, effects, seed, dt, standing=standing))
+    def make(effects=(), seed=0, overrides=None, dt=0.004, standing=None, **params):
+        hyq = robot.load("hyq", overrides)
+        made.append(Simulation(SimParams(**params), effects, seed, dt, hyq, standing))
         return made[-1]
 
     yield make
@@ -37,10 +37,16 @@ def plant():
         each.close()
 
 
+@pytest.fixture(params=ENGINES)
+def engine(request):
+    """Name of a physics engine: what is asked of the world is asked of each."""
+    return request.param
+
+
 @pytest.fixture
-def world(hyq):
+def world(hyq, engine):
     """HyQ's world, built in the standing pose on the ground."""
-    made = World(hyq, SimParams(), 0.001)
+    made = make_world(hyq, SimParams(engine=engine), 0.001)
     made.rebuild(hyq.standing)
     yield made
     made.close()

@@ -13,7 +13,7 @@ def test_a_module_loads_at_its_first_use():
     code = (
         "import sys, loco_sim.effects as e;"
         "print('numba' in sys.modules, len(e.names()) > 20);"
-        "from loco_sim.effects import sensor;"
+        "from loco_sim.effects.catalogue import sensor;"
         "sensor.reading_laws.scale;"
         "print('numba' in sys.modules)"
     )

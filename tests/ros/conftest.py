@@ -8,11 +8,12 @@ import time
 import pytest
 import rclpy
 from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
 
-from loco_control.ros.convert import Converter
+from loco_control.ros.executor import until_deadline
+from loco_control.ros.messages.convert import Converter
+from loco_control.ros.messages.topics import TOPICS, topic
 from loco_control.ros.node import LocoNode
-from loco_control.ros.spin import until_deadline
-from loco_control.ros.topics import TOPICS, topic
 
 
 class Bench:
@@ -21,7 +22,9 @@ class Bench:
     def __init__(self, make, table=TOPICS, parameters=None):
         pairs = (parameters or {}).items()
         args = [a for name, value in pairs for a in ("-p", f"{name}:={value}")]
-        rclpy.init(args=["--ros-args", *args] if args else [])
+        arguments = ["--ros-args", *args] if args else []
+        # rclpy's handlers would swallow Ctrl-C and SIGTERM of the test run.
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         self._table = table
         self.executor = EventsExecutor()
         try:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from loco_bringup import gap
+from loco_bringup.gap import run as gap
 
 
 def find(job, records, tell):

@@ -7,17 +7,17 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
-from loco_bringup.bag_writer import BagWriter
-from loco_bringup.calibrator import CalibratorNode
-from loco_bringup.joint_rollout_bag import write_log
-from loco_control.ros.calibration_topics import CALIBRATION_TOPICS
-from loco_control.ros.joint_topics import JOINT_TOPICS
-from loco_control.ros.topics import to_stamp
-from loco_learning.experiment import load
-from loco_learning.joint_rollout import rollout
+from loco_bringup.bag.writer import BagWriter
+from loco_bringup.live.calibrator import CalibratorNode
+from loco_bringup.logs.rollout_bag import write_messages as write_log
+from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.topics import to_stamp
+from loco_learning.runs.experiment import load
+from loco_learning.runs.rollout import rollout
 from loco_msgs.action import Calibrate
-from loco_sim import model as models
-from loco_sim import robot as robots
+from loco_sim.plant import model as models
+from loco_sim.robot import robot as robots
 
 pytestmark = pytest.mark.ros
 
@@ -34,8 +34,10 @@ PARAMETERS = {
 class Caller:
     """A calibrator, and a client of its action."""
 
-    def __init__(self, bench):
-        self.bench = bench(CalibratorNode, CALIBRATION_TOPICS, **PARAMETERS)
+    def __init__(self, bench, folder):
+        self.bench = bench(
+            CalibratorNode, CALIBRATION_TOPICS, folders=f'["{folder}"]', **PARAMETERS
+        )
         self.client = ActionClient(self.bench.tester, Calibrate, "calibrate")
         self.states = self.bench.listen("calibration")
         self.feedback, self._robots = [], []
@@ -69,8 +71,8 @@ class Caller:
 
 
 @pytest.fixture
-def caller(bench):
-    made = Caller(bench)
+def caller(bench, tmp_path_factory):
+    made = Caller(bench, tmp_path_factory.getbasetemp())
     yield made
     made.close()
 
@@ -102,6 +104,9 @@ def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):
         ({"measured": "/x", "parameter_set": "eleven"}, "seven, ten"),
         ({"measured": "/x", "loss": "lost"}, "author, thesis"),
         ({"bag": str(tmp_path / "none")}, "no bag at"),
+        ({"bag": "/etc/hosts"}, "bag '/etc/hosts' is not below"),
+        ({"measured": "/x", "robot": "../tiger/robot.yaml"}, "is not below"),
+        ({"measured": "/x", "duration": -1.0}, "duration must be in (0, 10000] s"),
     ]
     for goal, text in goals:
         status, result = caller.result(caller.send(**goal))
@@ -164,7 +169,7 @@ class Robot:
 
 def test_cancel_while_it_listens_and_a_second_goal_meanwhile(caller):
     robot = caller.robot("/real")
-    handle = caller.send(measured="real", duration=1e6)
+    handle = caller.send(measured="real", duration=1e4)
     caller.bench.wait(robot.heard)
     status, result = caller.result(caller.send(measured="real"), robot.step)
     assert status == GoalStatus.STATUS_ABORTED
@@ -178,7 +183,7 @@ def test_cancel_while_it_listens_and_a_second_goal_meanwhile(caller):
 
 def test_a_robot_that_falls_silent_ends_the_goal(caller):
     robot = caller.robot("/real")
-    handle = caller.send(measured="/real", duration=1e6)
+    handle = caller.send(measured="/real", duration=1e4)
     caller.bench.wait(robot.heard)
     robot.step()
     status, result = caller.result(handle)
@@ -188,7 +193,7 @@ def test_a_robot_that_falls_silent_ends_the_goal(caller):
 
 def test_a_robot_with_other_joints_ends_the_goal(caller):
     robot = caller.robot("/real")
-    handle = caller.send(measured="/real", duration=1e6)
+    handle = caller.send(measured="/real", duration=1e4)
     wheels = ["wheel"] * len(robot.names)
     status, result = caller.result(handle, lambda: robot.step(wheels))
     assert status == GoalStatus.STATUS_ABORTED
@@ -198,7 +203,7 @@ def test_a_robot_with_other_joints_ends_the_goal(caller):
 def test_equal_robots_have_no_gap(caller):
     gaps = caller.bench.listen("gap")
     both = [caller.robot(f"/{name}") for name in ("real", "twin")]
-    handle = caller.send(measured="/real", model="/twin", duration=1e6)
+    handle = caller.send(measured="/real", model="/twin", duration=1e4)
     caller.bench.wait(lambda: all(robot.heard() for robot in both))
 
     def go_on():

@@ -10,8 +10,8 @@ from sensor_msgs.msg import Imu, JointState
 from tf2_msgs.msg import TFMessage
 
 from loco_control.exceptions import ParameterError
-from loco_control.ros.codec import Codec
-from loco_control.ros.topics import TOPICS
+from loco_control.ros.messages.codec import Codec
+from loco_control.ros.messages.topics import TOPICS
 
 
 def templates():
@@ -60,20 +60,8 @@ def test_equal_messages_are_equal_bytes():
     assert len({Codec(template).record().tobytes() for _ in range(20)}) == 1
 
 
-def test_decode_many_stacks_records():
-    codec = Codec(templates()[0])
-    rows = []
-    for tick in range(5):
-        record = codec.record()
-        record["tick"] = tick
-        rows.append(record.tobytes())
-    np.testing.assert_array_equal(codec.decode_many(rows)["tick"], range(5))
-
-
 def test_other_lengths_are_refused():
     codec = Codec(JointState(name=["a"]))
     longer = bytes(serialize_message(JointState(name=["a", "b"])))
     with pytest.raises(ParameterError, match="bytes, got"):
         codec.decode(longer)
-    with pytest.raises(ParameterError, match="bytes, got"):
-        codec.decode_many([codec.template, longer])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loco_control import types
-from loco_control.ros.convert import Converter
+from loco_control.ros.messages.convert import Converter
 
 SHAPES = {
     "grf": (4, 3),

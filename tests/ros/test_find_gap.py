@@ -12,20 +12,20 @@ from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from loco_bringup.bag_writer import BagWriter
-from loco_bringup.calibrator import CalibratorNode
-from loco_bringup.gap_job import live_records
-from loco_bringup.joint_rollout_bag import write_log
-from loco_control.ros.calibration_topics import CALIBRATION_TOPICS
-from loco_control.ros.joint_topics import JOINT_TOPICS
-from loco_control.ros.topics import to_stamp
+from loco_bringup.bag.writer import BagWriter
+from loco_bringup.live.calibrator import CalibratorNode
+from loco_bringup.live.gap_goal import live_records
+from loco_bringup.logs.rollout_bag import write_messages as write_log
+from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.topics import to_stamp
 from loco_learning.calibration.live import Signals
-from loco_learning.gap import pool
-from loco_learning.gap.record import HELD_OUT
-from loco_learning.joint_rollout import rollout
+from loco_learning.gap.proposals import pool
+from loco_learning.gap.recordings.record import HELD_OUT
+from loco_learning.runs.rollout import rollout
 from loco_msgs.action import FindGap
-from loco_sim import model as models
-from loco_sim.model import Model
+from loco_sim.plant import model as models
+from loco_sim.plant.model import Model
 
 HERE = str(Path(__file__).resolve().parent)
 if HERE not in sys.path:  # the child process gets our path
@@ -57,11 +57,11 @@ def bags(logs, tmp_path_factory):
 class Caller:
     """A calibrator, and a client of its action."""
 
-    def __init__(self, bench):
+    def __init__(self, bench, folder):
         self.bench = bench(
             lambda: CalibratorNode(find=quick_gap.find),
             CALIBRATION_TOPICS,
-            **{"listen.patience": 1.5, "listen.skip": 0.0},
+            **{"listen.patience": 1.5, "listen.skip": 0.0, "folders": f'["{folder}"]'},
         )
         self.client = ActionClient(self.bench.tester, FindGap, "find_gap")
         self.states, self.feedback = self.bench.listen("gap_search"), []
@@ -82,24 +82,41 @@ class Caller:
 
 
 @pytest.fixture
-def caller(bench):
-    made = Caller(bench)
+def caller(bench, tmp_path_factory):
+    made = Caller(bench, tmp_path_factory.getbasetemp())
     yield made
     made.client.destroy()
 
 
 def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):
+    link, secret = tmp_path / "link.csv", tmp_path / "secret"
+    link.symlink_to("/etc/hosts")
+    (tmp_path / "mapping.yaml").write_text("columns: [{column: a, joint: hinge, what: q}]")
+    for name in ("secret", "secret.csv", "secret.json", "secret.mcap"):
+        (tmp_path / name).write_text("Geheimnis 1\nGeheimnis 2\n")
     goals = [
         ({}, "namespace of a measured robot, or bags"),
         ({"bags": [str(tmp_path / "none")]}, "there is no recording at"),
         ({"measured": "/nobody", "robot": "pendulum"}, "nobody publishes /nobody/joint_states"),
         ({"measured": "/x", "robot": "tiger"}, "tigrillo"),
         ({"measured": "/x", "effects": ["magic"]}, "no effect named 'magic'"),
+        ({"measured": "/x", "duration": float("nan")}, "duration must be in (0, 10000] s"),
+        ({"bags": ["/etc/os-release"]}, "recording '/etc/os-release' is not below"),
+        ({"bags": ["/etc/none"]}, "recording '/etc/none' is not below"),  # nor what there is
+        ({"measured": "/x", "mapping": "/etc/hosts"}, "mapping '/etc/hosts' is not below"),
+        ({"measured": "/x", "robot": "/etc/hosts"}, "robot '/etc/hosts' is not below"),
+        ({"bags": [str(tmp_path / "../../../../etc/hosts")]}, "is not below"),
+        ({"bags": [str(link)]}, "is not below"),
+        ({"bags": [str(secret)], "mapping": str(tmp_path)}, ""),
+        ({"bags": [str(tmp_path / "secret.csv")], "mapping": str(tmp_path)}, ""),
+        ({"bags": [str(tmp_path / "secret.json")], "mapping": str(tmp_path)}, ""),
+        ({"bags": [str(tmp_path / "secret.mcap")]}, ""),
     ]
     for goal, text in goals:
         status, result = caller.result(caller.send(**goal))
         assert status == GoalStatus.STATUS_ABORTED, goal
         assert text in result.message and "\n" not in result.message
+        assert "Geheimnis" not in result.message
         caller.bench.wait(lambda message=result.message: caller.states[-1].text == message)
         assert caller.states[-1].phase == "failed"
 
@@ -179,7 +196,7 @@ def test_a_robot_is_listened_to_and_its_cause_found(caller, robot):
 
 
 def test_cancel_while_it_listens_and_a_second_goal_meanwhile(caller, robot):
-    handle = caller.send(measured="/real", robot="servo_pendulum", duration=1e6)
+    handle = caller.send(measured="/real", robot="servo_pendulum", duration=1e4)
     caller.bench.wait(robot.heard)
     second = caller.send(measured="/real", robot="servo_pendulum")
     status, result = caller.result(second, robot.step)

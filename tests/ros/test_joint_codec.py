@@ -7,9 +7,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.ros.joint_codec import ImuReader, JointCodec, stamp_ns, tick_of
-from loco_control.ros.joint_topics import JOINT_NODES, JOINT_TOPICS, TABLES
-from loco_control.ros.topics import to_stamp
+from loco_control.ros.messages.joint_codec import ImuReader, JointCodec, stamp_ns, tick_of
+from loco_control.ros.messages.joint_topics import JOINT_NODES, JOINT_TOPICS, TABLES
+from loco_control.ros.messages.topics import to_stamp
 
 NAMES = ("lf_hfe_joint", "knee", "x")
 RNG = np.random.default_rng(3)

@@ -11,12 +11,12 @@ import yaml
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from loco_bringup.processes import _environment
-from loco_control.oscillators import Cpg, CpgParams
+from loco_bringup.graph.processes import _environment
+from loco_control.gait.oscillators import Cpg, CpgParams
 from loco_control.ros.cpg_node import CpgNode
-from loco_control.ros.joint_codec import JointCodec
-from loco_control.ros.joint_topics import JOINT_TOPICS
-from loco_control.ros.topics import to_stamp
+from loco_control.ros.messages.joint_codec import JointCodec
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.topics import to_stamp
 from loco_learning.ros.joint_reflex_node import JointReflexNode
 from loco_msgs.msg import Event
 from loco_sim.ros.joint_sim_node import JointSimNode
@@ -154,7 +154,8 @@ def test_a_model_on_the_topic_becomes_the_plant_and_time_goes_on(bench):
         ("format: 1\nrobot: servo_pendulum", "this plant is of tigrillo"),
         ("format: 9\nrobot: tigrillo", "format 9"),
         ("robot: [", "not YAML"),
-        ("nowhere/model.yaml", "no model at nowhere"),
+        ("nowhere/model.yaml", "is not below bags"),
+        ("bags/nowhere/model.yaml", "no model at"),
     ],
 )
 def test_a_model_that_does_not_fit_is_refused_and_the_plant_goes_on(bench, text, message):

@@ -12,9 +12,10 @@ import pytest
 import rclpy
 from rclpy.experimental import EventsExecutor
 
-from loco_control.ros.convert import Converter
-from loco_control.ros.node import PeriodMeter, TickJoin
-from loco_control.ros.topics import topic
+from loco_control.ros.health import PeriodMeter
+from loco_control.ros.join import TickJoin
+from loco_control.ros.messages.convert import Converter
+from loco_control.ros.messages.topics import topic
 from loco_control.types import MotionCommand, TrunkTorque
 
 
@@ -216,7 +217,7 @@ def test_a_wrong_parameter_is_one_clear_line_and_exit_code_2(setting, message):
 HOLDS_A_LOCK = """
 import threading, time
 from loco_control.ros.node import LocoNode
-from loco_control.ros.spin import run_nodes
+from loco_control.ros.executor import run_nodes
 
 class Holder(LocoNode):
     def __init__(self):

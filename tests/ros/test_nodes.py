@@ -7,8 +7,8 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, String
 
-from loco_control.gait import GaitParams, TargetGenerator
-from loco_control.ros.convert import Converter
+from loco_control.gait.generator import GaitParams, TargetGenerator
+from loco_control.ros.messages.convert import Converter
 from loco_control.ros.stance_node import StanceControllerNode
 from loco_control.ros.target_node import TargetGeneratorNode
 from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
@@ -59,6 +59,30 @@ def test_speed_and_frequency_follow_topics_smoothly(bench):
     assert speeds[-1] == pytest.approx(0.1, abs=0.005)
     assert targets[-1].frequency == pytest.approx(1.2, abs=0.02)
     assert np.abs(np.diff(speeds[900:])).max() < 0.01  # no jump
+
+
+def test_a_velocity_out_of_reach_is_cut_and_told(bench):
+    b = bench(TargetGeneratorNode)
+    states, targets = b.publisher("robot_state"), b.listen("gait_target", GaitTarget)
+    events = b.listen("events", wait=False)
+    velocity, say = TwistStamped(), b.publisher("cmd_vel")
+    velocity.twist.linear.y, velocity.twist.angular.z = 0.1, 0.3
+    say.publish(velocity)
+    b.wait(lambda: any(e.text == "cmd_vel 0.0 0.1 0.3" for e in events if e.kind == "heard"))
+    walk(b, states, targets, 900)
+    assert targets[-1].speed == pytest.approx(0.0, abs=1e-3)
+    sideways = np.abs([t.foot_velocity.reshape(4, 3)[:, 1] for t in targets[-100:]])
+    assert sideways.max() > 0.1
+    assert b.node.diagnose() == {} and not [e for e in events if e.kind == "clipped"]
+    velocity.twist.linear.x = 30.0
+    say.publish(velocity)
+    b.wait(lambda: any(e.kind == "clipped" for e in events))
+    text = next(e.text for e in events if e.kind == "clipped")
+    assert text.startswith("cmd_vel: speed 30 is cut to ") and "reach of the legs" in text
+    assert b.node.diagnose()["cmd_vel_clipped"] in text
+    velocity.twist.linear.x = 0.1
+    say.publish(velocity)
+    b.wait(lambda: not b.node.diagnose())
 
 
 def test_live_parameters_change_and_bad_values_are_refused(bench):

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from loco_control.ros.joint_codec import JointCodec
-from loco_control.ros.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.joint_codec import JointCodec
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from loco_msgs.msg import Event
 from loco_sim.ros.joint_sim_node import JointSimNode
 from loco_sim.ros.plant_node import FIRST

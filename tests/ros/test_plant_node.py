@@ -6,11 +6,11 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from loco_control.ros.convert import TICK, Converter
-from loco_control.ros.joint_codec import JointCodec, stamp_ns
-from loco_control.ros.joint_topics import JOINT_TOPICS
-from loco_control.ros.msd_topics import MSD_TOPICS, link_names
-from loco_control.ros.topics import TOPICS, topic
+from loco_control.ros.messages.convert import TICK, Converter
+from loco_control.ros.messages.joint_codec import JointCodec, stamp_ns
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.msd_topics import MSD_TOPICS, link_names
+from loco_control.ros.messages.topics import TOPICS, topic
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_msgs.msg import Event
 from loco_sim.ros.joint_sim_node import JointSimNode

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from loco_control.exceptions import NameUnknownError
-from loco_control.ros.topics import NODES, TOPICS, WRITER_DEPTH, topic
+from loco_control.ros.messages.topics import NODES, TOPICS, WRITER_DEPTH, topic
 from loco_sim.ros.sim_node import TickParams
 
 ROOT = Path(__file__).resolve().parents[2]

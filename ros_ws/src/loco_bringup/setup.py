@@ -8,11 +8,11 @@ setup(
     version="0.1.0",
     description="Node sets, command line, recorder, replayer and report",
     license="Apache-2.0",
-    packages=find_packages(include=["loco_bringup*"]),
+    packages=find_packages(include=["loco", "loco_bringup*"]),
     package_data={
         "": [
             f"**/*.{kind}"
-            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml")
+            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml", "msg")
         ]
     },
     data_files=[
@@ -22,10 +22,10 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "loco = loco_bringup.cli:main",
-            "calibrator = loco_bringup.calibrator:main",
-            "recorder = loco_bringup.recorder:main",
-            "replayer = loco_bringup.replayer:main",
+            "loco = loco_bringup.cli.main:main",
+            "calibrator = loco_bringup.live.calibrator:main",
+            "recorder = loco_bringup.record.recorder:main",
+            "replayer = loco_bringup.record.replayer:main",
         ]
     },
     zip_safe=False,

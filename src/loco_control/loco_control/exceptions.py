@@ -41,6 +41,10 @@ class BagError(LocoError, ValueError):
     """A bag cannot be read, or does not hold what was asked of it."""
 
 
+class MissingPackageError(LocoError, ImportError):
+    """A Python package that a command needs is not installed."""
+
+
 class GraphError(LocoError, RuntimeError):
     """The node graph did not start, lost a node or stopped ticking."""
 

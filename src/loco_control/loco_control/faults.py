@@ -24,7 +24,7 @@ EXAMPLE = "motion_command:drop:probability=0.1:start=2:stop=4"
 
 
 class Body(Protocol):
-    """What a fault can do to the bytes of a message."""
+    """The changes that a fault can make to the bytes of a message."""
 
     def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
         """The message with the numbers of another one, or with NaN if that is None."""
@@ -51,11 +51,11 @@ class Fault(Params):
         FAULTS[kind] = cls
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """What becomes of a message that is hit."""
+        """Messages to pass on in place of one that is hit."""
         raise NotImplementedError
 
     def passed(self, data: bytes, memory: Memory) -> list[bytes]:
-        """What becomes of a message that is not hit, also after the end."""
+        """Messages to pass on in place of one that is not hit, also after the end."""
         held, memory.held = memory.held, []
         return [*held, data]
 
@@ -151,8 +151,8 @@ class Memory:
     """State of one fault at work.
 
     Args:
-        fault: What it does.
-        topic: Where.
+        fault: A fault of one kind with its settings.
+        topic: Name of the damaged topic.
         body: Reads and writes the messages of the topic.
 
     Attributes:
@@ -168,7 +168,7 @@ class Memory:
         self.kept: bytes | None = None
 
     def feed(self, messages: list[bytes], t: float) -> list[bytes]:
-        """What becomes of messages that were written at simulated time t [s]."""
+        """Messages to pass on for one that was written at simulated time t [s]."""
         fault = self._fault
         if t < fault.start - 1e-9 or (t >= fault.stop - 1e-9 and not self.held):
             return messages
@@ -224,14 +224,14 @@ def check(texts: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, 
     """Faults of texts, for a graph.
 
     Args:
-        texts: As for `parse`.
-        topics: What the messages of each topic have: numbers, stamp.
+        texts: Faults as a user writes them, ``TOPIC:KIND:KEY=VALUE,...``.
+        topics: Contents of each topic's messages that a fault may change: numbers, stamp.
 
     Raises:
-        ParameterError: As `parse`, or the messages of a topic lack what a fault changes.
-        NameUnknownError: As `parse`, or the graph has no such topic.
+        ParameterError: A text is no fault, or the messages of its topic lack what it changes.
+        NameUnknownError: There is no such kind of fault, or the graph has no such topic.
     """
-    made = []
+    faults = []
     for text in texts:
         topic, fault = parse(text)
         if topic not in topics:
@@ -242,5 +242,5 @@ def check(texts: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, 
                 f"fault {fault.kind} changes {fault.needs}, and messages of {topic} have none; "
                 f"possible: {able}"
             )
-        made.append((topic, fault))
-    return made
+        faults.append((topic, fault))
+    return faults

@@ -21,7 +21,7 @@ _FINE, _PER_DECADE, _DECADES = 1e-6, 100, 7  # bins of lateness: from 1 µs to 1
 
 
 class Lateness:
-    """How late ticks were, as counts in bins, so that a long run takes no more memory.
+    """Lateness of ticks, as counts in bins, so that a long run takes no more memory.
 
     Attributes:
         worst: The latest [s].
@@ -58,7 +58,7 @@ class Deadlines:
         clock: Time [s] that only grows.
 
     Attributes:
-        lateness: Of all ticks.
+        lateness: Lateness of all ticks [s].
         missed: Ticks that began a period or more too late.
         dropped: Ticks that were left out.
     """
@@ -75,7 +75,7 @@ class Deadlines:
         return self._start + (self._tick + 1) / self._rate
 
     def due(self) -> int:
-        """How many ticks are to be done now; they count as done."""
+        """The number of ticks to be done now; they count as done."""
         late = self._clock() - self.next
         if late < 0.0:
             return 0

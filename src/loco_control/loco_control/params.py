@@ -34,8 +34,9 @@ def parameter(
     """Field of a `Params` class with its meaning, unit and legal values.
 
     Args:
-        default: Value when nothing is said; its type is the type of the field.
-        doc: What it is, for tables and ROS parameter descriptions.
+        default: Value when nothing is said, of the type of the field; or a function that
+            gives it.
+        doc: Meaning of the parameter, for tables and ROS parameter descriptions.
         unit: SI unit, ``-`` when there is none.
         low: Smallest legal value (each element for tuples).
         high: Largest legal value (each element for tuples).
@@ -46,6 +47,8 @@ def parameter(
     meta["any_length"] = any_length
     if dataclasses.is_dataclass(default):
         return field(default_factory=lambda: default, metadata=meta)
+    if callable(default):
+        return field(default_factory=default, metadata={**meta, "factory": default})
     return field(default=default, metadata=meta)
 
 
@@ -82,26 +85,28 @@ def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T
         return cls()
     if not isinstance(values, dict):
         raise ParameterError(f"{where or cls.__name__} must be a mapping, got {values!r}")
-    known = {f.name: f for f in dataclasses.fields(cls)}
+    fields = {f.name: f for f in dataclasses.fields(cls)}
     hints = _hints(cls)
-    made = {}
+    arguments = {}
     for key, value in values.items():
-        if key not in known:
-            raise NameUnknownError(f"parameter in {where or cls.__name__}", key, known)
+        if key not in fields:
+            raise NameUnknownError(f"parameter in {where or cls.__name__}", key, fields)
         path = f"{where}.{key}" if where else key
         kind = hints[key]
         if dataclasses.is_dataclass(kind):
-            made[key] = from_dict(kind, value, path)
+            arguments[key] = from_dict(kind, value, path)
         else:
-            made[key] = _checked(where or cls.__name__, known[key], value)
-    return cls(**made)
+            arguments[key] = _checked(where or cls.__name__, fields[key], value)
+    return cls(**arguments)
 
 
 def to_dict(params: Params) -> dict[str, Any]:
-    """Plain nested values, ready for YAML: tuples become lists."""
+    """Plain nested values, ready for YAML: tuples become lists, absent blocks are left out."""
     plain = {}
     for f in dataclasses.fields(params):
         value = getattr(params, f.name)
+        if value is None and f.metadata.get("optional"):
+            continue
         if dataclasses.is_dataclass(value):
             plain[f.name] = to_dict(value)
         else:
@@ -111,7 +116,8 @@ def to_dict(params: Params) -> dict[str, Any]:
 
 def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
     """Value of a field in the type of its default, or a ParameterError."""
-    default = f.default if f.default is not dataclasses.MISSING else None
+    factory = f.metadata.get("factory", lambda: None)
+    default = f.default if f.default is not dataclasses.MISSING else factory()
     if default is None or dataclasses.is_dataclass(value):
         return value
     name = f"{owner}.{f.name}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a process can ask of the kernel for punctual ticks; each is tried, none is required."""
+"""Requests of a process to the kernel for punctual ticks; each is tried, none is required."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 @dataclass(frozen=True)
 class RealtimeParams(Params):
-    """What to ask for; nothing by default."""
+    """Requests to the kernel; none by default."""
 
     fifo: int = parameter(0, "priority under SCHED_FIFO of all threads, 0 for none", "-", 0, 99)
     cpus: str = parameter("", "processors that the threads may use, such as 1 or 0,2; empty: all")
@@ -47,7 +47,7 @@ class RealtimeParams(Params):
         return set(map(int, parts))
 
 
-def prepare(wanted: RealtimeParams) -> list[str]:
+def prepare(requests: RealtimeParams) -> list[str]:
     """Ask for what is wanted, for this process and all its threads.
 
     Threads that start later take it over from those that start them.
@@ -55,20 +55,20 @@ def prepare(wanted: RealtimeParams) -> list[str]:
     Returns:
         A line for each request: what, and granted, or refused and why.
     """
-    asked: list[tuple[str, Callable[[], None], str]] = []
-    if wanted.fifo:
+    steps: list[tuple[str, Callable[[], None], str]] = []
+    if requests.fifo:
         need = "CAP_SYS_NICE or a higher `ulimit -r`"
-        asked.append((f"SCHED_FIFO {wanted.fifo}", lambda: _fifo(wanted.fifo), need))
-    if wanted.cpus:
+        steps.append((f"SCHED_FIFO {requests.fifo}", lambda: _fifo(requests.fifo), need))
+    if requests.cpus:
         there = f"one of {_listed(os.sched_getaffinity(0))}"
-        asked.append((f"processors {wanted.cpus}", lambda: _pin(wanted.cpu_set()), there))
-    if wanted.lock_memory:
+        steps.append((f"processors {requests.cpus}", lambda: _pin(requests.cpu_set()), there))
+    if requests.lock_memory:
         need = f"CAP_IPC_LOCK or a higher `ulimit -l` ({_memory_limit()})"
-        asked.append(("memory locked", _lock, need))
-    if wanted.timer_slack:
-        slack = wanted.timer_slack
-        asked.append((f"timer slack {slack} ns", lambda: _slack(slack), "Linux"))
-    return [_try(*request) for request in asked]
+        steps.append(("memory locked", _lock, need))
+    if requests.timer_slack:
+        slack = requests.timer_slack
+        steps.append((f"timer slack {slack} ns", lambda: _slack(slack), "Linux"))
+    return [_try(*request) for request in steps]
 
 
 def _try(name: str, ask: Callable[[], None], need: str) -> str:
@@ -87,8 +87,8 @@ def _of_all_threads(ask: Callable[[int], None]) -> None:
 
 
 def _fifo(priority: int) -> None:
-    wanted = os.sched_param(priority)
-    _of_all_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, wanted))
+    parameters = os.sched_param(priority)
+    _of_all_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameters))
 
 
 def _pin(cpus: set[int]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes say to each other in one tick, as plain dataclasses of arrays.
+"""The messages of one tick as plain dataclasses of arrays.
 
 Each class has a message of the same name and the same fields in ``loco_msgs``
 (a test compares them). ``tick`` counts control periods from 0 and ``t`` is
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass
 class RobotState:
-    """What the robot measures at the start of tick `tick`."""
+    """Measurements of the robot at the start of tick `tick`."""
 
     tick: int
     t: float  # [s]
@@ -33,7 +33,7 @@ class RobotState:
 
 @dataclass
 class GroundTruth:
-    """What only the simulator knows; no controller reads it."""
+    """Truth that only the simulator knows; no controller reads it."""
 
     tick: int
     t: float  # [s]
@@ -45,7 +45,7 @@ class GroundTruth:
 
 @dataclass
 class GaitTarget:
-    """What the target generator wants at tick `tick`."""
+    """References of the target generator at tick `tick`."""
 
     tick: int
     t: float  # [s]
@@ -71,13 +71,13 @@ class MotionCommand:
 
 @dataclass
 class Stance:
-    """Which legs carry the trunk, and by which estimator."""
+    """Legs that carry the trunk, and the estimator that says so."""
 
     tick: int
     t: float  # [s]
     foot_height: np.ndarray  # of the commanded foot, averaged, over its stance height [m], (4,)
     stance: np.ndarray  # (4,) bool
-    estimator: int  # index in `loco_control.stance.ESTIMATORS`
+    estimator: int  # index in `loco_control.stance.controller.ESTIMATORS`
 
 
 @dataclass
@@ -93,13 +93,13 @@ class TrunkTorque:
 
 @dataclass
 class LearningState:
-    """What the reflex network did at tick `tick`."""
+    """State of the reflex network at tick `tick`."""
 
     tick: int
     t: float  # [s]
     prediction: np.ndarray  # HFE, KFE positions [rad] then velocities [rad/s], leg-major, (16,)
     error: float  # rms over the 8 positions of prediction minus target [rad]
     weight_norm: float  # Frobenius norm of the readout [-]
-    phase: int  # index in `loco_learning.reflex.PHASES`
+    phase: int  # index in `loco_learning.reflex.network.PHASES`
     driving: bool  # the prediction, not the target, is in `motion_command`
     learning: bool  # the readout was updated at this tick

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,19 +12,28 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 PHASES = ("stand", "train", "closing", "test")
+OPEN = "open loop"  # what "train" is called where nothing trains
 # HFE and KFE of each leg, leg-major; HAA always follows the target.
 OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
 REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
 ACTIVATIONS = ("tanh", "relu")
 SCALINGS = ("plateau", "author")
+# Sensors of a joint reflex by the name of the choice: kinds of `joint_sensors.KINDS`.
+INPUTS = {"all": ("joint", "gyro", "tilt"), "joints": ("joint",), "imu": ("gyro", "tilt")}
 
 
 class PhasedParams(Params):
-    """What all networks' parameters share: the lengths of the phases, as fields named like them."""
+    """The parameters that all networks share: lengths of the phases, as fields named like them."""
 
     enabled: bool
     weights: str
     closing_block: int
+    memory: int
+    neurons: int
+    activation: str
+    regularisation: float
+    hidden_bias: float
+    phases_when_off: ClassVar[bool]  # without a network, time still goes by phases
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,6 +65,8 @@ class LearnerParams(PhasedParams):
     target drives while the delay line fills, and ``test`` runs as saved.
     """
 
+    phases_when_off: ClassVar[bool] = True
+
     enabled: bool = parameter(True, "false: the target drives for ever (open loop)")
     memory: int = parameter(80, "delay-line length M", "tick", 1, 1000)
     neurons: int = parameter(80, "hidden neurons N", "-", 1, 5000)
@@ -73,6 +85,47 @@ class LearnerParams(PhasedParams):
     test: float = parameter(15.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
     closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
     weights: str = parameter("", "file with trained weights; empty: learn them", "path")
+
+
+@dataclass(frozen=True)
+class JointLearnerParams(PhasedParams):
+    """Shape, scaling and schedule of a joint reflex.
+
+    Each sensor reads (value - centre) / scale, clipped to [-limit, limit]: fixed numbers
+    per kind of sensor, so that nothing depends on what the robot felt first.
+    With `weights` the readout is loaded and never changed.
+    """
+
+    phases_when_off: ClassVar[bool] = False
+
+    enabled: bool = parameter(False, "false: the target drives for ever (open loop)")
+    inputs: str = parameter("all", "which sensors are felt", choices=tuple(INPUTS))
+    memory: int = parameter(50, "delay-line length M", "tick", 1, 1000)
+    window: int = parameter(1, "moving average of the sensors", "tick", 1, 1000)
+    neurons: int = parameter(200, "hidden neurons N", "-", 1, 5000)
+    activation: str = parameter("tanh", "hidden activation", choices=ACTIVATIONS)
+    regularisation: float = parameter(5.0, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
+    gain: float = parameter(1.0, "factor on the hidden weights", "-", 0.0, 100.0)
+    hidden_bias: float = parameter(1.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
+    joint_centre: float = parameter(1.0, "passive joint angle that reads 0", "rad", -10.0, 10.0)
+    joint_scale: float = parameter(0.3, "angle from the centre that reads 1", "rad", 1e-6, 1e3)
+    gyro_scale: float = parameter(3.0, "turning rate that reads 1", "rad/s", 1e-6, 1e3)
+    tilt_scale: float = parameter(0.3, "roll or pitch that reads 1", "rad", 1e-6, 1e3)
+    limit: float = parameter(2.0, "scaled sensors are clipped to ± this", "-", 0.1, 100.0)
+    stand: float = parameter(1.0, "phase: the readout rests, delay line fills", "s", 0.0, 1e5)
+    train: float = parameter(20.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
+    closing: float = parameter(20.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
+    test: float = parameter(30.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
+    closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
+    weights: str = parameter("", "file with trained weights; empty: learn them", "path")
+
+    def centre_and_scale(self, kind: str) -> tuple[float, float]:
+        """Value that a sensor of a kind reads as 0, and the distance from there that reads 1."""
+        return {
+            "joint": (self.joint_centre, self.joint_scale),
+            "gyro": (0.0, self.gyro_scale),
+            "tilt": (0.0, self.tilt_scale),
+        }[kind]
 
 
 @dataclass(frozen=True)

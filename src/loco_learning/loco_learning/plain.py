@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values as JSON has them."""
+"""Values as JSON has them, and as dotted names."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from loco_control import reading
+from loco_control.exceptions import ParameterError
+from loco_control.reading import shown
 
 
 def plain(value: Any) -> Any:
@@ -23,3 +28,27 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings as one of dotted names: ``{a: {b: 1}}`` is ``{"a.b": 1}``."""
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            out |= flat(value, f"{prefix}{key}.")
+        else:
+            out[f"{prefix}{key}"] = value
+    return out
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Mapping in a YAML file.
+
+    Raises:
+        MissingFileError: The file cannot be read.
+        ParameterError: It is not YAML (with the line), or not a mapping.
+    """
+    values = reading.read_yaml(path)
+    if not isinstance(values, dict):
+        raise ParameterError(f"{path} must hold a mapping of parameters, got {shown(values)}")
+    return values

@@ -15,3 +15,6 @@ foreach(target IN LISTS imported)
     endif()
   endforeach()
 endforeach()
+
+# Its C files have names in common, so they cannot be compiled in one go.
+set_target_properties(${PROJECT_NAME}__rosidl_generator_c PROPERTIES UNITY_BUILD OFF)

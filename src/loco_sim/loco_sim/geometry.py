@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import asin, atan2
+from typing import Any
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -48,6 +49,16 @@ def rotate_back(matrix: Rotation, v: Sequence[float]) -> Triple:
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = v
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+
+def seen_from(turn: Sequence[float], base: Any) -> Any:
+    """State of a base (`world.Base`) in a world that is turned: attitude and velocities."""
+    matrix = rotation_matrix(turn)
+    return base._replace(
+        orientation=multiply(turn, base.orientation),
+        velocity=rotate(matrix, base.velocity),
+        angular_velocity=rotate(matrix, base.angular_velocity),
+    )
 
 
 def roll_pitch(matrix: Rotation) -> tuple[float, float]:

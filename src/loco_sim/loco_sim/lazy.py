@@ -19,7 +19,7 @@ def module(name: str) -> ModuleType:
         name: Full name, e.g. ``loco_sim.effects.reading_laws``.
 
     Raises:
-        ModuleNotFoundError: There is none.
+        ModuleNotFoundError: There is no such module.
     """
     if name in sys.modules:
         return sys.modules[name]

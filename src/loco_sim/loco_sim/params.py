@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from loco_control.params import Params, parameter
 
+from .engines import ENGINES, default_engine
+
 CLOCKS = ("lockstep", "asap", "realtime")
 
 
@@ -17,15 +19,24 @@ class SimParams(Params):
     Source: friction and rigid feet as in DLS-Lab's hyq-description (urdfs/leg/leg.gazebo).
     """
 
+    engine: str = parameter(
+        default_engine, "physics engine; default the first one installed", choices=ENGINES
+    )
     physics_rate: float = parameter(
         1000.0, "physics steps per second, before sub-stepping", "Hz", low=100.0, high=20000.0
     )
     damping_limit: float = parameter(
         0.5,
-        "largest kd dt / I of the joint loop; physics is sub-stepped until it holds. Explicit "
-        "damping diverges at 2 and distorts the power of a gait by 30 % at 1.2",
+        "largest kd dt / I of damping that is held over a physics step; beyond it see "
+        "implicit_damping, or physics is sub-stepped. Held damping diverges at 2 and distorts "
+        "the power of a gait by 30 % at 1.2",
         low=0.01,
         high=1.9,
+    )
+    implicit_damping: bool = parameter(
+        True,
+        "damping of impedance drives, springs and joints that would need sub-steps is solved with "
+        "the step instead, unless an effect acts on drives or joints",
     )
     max_substeps: int = parameter(
         20, "gains that need more sub-steps than this are refused", low=1, high=1000
@@ -53,7 +64,7 @@ class SimParams(Params):
 
 @dataclass(frozen=True)
 class TickParams(Params):
-    """How ticks follow each other."""
+    """Clock and pace of the ticks."""
 
     clock: str = parameter(
         "lockstep",
@@ -85,6 +96,14 @@ class TickParams(Params):
         "s",
         0.004,
         10.0,
+    )
+    heartbeat: float = parameter(
+        0.0,
+        "longest silence of the operator's topic `heartbeat` before the emergency stop, in wall "
+        "time; 0 wants no heartbeat",
+        "s",
+        0.0,
+        60.0,
     )
     late: str = parameter(
         "hold",

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from loco_learning.calibration.objective import replay
 from loco_learning.calibration.parameters import parameter_set
 from loco_learning.calibration.params import CalibrationParams
-from loco_learning.calibration.recording import Recording
-from loco_learning.calibration.replay import replay
-from loco_sim import robot as robots
-from loco_sim.model import Model
+from loco_learning.calibration.recording import Commands, Recording
+from loco_sim.plant.model import Model
+from loco_sim.robot import robot as robots
 
 SEVEN = parameter_set("seven")
 TRUTH = {**SEVEN.default, "stiffness_hind": 440.0, "friction_front": 0.3}
@@ -35,7 +35,7 @@ def recording():
     t = np.arange(450) * 0.01
     wave = 0.2 + 0.6 * np.sin(2.0 * np.pi * t)
     command = np.repeat(wave[:, None], len(robot.driven), axis=1)
-    done = replay(Model("tigrillo", SEVEN.overrides(TRUTH)), t, command)
+    done = replay(Model("tigrillo", SEVEN.overrides(TRUTH)), Commands(t, command))
     knees = [j for j in robot.joints if "kfe" in j]
     hips = tuple(robot.joints[i] for i in robot.driven)
     return Recording("known", t, command, done.q, hips, tuple(knees))

@@ -12,7 +12,7 @@ from loco_control.exceptions import ParameterError
 from loco_learning.calibration.mawe import LOSSES
 from loco_learning.calibration.objective import Reference
 from loco_learning.calibration.parameters import parameter_set
-from loco_sim.model import Model
+from loco_sim.plant.model import Model
 
 TIGRILLO = Model("tigrillo")
 
@@ -49,6 +49,27 @@ def test_only_what_is_needed_is_simulated(recording, quick):
 def test_a_recording_without_enough_periods_is_refused(recording, quick):
     with pytest.raises(ParameterError, match="at least 2 are needed"):
         Reference(recording, TIGRILLO, quick.replace(skip=3.5))
+
+
+def test_a_recording_shorter_than_what_is_skipped_says_so(recording, quick):
+    """Its command is a sine; nothing of it is left, which is not the same as constant."""
+    with pytest.raises(ParameterError, match=r"lasts .* s, and its first 1000 s are not used"):
+        Reference(recording, TIGRILLO, quick.replace(skip=1000.0))
+
+
+def test_the_first_command_that_moves_cuts_the_periods(recording, quick, truth):
+    """A first joint that is held still has no zero crossings; the others have."""
+    held = recording.command.copy()
+    first = TIGRILLO.make_robot().driven[0]
+    column = recording.driven.index(TIGRILLO.make_robot().joints[first])
+    held[:, column] = held[0, column]
+    still = dataclasses.replace(recording, command=held)
+    assert Reference(still, TIGRILLO, quick).robot.period == pytest.approx(
+        Reference(recording, TIGRILLO, quick).robot.period, rel=0.01
+    )
+    held[:] = held[0]
+    with pytest.raises(ParameterError, match="constant at"):
+        Reference(still, TIGRILLO, quick)
 
 
 def test_values_come_on_top_of_the_model_that_is_calibrated(recording, quick, truth):

@@ -9,9 +9,9 @@ import pytest
 from loco_control.exceptions import NameUnknownError
 from loco_learning.calibration import parameters
 from loco_learning.calibration.parameters import SETS
-from loco_sim import robot as robots
-from loco_sim.description import Description
-from loco_sim.equipment import GRAVITY
+from loco_sim.robot import robot as robots
+from loco_sim.robot.description import Description
+from loco_sim.robot.equipment import GRAVITY
 
 EACH_SET = pytest.mark.parametrize("chosen", SETS.values(), ids=SETS)
 EACH = pytest.mark.parametrize(
@@ -22,7 +22,7 @@ EACH = pytest.mark.parametrize(
 def test_the_sets_have_the_sizes_of_the_thesis_and_of_the_code():
     assert len(parameters.parameter_set("seven").names) == 7
     assert len(parameters.parameter_set("ten").names) == 10
-    with pytest.raises(NameUnknownError, match="seven, ten"):
+    with pytest.raises(NameUnknownError, match="legs, seven, ten|seven, ten, legs"):
         parameters.parameter_set("eight")
 
 
@@ -62,8 +62,9 @@ def test_vectors_and_values_by_name_are_the_same(chosen):
     np.testing.assert_allclose(chosen.to_unit(chosen.from_unit(x)), x)
 
 
-@EACH_SET
-def test_the_robot_takes_what_a_set_writes(chosen):
+@pytest.mark.parametrize("name", ["seven", "ten"])
+def test_tigrillo_takes_what_a_set_writes(name):
+    chosen = parameters.parameter_set(name)
     values = chosen.from_unit(np.linspace(0.2, 0.8, len(chosen.names)))
     robot = robots.load("tigrillo", chosen.overrides(values))
     for end, leg in (("front", "lf"), ("hind", "rh")):

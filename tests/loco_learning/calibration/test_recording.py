@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.calibration.recording import align, passive
+from loco_learning.calibration.recording import align, compared
 
 JOINTS = ("hip", "knee")
 ROBOT = SimpleNamespace(name="leg", joints=JOINTS, driven=np.array([0]))
@@ -46,15 +46,15 @@ def test_columns_are_found_by_name_in_any_order():
     t, q, _ = states()
     made = align("bag", (t, q[:, ::-1], ("knee", "hip")), commands(), 100.0)
     np.testing.assert_allclose(made.sensors_of(ROBOT)[:, 0], 2.0 * made.t)
-    assert made.command_of(ROBOT).shape == (101, 1)
-    assert passive(ROBOT) == ["knee"]
+    assert made.commands_of(ROBOT).q.shape == (101, 1)
+    assert compared(ROBOT) == ["knee"]
 
 
 def test_joints_that_the_robot_needs_and_the_recording_lacks_are_named():
     made = align("bag", states(), commands(), 100.0)
     other = SimpleNamespace(name="other", joints=("hip", "ankle"), driven=np.array([1]))
     with pytest.raises(ParameterError, match="no commands of ankle.*'other'; it has hip"):
-        made.command_of(other)
+        made.commands_of(other)
     other = SimpleNamespace(name="other", joints=("hip", "ankle"), driven=np.array([0]))
     with pytest.raises(ParameterError, match="no sensors of ankle"):
         made.sensors_of(other)

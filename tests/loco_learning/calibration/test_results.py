@@ -11,7 +11,7 @@ import pytest
 
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_control.params import to_dict
-from loco_learning.calibration import figures, results, tables
+from loco_learning.calibration import figures, results
 from loco_learning.calibration.parameters import parameter_set
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.progress import Fit, Generation
@@ -67,12 +67,12 @@ def test_a_result_that_is_not_one_is_refused(result, tmp_path):
     with pytest.raises(ParameterError, match="not a whole calibration result"):
         results.load(tmp_path)
     path.write_text("[1, 2")
-    with pytest.raises(ParameterError, match="not a calibration result"):
+    with pytest.raises(ParameterError, match="line 1, is not JSON"):
         results.load(tmp_path)
 
 
 def test_table_5_1_has_a_row_per_parameter_and_per_loss(result):
-    head, rows = tables.body_table(result)
+    head, rows = results.body_table(result)
     assert len(rows) == len(parameter_set(result.options["parameters"]).names) + 2
     assert all(len(row) == len(head) for row in rows)
     stiffness = next(row for row in rows if row[0] == "hind knee spring stiffness")
@@ -83,15 +83,15 @@ def test_table_5_1_has_a_row_per_parameter_and_per_loss(result):
 
 
 def test_recordings_and_seeds_are_listed(result):
-    head, rows = tables.recording_table(result)
+    head, rows = results.recording_table(result)
     assert len(rows) == 4
     assert rows[0][0] == "sine (fitted)"
     assert rows[2][0] == "walk (not fitted)"
     assert rows[0][head.index("Ratio")] == "8.00"
     assert rows[0][head.index("Default model")].startswith("roll")
-    head, rows = tables.seed_table(result)
+    head, rows = results.seed_table(result)
     assert [row[0] for row in rows] == ["0", "1", "2", "mean ± std"]
-    text = tables.markdown(head, rows)
+    text = results.markdown(head, rows)
     assert text.count("\n") == len(rows) + 2
 
 

@@ -12,8 +12,8 @@ import pytest
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.recording import Recording
 from loco_learning.calibration.worker import Done, Failed, Progress, Started, Worker
-from loco_sim import model as models
-from loco_sim.robot import load
+from loco_sim.plant import model as models
+from loco_sim.robot.robot import load
 
 FREQUENCY, RATE = 1.0, 100.0
 

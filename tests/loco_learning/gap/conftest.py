@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap import case as cases
-from loco_learning.gap import hints
-from loco_learning.gap.bundles import Bundle
-from loco_learning.gap.forward import Forward
-from loco_learning.gap.hypotheses import offer
-from loco_learning.gap.record import Record
-from loco_learning.gap.tracks import Track
-from loco_sim.model import Model
-from loco_sim.robot import Robot
-from loco_sim.servo import ServoParams, TorqueDrive
+from loco_learning.gap.hypotheses import hints
+from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.hypotheses import offer
+from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.tracks import Track
+from loco_sim.plant.model import Model
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ServoParams, TorqueDrive
 
 SLIDE = Model("linear_axis")
 URDF = """<robot name="one"><link name="base"/><link name="arm"/>

@@ -6,11 +6,17 @@ case is a search.
 """
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from loco_learning.gap import workflow
+from loco_control.exceptions import ParameterError
+from loco_learning.gap import contents, workflow
 from loco_learning.gap.params import GapParams
+from loco_learning.gap.prediction.forward import Forward
+from loco_sim.effects.catalogue.friction import StribeckFriction as Stribeck
+from loco_sim.plant.model import Model
 
 EFFECTS = ("*_friction", "joint_offset", "sensor_bias", "command_delay", "hysteresis")
 QUICK = GapParams(effects=EFFECTS, most_terms=2)
@@ -82,3 +88,86 @@ def test_one_record_is_judged_by_its_last_third(slide):
     fit, _ = slide.records([{"name": "viscous_friction", "damping": 20.0}])
     gap = workflow.find(slide.model, fit[:1], [], QUICK)
     assert gap["names"] == ["viscous_friction"]
+
+
+def test_a_detail_that_fails_costs_no_search_and_leaves_a_note(found, monkeypatch):
+    """The verdict is handed over first; a crash behind it is a sentence in the result."""
+
+    def crash(*args):
+        raise ValueError("phase must be in [-10, 10]")
+
+    kept = []
+    monkeypatch.setattr(contents, "following", crash)
+    gap = found([{"name": "viscous_friction", "damping": 20.0}], keep=kept.append)
+    assert (gap["verdict"], gap["next"]) == ("named", [])
+    (note,) = gap["notes"]
+    assert note == "looking for the next experiment failed: phase must be in [-10, 10]"
+    (first,) = kept
+    assert first["verdict"] == "named" and first["notes"] == [] and first["where"] == []
+    assert gap["where"] and {**gap, **contents.EMPTY, "notes": []} == first
+
+
+def test_what_the_robot_cannot_be_built_with_is_dropped_and_listed(slide, monkeypatch):
+    """A failing candidate ends itself, not the search."""
+    real = Stribeck.constants
+
+    def refuse(self, world, joints):
+        if self.torque:
+            raise ParameterError("no such bearing")
+        return real(self, world, joints)
+
+    monkeypatch.setattr(Stribeck, "constants", refuse)
+    fit, judge = slide.records([{"name": "viscous_friction", "damping": 20.0}])
+    gap = workflow.find(slide.model, fit, judge, QUICK)
+    assert gap["names"] == ["viscous_friction"]
+    reasons = {one["effect"]: one["reason"] for one in gap["not_tried"]}
+    assert reasons["stribeck_friction slide"] == "no such bearing"
+    assert not any("payload" in name for name in reasons)  # nobody asked for it
+
+
+def heavier(slide, factor):
+    """Records of the slide with another mass of its carriage, which the model does not know."""
+    fit, judge = slide.records()
+    truth = Forward(Model("linear_axis", {"masses.carriage": 1.5 * factor}), [*fit, *judge])
+    rng, (coarse, fine) = np.random.default_rng(3), (truth(step=s) for s in (1 / 8, 1 / 16))
+    said = [2.0 * f - c for f, c in zip(fine, coarse, strict=True)]  # no step at all
+    made = [
+        replace(r, signals={"q": q + 5e-5 * rng.standard_normal(q.shape)})
+        for r, q in zip((*fit, *judge), said, strict=True)
+    ]
+    return made[:2], made[2:]
+
+
+def test_a_free_value_that_explains_all_is_no_gap_and_before_is_the_users_own_model(slide):
+    free = QUICK.replace(free=("masses.carriage",), effects=("coulomb_friction",))
+    fit, judge = heavier(slide, 1.3)
+    gap = workflow.find(slide.model, fit, judge, free)
+    bare = workflow.find(slide.model, fit, judge, free.replace(free=("",)))
+    assert (gap["verdict"], gap["names"], gap["alarms"]) == ("no gap", [], [])
+    assert gap["nuisance"]["masses.carriage"] == pytest.approx(1.95, rel=0.05)
+    assert gap["gap"]["before"] == bare["gap"]["before"] > 2.0 * gap["gap"]["after"]
+    assert "masses.carriage refitted" in gap["evidence"]
+
+
+def test_a_free_value_far_from_what_the_robot_says_rings_an_alarm(slide):
+    fit, judge = heavier(slide, 1.3)
+    free = QUICK.replace(free=("masses.carriage",), effects=("armature",), free_spread=0.1)
+    gap = workflow.find(slide.model, fit, judge, free)
+    (alarm,) = gap["alarms"]
+    assert "masses.carriage goes to" in alarm and "times what the robot says" in alarm
+
+
+def test_rounded_readings_leave_a_note_and_no_verdict(slide):
+    """A null whose sensor rounds is no gap, whatever the step."""
+    fit, judge = slide.records()
+    step = 0.002
+    rounded = [
+        replace(r, signals={"q": step * np.round(r.signals["q"] / step)},
+                resolution={("q", "slide"): step})
+        for r in (*fit, *judge)
+    ]  # fmt: skip
+    gap = workflow.find(slide.model, rounded[:2], rounded[2:], GapParams(effects=("quantisation",)))
+    assert (gap["verdict"], gap["names"], gap["terms"]) == ("no gap", [], [])
+    assert any("all readings of slide are multiples of 0.002" in note for note in gap["notes"])
+    assert gap["not_tried"][0]["effect"] == "quantisation"
+    assert gap["model"]["effects"] == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 
-from loco_sim import model as models
+from loco_sim.plant import model as models
 
 
 def call(share, stage, best, tell):

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.impedance import ImpedanceParams
 from loco_control.params import parameter
-from loco_sim import effects, robot
+from loco_sim import effects
 from loco_sim.effects.base import EFFECTS, Effect, overrides, streams, windows
-from loco_sim.params import SimParams
-from loco_sim.simulation import Simulation
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
 
 STRONG = {
     "actuation_delay": {"delay": 0.01},
@@ -33,6 +32,7 @@ STRONG = {
     "end_stop": {"angle": 0.02, "stiffness": 100.0, "damping": 1.0},
     "foot_friction": {"error": -0.9},
     "ground_compliance": {"compliance": 1e-4},
+    "ground_height": {"height": 0.02, "foot": "lf_foot"},
     "hysteresis": {"torque": 5.0},
     "imu_tilt": {"roll": 0.1, "pitch": -0.2, "yaw": 0.3},
     "joint_offset": {"offset": 0.1},
@@ -55,6 +55,7 @@ STRONG = {
     "stiffness_error": {"error": 0.5},
     "stribeck_friction": {"torque": 5.0, "velocity": 1.0},
     "supply_sag": {"sag": 0.5},
+    "terrain": {"roughness": 0.03, "flat": 0.0},
     "torque_constant_error": {"error": 0.3},
     "torque_limit": {"reduction": 0.9},
     "torque_speed_line": {"slope": 10.0},
@@ -83,7 +84,7 @@ def test_default_parameters_switch_effects_off(plant, run, as_bytes):
 @pytest.fixture(scope="module")
 def untouched(hyq, run, as_bytes):
     """Bytes of a run without effects."""
-    with Simulation(SimParams(), ImpedanceParams()) as sim:
+    with Simulation() as sim:
         return as_bytes(run(sim))
 
 

@@ -5,28 +5,36 @@ One-joint benches and Tigrillo, whose worlds are built in a blink; HyQ is in `te
 """
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_control.types import MotionCommand, TrunkTorque
-from loco_sim import effects, robot
+from loco_sim import effects
 from loco_sim.effects.base import EFFECTS, overrides
+from loco_sim.effects.chain import JointEffect
 from loco_sim.effects.identity import PLANT_SIGNALS, SENSOR_SIGNALS, SITES
-from loco_sim.simulation import Simulation
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
+from loco_sim.robot.servo import TorqueDrive
 
 NAMES = effects.names()
 BENCHES = ("linear_axis", "pendulum", "servo_pendulum", "spring_mass")
 ROBOTS = {name: robot.load(name) for name in (*BENCHES, "tigrillo")}
+IN_MUJOCO = {f"{name}, mujoco": robot.load(name, {"sim.engine": "mujoco"}) for name in ROBOTS}
+ROBOTS |= IN_MUJOCO
 PAIRS = [(r, e) for r in ROBOTS for e in effects.applicable(ROBOTS[r])]
-PASSIVE = [(r, e) for r, e in PAIRS if r in BENCHES and EFFECTS[e].identity.passive]
+PASSIVE = [(r, e) for r, e in PAIRS if ROBOTS[r].name in BENCHES and EFFECTS[e].identity.passive]
 
 # Where the typical strength of the prior does not show on a small robot.
 CLEAR = {
     "cable_force": {"stiffness": 50.0, "length": 0.1, "point": (0.0, 0.0, -0.1)},
+    "added_stiffness": {"stiffness": 0.5},  # more needs finer steps on a shank of 20 g
     "end_stop": {"angle": 0.001},
+    "ground_height": {"height": 0.003, "foot": "lf_foot"},
+    "series_elasticity": {"compliance": 0.5},
     "push": {"force": (1.0, 0.5, 0.2), "random": 0.5, "point": (0.0, 0.0, -0.1)},
     "payload": {"mass": 0.2, "position": (0.02, 0.0, -0.01)},
     "sensor_bias": {"q": 0.1, "tau": 1.0, "gyro": (0.1, 0, 0), "accelerometer": (0, 0, 1.0)},
@@ -96,7 +104,9 @@ def test_effects_that_are_listed_but_off_change_no_byte(name, bare):
 
 @pytest.mark.parametrize(("name", "effect"), PAIRS)
 def test_an_effect_changes_what_it_says_and_nothing_else(name, effect, bare):
-    below = name == "spring_mass" and effect == "end_stop"  # where its weight takes the mass
+    below = (
+        ROBOTS[name].name == "spring_mass" and effect == "end_stop"
+    )  # where its weight takes the mass
     made = effects.make(effect, angle=-0.001) if below else clear(effect)
     with plant(name, [made]) as sim:
         measured, truth = run(sim)
@@ -172,9 +182,10 @@ def test_a_passive_effect_makes_no_energy(name, effect):
     """
     made = clear(effect)
     dt = 1.0 / ROBOTS[name].sim.physics_rate
-    away = ROBOTS[name].standing + (0.03 if name in ("linear_axis", "spring_mass") else 0.8)
-    limp = robot.load(name)
-    object.__setattr__(limp, "drives", {j: robot_drive() for j in limp.drives})
+    away = ROBOTS[name].standing + (
+        0.03 if ROBOTS[name].name in ("linear_axis", "spring_mass") else 0.8
+    )
+    limp = replace(ROBOTS[name], drives={j: TorqueDrive() for j in ROBOTS[name].drives})
     with Simulation(effects=[made], robot=limp, dt=dt, standing=away) as sim:
         n = len(limp.joints)
         nothing = MotionCommand(0, 0.0, np.zeros(n), np.zeros(n))
@@ -187,12 +198,6 @@ def test_a_passive_effect_makes_no_energy(name, effect):
                 total.append(kinetic[-1] + stored)
     rise = np.max(total - np.minimum.accumulate(total))
     assert rise <= 2.0 * np.max(np.abs(np.diff(kinetic))) + 1e-9
-
-
-def robot_drive():
-    from loco_sim.servo import TorqueDrive
-
-    return TorqueDrive()
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -261,3 +266,19 @@ def test_a_joint_that_does_not_exist_is_named():
         plant("pendulum", [effects.make("coulomb_friction", torque=0.1, joint="elbow")])
     with pytest.raises(ParameterError, match=r"lf_kfe_joint: no joint with a drive"):
         plant("tigrillo", [effects.make("actuator_lag", time=0.1, joint="lf_*")])
+
+
+class _Untouchable:
+    """A random stream that nobody may ask."""
+
+    def __getattr__(self, name):
+        raise AssertionError(f"rng.{name} was asked for")
+
+
+@pytest.mark.parametrize("effect", NAMES)
+def test_only_effects_that_say_so_keep_or_ask_their_random_stream(effect):
+    made, stream = clear(effect), _Untouchable()
+    if EFFECTS[effect].draws or isinstance(made, JointEffect):
+        return
+    made.reset(stream)
+    assert not any(value is stream for value in vars(made).values())

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.impedance import ImpedanceParams
+from loco_control.orientation import roll_pitch_yaw
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
-from loco_sim.description import Description
-from loco_sim.effects.delay import delayed
-from loco_sim.effects.faults import stuck
-from loco_sim.effects.noise import turned
+from loco_sim.effects.catalogue.delay import delayed
+from loco_sim.effects.catalogue.faults import stuck
+from loco_sim.effects.catalogue.noise import turned
 from loco_sim.geometry import rotation_matrix
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
+from loco_sim.robot.description import Description
 
 
 class Recorder:
@@ -137,12 +139,12 @@ def test_a_push_moves_the_robot_its_way(plant, run):
 
 
 def test_a_payload_is_weighed_by_the_feet(plant, hyq):
-    stiff = ImpedanceParams(stance_kp=(400, 400, 400), stance_kd=(10, 10, 8))
+    stiff = {"drives.*.kp": 400, "drives.*.kd": 10}
     hold = MotionCommand(0, 0.0, hyq.standing, np.zeros(12))
     trunk = TrunkTorque(0, 0.0, np.zeros(12), np.zeros(6), np.ones(4, bool))
     weights = []
     for mass in (0.0, 20.0):
-        sim = plant(effects.from_list([{"name": "payload", "mass": mass}]), impedance=stiff)
+        sim = plant(effects.from_list([{"name": "payload", "mass": mass}]), overrides=stiff)
         sim.reset()
         for _ in range(400):
             state = sim.step(hold, trunk)
@@ -201,3 +203,25 @@ def test_when_every_command_is_lost_the_first_one_is_kept():
     first = np.ones(12)
     effect.on_command(first, first, 0.0)
     assert effect.on_command(np.zeros(12), np.zeros(12), 0.1)[0] is first
+
+
+@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+def test_higher_ground_under_the_left_feet_leans_a_robot_to_the_right(engine):
+    made = robot.load("tigrillo", {"sensors.exact": True, "sim.engine": engine})
+    rolls = {}
+    for height in (0.0, 0.006):
+        listed = effects.from_list(
+            [{"name": "ground_height", "foot": f, "height": height} for f in ("lf_foot", "lh_foot")]
+        )
+        with Simulation(effects=listed, robot=made) as sim:
+            state = sim.reset()
+            for tick in range(60):
+                state = sim.step(MotionCommand(tick, tick * sim.dt, made.standing, np.zeros(8)))
+            rolls[height] = roll_pitch_yaw(state.orientation)[0]
+    assert 0.01 < rolls[0.006] - rolls[0.0] < 0.2
+
+
+def test_ground_so_low_that_no_foot_is_left_is_refused():
+    listed = effects.from_list([{"name": "ground_height", "foot": "lf_foot", "height": -0.4}])
+    with pytest.raises(ParameterError, match="lf_foot"):
+        Simulation(effects=listed, robot="tigrillo")

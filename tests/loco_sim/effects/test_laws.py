@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from loco_control.types import MotionCommand, TrunkTorque
-from loco_sim import effects, robot
-from loco_sim.bolted import Bolted, Setting
-from loco_sim.braking import split
-from loco_sim.servo_kernels import given
-from loco_sim.simulation import Simulation
+from loco_sim import effects
+from loco_sim.bolted.loop import Bolted, Setting
+from loco_sim.drives.servo_kernels import given
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
+from loco_sim.world.braking import split
 
 INERTIA, ARM = 0.00667 + 0.5 * 0.2**2, 0.5 * 0.2  # of the pendulum's rod; mass times lever
 BENCH = robot.load("pendulum")
@@ -24,7 +25,7 @@ def swing(listed, tau=0.0, begin=0.0, steps=400, gravity=True):
     made = effects.from_list(listed)
     dt = 1.0 / BENCH.sim.physics_rate
     rows = []
-    with Simulation(sim_params, None, made, dt=dt, robot=BENCH, standing=np.array([begin])) as sim:
+    with Simulation(sim_params, made, dt=dt, robot=BENCH, standing=np.array([begin])) as sim:
         for k in range(steps):
             torque = tau(k * dt) if callable(tau) else tau
             trunk = TrunkTorque(k, 0.0, np.array([torque]), np.zeros(6), np.ones(0, bool))

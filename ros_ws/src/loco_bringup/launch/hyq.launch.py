@@ -16,9 +16,9 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from loco_bringup import node_set
-from loco_bringup.run import describe, duration_of
-from loco_learning.experiment import load
+from loco_bringup.graph import node_set
+from loco_bringup.graph.run import describe, duration_of
+from loco_learning.runs.experiment import load
 
 ARGUMENTS = {
     "experiment": ("hyq_trot_reflex", "name or path of an experiment YAML"),

@@ -2,3 +2,5 @@
 """Running, recording, replaying and reporting the node graph; the `loco` command."""
 
 __version__ = "0.1.0"
+
+import loco_control.ros  # noqa: F401, keeps discovery on this machine

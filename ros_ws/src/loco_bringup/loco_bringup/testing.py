@@ -37,7 +37,7 @@ def claim_domain() -> int:
     The file stays open on purpose; child processes do not inherit it.
 
     Raises:
-        GraphError: All domains are taken.
+        GraphError: No domain is free.
     """
     for step in range(len(DOMAINS)):
         # Neighbours start at different places: a process that was killed may still be
@@ -76,17 +76,17 @@ class Graph:
         experiment: Name, path, or an experiment.
         folder: New folder for the bag and the logs.
         changes: Values of the experiment by dotted name.
-        layout: As in `run.run`; so are the arguments up to `namespace`.
-        clock: As in `run.run`.
-        speed: As in `run.run`.
-        nodes: As in `run.run`.
-        namespace: As in `run.run`.
+        layout: ``composed`` (one process) or ``processes`` (one each).
+        clock: ``lockstep``, ``asap`` or ``realtime``.
+        speed: Largest multiple of real time in lockstep, 0 for no limit.
+        nodes: Node set, by name or path; default the one of the experiment's class.
+        namespace: Namespace of all nodes.
         ready: Wall time until it must have begun [s].
 
     Attributes:
-        folder: Of bag and logs.
-        outcome: How the run ended, None before.
-        progress: How far it is.
+        folder: Folder of the bag and the logs.
+        outcome: End of the run, None before.
+        progress: State of the run.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Graph:
     # ---- start and end
 
     def __enter__(self) -> Graph:
-        from loco_learning.experiment import load
+        from loco_learning.runs.experiment import load
 
         if isinstance(self._experiment, (str, Path)):
             self._experiment = load(str(self._experiment), self._changes)
@@ -141,7 +141,7 @@ class Graph:
         self.listen("events")
 
     def _run(self) -> None:
-        from . import run
+        from .graph import run
 
         layout, clock, speed, nodes = self._options
         try:
@@ -210,18 +210,20 @@ class Graph:
         """Wait for messages; returns those of the topic that fit, at least `count`.
 
         Args:
-            topic: As in `listen`.
-            count: How many.
-            where: Which messages count.
+            topic: Name of the topic, as `listen` takes it.
+            count: Number of messages to wait for.
+            where: Condition that a message must meet to count.
             timeout: Wall time [s].
             type: Message class of a topic that is not in our tables.
 
         Raises:
             GraphError: They did not come, or the run failed.
         """
-        heard = self.listen(topic, type)
-        self._wait(lambda: sum(map(where, heard)) >= count, timeout, f"{count} messages on {topic}")
-        return [message for message in heard if where(message)]
+        messages = self.listen(topic, type)
+        self._wait(
+            lambda: sum(map(where, messages)) >= count, timeout, f"{count} messages on {topic}"
+        )
+        return [message for message in messages if where(message)]
 
     def expect_event(self, kind: str, timeout: float = 30.0) -> Any:
         """Wait for an event, e.g. ``phase`` or ``fall``; returns the first of its kind."""
@@ -245,27 +247,27 @@ class Graph:
     def pid(self, node: str, timeout: float = 20.0) -> int:
         """Process of a node, from its diagnostics."""
         name = self._full(node).lstrip("/")
-        found: list[int] = []
+        pids: list[int] = []
 
         def named(array: Any) -> bool:
-            found.extend(
+            pids.extend(
                 int(v.value)
                 for s in array.status if s.name == name for v in s.values if v.key == "pid"
             )  # fmt: skip
-            return bool(found)
+            return bool(pids)
 
         self.expect("/diagnostics", where=named, timeout=timeout)
-        return found[-1]
+        return pids[-1]
 
     def _full(self, name: str) -> str:
         return name if name.startswith("/") else "/" + f"{self._namespace}/{name}".lstrip("/")
 
     def _row(self, name: str, kind: Any) -> tuple[Any, Any]:
         """Type and QoS of a topic."""
-        from loco_control.ros.joint_topics import TABLES
-        from loco_control.ros.topics import STATE
+        from loco_control.ros.messages.joint_topics import TABLES
+        from loco_control.ros.messages.topics import STATE
 
-        from . import node_set
+        from .graph import node_set
 
         table = TABLES[node_set.table_of(self._options[3] or self._experiment.node_set)]
         if name in table:
@@ -298,10 +300,10 @@ def pytest_configure(config: Any) -> None:
 @pytest.fixture
 def loco_graph(tmp_path: Path) -> Iterator[Callable[..., Graph]]:
     """Function that makes a `Graph` in a folder of the test; arguments as `Graph`'s."""
-    made: list[Graph] = []
+    graphs: list[Graph] = []
 
     def make(experiment: Any, **options: Any) -> Graph:
-        made.append(Graph(experiment, tmp_path / f"graph_{len(made)}", **options))
-        return made[-1]
+        graphs.append(Graph(experiment, tmp_path / f"graph_{len(graphs)}", **options))
+        return graphs[-1]
 
     yield make

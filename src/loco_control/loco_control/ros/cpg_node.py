@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import sys
 
-from loco_control.names import LEGS, joint_name
-from loco_control.oscillators import Cpg, CpgParams
-
-from .joint_codec import FRAME, JointCodec, Joints, stamp_ns, tick_of
-from .joint_topics import JOINT_TOPICS
+from ..gait.oscillators import Cpg, CpgParams
+from ..names import LEGS, joint_name
+from .executor import run_nodes
+from .messages.joint_codec import FRAME, JointCodec, Joints, stamp_ns, tick_of
+from .messages.joint_topics import JOINT_TOPICS
 from .node import LocoNode
 from .parameters import declare
-from .spin import run_nodes
 
 
 class JointNode(LocoNode):
@@ -20,7 +19,7 @@ class JointNode(LocoNode):
 
     Attributes:
         joints: All joints, in array order.
-        driven: Those that have drives.
+        driven: Joints that have drives.
     """
 
     table = JOINT_TOPICS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which process an endpoint belongs to, read from the id that Fast DDS gives it.
+"""The process that an endpoint belongs to, read from the id that Fast DDS gives it.
 
 Bytes 2 to 3 of the id are of the host, 4 to 5 the low half of the process id. So a
 writer can be told from one whose process was killed: DDS believes in it for 20 s more.
@@ -44,7 +44,7 @@ def living(infos: Iterable[Any], host: bytes) -> list[Any]:
     """Endpoints without those of dead processes of this machine.
 
     Args:
-        infos: Of a topic, as rclpy gives them.
+        infos: Endpoints of a topic, as rclpy gives them.
         host: `own_host`.
     """
     alive = {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit() and _runs(name)}

@@ -17,22 +17,23 @@ import numpy as np
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt64
 
-from loco_control import faults
-
-from .codec import Codec
-from .convert import TICK
-from .joint_codec import tick_of
-from .joint_topics import TABLES
+from .. import faults
+from ..exceptions import ParameterError
+from .executor import run_nodes
+from .in_process import raw
+from .messages.codec import Codec
+from .messages.convert import TICK
+from .messages.joint_codec import tick_of
+from .messages.joint_topics import TABLES
+from .messages.topics import LOST_TICK, Topic, faulty, starts_tick
 from .node import LocoNode
-from .spin import run_nodes
-from .topics import LOST_TICK, Topic, faulty, starts_tick
 
 NAME = LOST_TICK.writer
 _TIME, _HEADER = "builtin_interfaces/Time", "std_msgs/Header"
 
 
 def abilities(table: str) -> dict[str, set[str]]:
-    """What the messages of each topic of a table have: numbers, stamp."""
+    """Contents of each topic's messages that a fault may change: numbers, stamp."""
     found = {}
     for row in TABLES[table].values():
         has = {"numbers": has_numbers(row.type), "stamp": stamp_at(row.type) is not None}
@@ -102,7 +103,7 @@ class Bytes:
     def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
         """The message with the numbers of another one of its layout, or with NaN."""
         if self._codec is None or not self._constant:
-            self._codec = Codec(deserialize_message(data, self._type))
+            self._codec = Codec(deserialize_message(data, self._type), len(data))
         if source is not None and len(source) != len(data):
             return data
         record = self._codec.decode(bytearray(data))
@@ -134,6 +135,10 @@ class FaultNode(LocoNode):
         self.table = TABLES[table]
         self._rate = self.declare_parameter("control_rate", 250.0).value
         texts = [t for t in self.declare_parameter("faults", [""]).value if t]
+        if texts and not self.get_parameter("allow_faults").value:
+            raise ParameterError(
+                "faults are off; the parameter allow_faults:=true switches them on"
+            )
         made = faults.check(texts, abilities(table))
         self._now, self._tick = 0.0, 0
         self._edges = sorted(_edges(made), reverse=True)
@@ -166,12 +171,18 @@ class FaultNode(LocoNode):
         chain = [faults.Memory(fault, name, body) for fault in chosen]
         output = self.create_publisher(row.type, faulty(row.name), row.qos.writer())
         self._outputs[name] = output
-        publish = output.handle.publish_raw
+        publish = raw(output)
         # Without any of these no command comes of the tick. The plant judges commands itself.
         waited_for = row.rate > 0 and bool(row.readers)
         judged = row.readers == ("robot_sim",)
 
         def receive(data: bytes) -> None:
+            try:
+                damage(data)
+            except (ValueError, RuntimeError, OverflowError, TypeError):
+                self.refuse(name, f"{len(data)} bytes are no {row.type.__name__}")
+
+        def damage(data: bytes) -> None:
             time = body.time(data)
             t = self._now if time is None or row.writer == "any" else time / 1e9
             out = [data]
@@ -192,7 +203,7 @@ class FaultNode(LocoNode):
         missing = super().unmatched()
         if self._lost.get_subscription_count() < 1:
             missing.append(f"{LOST_TICK.name} (0/1 readers)")
-        if self._states.get_publisher_count() < 1:
+        if self.writers(self._states) < 1:
             missing.append(f"{self._states.topic_name} (no writer)")
         return missing
 

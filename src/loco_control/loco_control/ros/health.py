@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node says of itself on /diagnostics, and from which values on that is a warning."""
+"""The values that a node reports on /diagnostics, and the limits beyond which it warns."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass, fields
 from typing import Any
 
-from loco_control.params import Params, parameter
+from ..params import Params, parameter
 
 OK, WARN, ERROR = b"\0", b"\1", b"\2"  # as in DiagnosticStatus
 _PAGE = resource.getpagesize()
@@ -41,6 +41,9 @@ class HealthParams(Params):
     rejected: tuple[float, ...] = parameter(
         (1.0, 0.0), "commands refused since the last report: warning, error", "-", 0.0, 1e6
     )
+    refused: tuple[float, ...] = parameter(
+        (1.0, 0.0), "other messages refused since the last report: warning, error", "-", 0.0, 1e6
+    )
     dropped: tuple[float, ...] = parameter(
         (1.0, 0.0), "messages lost so far: warning, error", "-", 0.0, 1e9
     )
@@ -54,9 +57,9 @@ def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:
 
     Args:
         params: The limits.
-        values: By the names of the limits; ``real_time_factor`` meets the limit ``slower``.
+        values: Values by name of their limit; ``real_time_factor`` meets the limit ``slower``.
     """
-    level, said = OK, []
+    level, texts = OK, []
     for f in fields(params):
         low = f.name == "slower"
         value = values.get("real_time_factor" if low else f.name)
@@ -66,9 +69,11 @@ def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:
             if limit and (value < limit if low else value >= limit):
                 level = max(level, grade)
                 sign = "below" if low else "reaches"
-                said.append(f"{'real_time_factor' if low else f.name} {value:.4g} {sign} {limit:g}")
+                texts.append(
+                    f"{'real_time_factor' if low else f.name} {value:.4g} {sign} {limit:g}"
+                )
                 break
-    return level, "; ".join(said) or "running"
+    return level, "; ".join(texts) or "running"
 
 
 class PeriodMeter:

@@ -1,41 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every node of the graph has: topics from the table, readiness, ticks, diagnostics.
+"""The part of every node of the graph: topics from the table, readiness, ticks, diagnostics.
 
-`spin.run_nodes` is the only way a node is spun.
+`executor.run_nodes` is the only way a node is spun.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from loco_control import realtime
-from loco_control.exceptions import GraphError, LocoError
 from loco_msgs.msg import Event
 
-from .convert import TICK, Converter
+from .. import realtime
+from ..exceptions import GraphError, ParameterError
 from .endpoints import is_named, living, low_pid, own_host
-from .health import WARN, HealthParams, PeriodMeter, UsageMeter, judge
-from .parameters import declare
-from .topics import FAULT_DEPTH, TOPICS, Topic, faulty, starts_tick, to_stamp, topic
+from .health import ERROR, WARN, HealthParams, PeriodMeter, UsageMeter, judge
+from .in_process import Post, raw
+from .join import TickJoin, loco_tick
+from .messages.convert import Converter
+from .messages.topics import FAULT_DEPTH, TOPICS, Topic, faulty, starts_tick, to_stamp, topic
+from .parameters import declare, seal
 
-__all__ = ["LocoNode", "PeriodMeter", "TickJoin", "loco_tick"]
+__all__ = ["LocoNode"]
 
-_PENDING = 8  # messages of a topic that wait for those of others
-_BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
-
-
-def loco_tick(data: bytes) -> int:
-    """Tick in the bytes of a message of `loco_msgs`."""
-    return int.from_bytes(data[TICK], "little")
+_NO_NUMBERS = "numbers that are not finite"
+_SETTLING = 0.2  # endpoints stay matched this long before a node is ready: others are heard of [s]
+_LONGEST = 2000  # characters of the text of an event: others decide what it quotes
 
 
 class LocoNode(Node):
     """Node whose publishers and subscriptions come from the topic table.
+
+    No message ends it: one that cannot be read or used is refused, which /diagnostics and, the
+    first time on each topic, an event tell. Its parameters are those it began with, except the
+    ones that `parameters.on_change` names.
 
     Args:
         name: Node name, as in the topic table.
@@ -43,18 +47,30 @@ class LocoNode(Node):
     Attributes:
         table: The topic table of the graph that the node belongs to.
         timed: Ticks are due at times: `on_deadline` is called at each `deadline`.
-        granted: What the process was granted and refused of `RealtimeParams`.
+        changeable: Full names of the parameters that may be set while it runs.
+        granted: Requests of `RealtimeParams` that were granted and refused.
+        post: Hands messages to nodes of the same process; None where DDS does it.
     """
 
+    post: ClassVar[Post | None] = None
     table: ClassVar[dict[str, Topic]] = TOPICS
     timed = False
     deadline = math.inf  # next time of `time.monotonic` [s]
 
     def __init__(self, name: str):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
+        self.changeable = seal(self)
         self.recorded = self.declare_parameter("recorded", False).value
         # Topics between whose writers and readers the node `faults` stands.
         self.faulted = {n for n in self.declare_parameter("faulted", [""]).value if n}
+        if not self.declare_parameter("allow_faults", False).value and self.faulted:
+            raise ParameterError(
+                f"{name} is told that faults damage {', '.join(sorted(self.faulted))}; that needs "
+                "the parameter allow_faults:=true"
+            )
+        self._refused: dict[str, int] = {}  # messages by topic
+        self._reason = ""  # why the newest of them was refused
+        self._reported_refused = 0  # at the last report
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
         self._health = declare(self, HealthParams(), "diagnostics.")
@@ -68,6 +84,26 @@ class LocoNode(Node):
         self._ready_timer = None
         self.create_timer(1.0, self.publish_diagnostics)
 
+    def create_publisher(self, *args: Any, **more: Any) -> Any:
+        """Make a publisher, as `Node` does; nodes of the same process hear it, too."""
+        if self.post:
+            more["publisher_class"] = self.post.publisher
+        return super().create_publisher(*args, **more)
+
+    def create_subscription(
+        self, kind: type, name: str, callback: Callable, qos: Any, **more: Any
+    ) -> Any:
+        """Make a subscription, as `Node` does; it hears nodes of the same process, too."""
+        made = super().create_subscription(kind, name, callback, qos, **more)
+        if self.post:
+            self.post.subscribe(made, callback)
+        return made
+
+    def writers(self, subscription: Any) -> int:
+        """Number of writers that a subscription hears."""
+        own = self.post.writers(subscription.topic_name) if self.post else 0
+        return subscription.get_publisher_count() + own
+
     def row(self, name: str) -> Topic:
         """Row of a topic in the table of this graph."""
         return topic(name, self.table)
@@ -79,22 +115,57 @@ class LocoNode(Node):
         return self._outputs[name]
 
     def raw_output(self, name: str) -> Callable[[bytes], None]:
-        """Function that publishes the bytes of a message on a topic of the table.
-
-        It is rclpy's compiled publish without the checks in Python around it, which
-        took 3 % of a composed tick.
-        """
-        return self.output(name).handle.publish_raw
+        """Function that publishes the bytes of a message on a topic of the table."""
+        return raw(self.output(name))
 
     def input(self, name: str, callback: Callable, raw: bool = False) -> Any:
-        """Subscription of a topic of the table."""
+        """Subscription of a topic of the table.
+
+        Args:
+            name: Name of the topic in the table.
+            callback: Takes each message that can be read.
+            raw: The callback takes the bytes instead and judges them itself.
+        """
         row = self.row(name)
         heard = faulty(row.name) if name in self.faulted else row.name
         # A plant that was told of a lost tick goes on while others still have to read it:
         # with a queue of one they would find the next tick, too early, and miss both.
         qos = row.qos.reader(FAULT_DEPTH if self.faulted else None)
-        self._inputs[name] = self.create_subscription(row.type, heard, callback, qos, raw=raw)
+        receive = callback if raw else self.reader(name, row.type, callback)
+        self._inputs[name] = self.create_subscription(row.type, heard, receive, qos, raw=True)
         return self._inputs[name]
+
+    def reader(self, name: str, kind: type, callback: Callable) -> Callable[[bytes], None]:
+        """Callback for the bytes of a topic that hands on the messages that can be read.
+
+        Args:
+            name: Name of the topic, for `refuse`.
+            kind: Class of its messages.
+            callback: Takes a message.
+        """
+
+        def receive(data: bytes) -> None:
+            try:
+                message = deserialize_message(data, kind)
+            except Exception:  # rclpy's error, or whatever these bytes led it to
+                self.refuse(name, f"{len(data)} bytes are no {kind.__name__}")
+                return
+            callback(message)
+
+        return receive
+
+    def refuse(self, name: str, reason: str) -> None:
+        """Count a message that cannot be read or used, and tell of the first one of a topic.
+
+        Args:
+            name: Name of the topic.
+            reason: Reason in words, for people.
+        """
+        known = name in self._refused
+        self._refused[name] = self._refused.get(name, 0) + 1
+        self._reason = f"{name}: {reason}"
+        if not known:
+            self.event("message refused", self._reason)
 
     def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
         """Call ``step(a, b, …)`` once every topic of `classes` has sent the same tick."""
@@ -111,11 +182,14 @@ class LocoNode(Node):
         """As `join`, with an object per topic whose `read` decodes its bytes.
 
         Args:
-            readers: By topic.
+            readers: Object per topic whose `read` decodes its bytes.
             step: Gets what they read, in their order.
             tick_of: Number in the bytes of a message that all messages of a tick share.
-            limits: `newest` and `refuse` of `TickJoin`.
+            limits: `newest` and `refuse` of `TickJoin`; without them a tick that cannot be
+                used is one that the node refuses.
         """
+        if not limits:
+            limits = None, lambda reason: self.refuse(" + ".join(readers), reason or _NO_NUMBERS)
         join = TickJoin(readers, step, self._periods, tick_of, *limits)
         self._joins.append(join)
         for name in readers:
@@ -124,11 +198,26 @@ class LocoNode(Node):
 
     def announce_ready(self) -> None:
         """Publish the event ``ready`` once every endpoint is matched in both directions."""
+        self._matched_since = time.monotonic()
         self._ready_timer = self.create_timer(0.02, self._check_ready)
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
         """Publish something that happens once."""
-        message = Event(stamp=to_stamp(t), tick=tick, node=self.get_name(), kind=kind, text=text)
+        self.publish_event(self.get_name(), kind, text, tick, t)
+
+    def publish_event(self, node: str, kind: str, text: str, tick: int, t: float) -> None:
+        """Publish an event of a node, which is this one unless it speaks for another.
+
+        Args:
+            node: Name of the node that the event is of.
+            kind: Kind of the event.
+            text: Details for people.
+            tick: Tick at which it happened.
+            t: Simulated time [s].
+        """
+        text = text.encode("utf-8", "replace").decode()  # others may have sent half a character
+        text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+        message = Event(stamp=to_stamp(t), tick=tick, node=node, kind=kind, text=text)
         self._events.publish(message)
 
     def heard(self, topic: str, value: Any, tick: int) -> None:
@@ -149,8 +238,13 @@ class LocoNode(Node):
         """Topics that still wait for an endpoint, with what is missing."""
         missing = []
         for name, subscription in self._inputs.items():
-            if _paced(self.row(name)) and subscription.get_publisher_count() < 1:
+            if not _paced(self.row(name)):
+                continue
+            count = self.writers(subscription)
+            if count < 1:
                 missing.append(f"{name} (no writer)")
+            elif count > 1 and not all(map(is_named, self._living(subscription.topic_name))):
+                missing.append(f"{name} (a writer whose node is not known yet)")
         for name, publisher in self._outputs.items():
             row = self.row(name)
             wanted = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
@@ -159,38 +253,57 @@ class LocoNode(Node):
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
         return missing
 
-    def _refuse_strangers(self) -> None:
-        """A second writer of a control topic would answer our ticks with its own."""
+    def _strangers(self) -> str:
+        """Control topic that several nodes write, and their names; "" if there is none."""
         for name, subscription in self._inputs.items():
-            if _paced(self.row(name)) and subscription.get_publisher_count() > 1:
+            if _paced(self.row(name)) and self.writers(subscription) > 1:
                 writers = self._writers(subscription.topic_name)
                 if len(writers) > 1:
                     who = ", ".join(f"{w.node_name} of process {low_pid(w)}" for w in writers)
-                    raise GraphError(
-                        f"{name} has {len(writers)} writers ({who}); another graph runs on this "
-                        "ROS domain and namespace"
-                    )
+                    return f"{name} has {len(writers)} writers ({who})"
+        return ""
+
+    def _refuse_strangers(self) -> None:
+        """A graph does not begin beside another one; a later one does not end it.
+
+        Raises:
+            GraphError: A control topic has a second writer.
+        """
+        if found := self._strangers():
+            raise GraphError(f"{found}; another graph runs on this ROS domain and namespace")
 
     def _writers(self, name: str) -> list[Any]:
         """Writers of a topic whose processes live and whose nodes are known."""
+        return list(filter(is_named, self._living(name)))
+
+    def _living(self, name: str) -> list[Any]:
+        """Writers of a topic whose processes live."""
         host = own_host(self.get_publishers_info_by_topic(self._events.topic_name))
-        return list(filter(is_named, living(self.get_publishers_info_by_topic(name), host)))
+        return living(self.get_publishers_info_by_topic(name), host)
 
     def _check_ready(self) -> None:
         self._refuse_strangers()
-        if self._ready_timer is not None and not self.unmatched():
+        now = time.monotonic()
+        if self.unmatched():
+            self._matched_since = now
+        elif self._ready_timer is not None and now - self._matched_since > _SETTLING:
             self._ready_timer.cancel()
             self._ready_timer = None
             self.event("ready")
 
     def publish_diagnostics(self) -> None:
         """Publish the figures since the last call; a timer does it at 1 Hz."""
-        self._refuse_strangers()
+        strangers = self._strangers()
+        if strangers and self._ready_timer is not None:
+            self._refuse_strangers()
         values = {**self._periods.summary(), **self._usage.summary(), **self._inputs_report()}
         values |= self.diagnose()
         if self.granted:
             values["realtime"] = "; ".join(self.granted)
+        values |= self._refusals()
         level, text = judge(self._health, values)
+        if strangers:
+            level, text = ERROR, f"{strangers}; {text}"
         if self._ready_timer is not None:
             values["waiting for"] = ", ".join(self.unmatched())
             level, text = max(level, WARN), "waiting for endpoints"
@@ -205,8 +318,15 @@ class LocoNode(Node):
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
+    def _refusals(self) -> dict[str, Any]:
+        """Messages that were refused: all, since the last report, and why the newest was."""
+        total = sum(self._refused.values())
+        new, self._reported_refused = total - self._reported_refused, total
+        values: dict[str, Any] = {"refused_messages": total, "refused": new}
+        return values | ({"refused_last": self._reason} if total else {})
+
     def _inputs_report(self) -> dict[str, Any]:
-        """What came too late, how long ago the last tick was, and what the next one lacks."""
+        """Late messages, time since the last tick, and the messages that the next one lacks."""
         if not self._joins:
             return {}
         stale = sum(join.stale for join in self._joins)
@@ -216,118 +336,6 @@ class LocoNode(Node):
             values["silence"] = self._periods.silence
         values["missing"] = ", ".join(n for join in self._joins for n in join.missing())
         return values
-
-
-class TickJoin:
-    """Collects one message per topic and calls `step` when all have the same tick.
-
-    A tick is any number that grows: the tick itself, or the stamp. One that was answered
-    already, or an older one, is stale: counted and not answered. A message that cannot be
-    used is refused: nobody steps with numbers that are not finite.
-
-    Args:
-        readers: By topic: `read` decodes its bytes, ``finite(data, value)`` judges them.
-        step: Gets what they read.
-        meter: Is told of each step.
-        tick_of: Number in the bytes of a message that all messages of a tick share.
-        newest: For plants: the newest tick that anyone can know of; what claims to be newer
-            is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
-            is believed: the plant's clock was set back. A message more than a tick ahead of
-            the first topic waits, for that may be late; when another one of its topic comes
-            before that tick its clock was wrong, and it is stale.
-        refuse: Is told why a tick was refused: an error in words, or "" for not finite;
-            without it an error is raised.
-    """
-
-    def __init__(
-        self,
-        readers: dict[str, Any],
-        step: Callable,
-        meter: PeriodMeter,
-        tick_of: Callable[[bytes], int] = loco_tick,
-        newest: Callable[[], int] | None = None,
-        refuse: Callable[[str], None] | None = None,
-    ):
-        self._readers, self._tick_of = readers, tick_of
-        self._step, self._meter = step, meter
-        self._newest, self._refuse = newest, refuse
-        self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
-        self._heard = -1  # tick of the newest message that waits
-        self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
-        self._begun = -1  # tick of the last message of the first topic
-        self.done = -1  # newest tick answered
-        self.stale = self.refused = 0
-
-    def receiver(self, name: str) -> Callable[[bytes], None]:
-        """Callback for the raw bytes of one topic."""
-        tick_of, own, others = self._tick_of, self._waiting[name], self._waiting.values()
-        first, count = own is next(iter(others)), len(self._readers)
-
-        def receive(data: bytes) -> None:
-            tick = tick_of(data)
-            if first:
-                self._begun = tick
-            elif own and self._newest is None:
-                self._forget_early(own)
-            if tick <= self.done or (self._newest is not None and tick > self._newest()):
-                self.stale += 1
-                if not first or not self._set_back(tick):
-                    return
-            own[tick], self._heard = data, tick
-            found = [messages[tick] for messages in others if tick in messages]
-            if len(found) == count:
-                self._answer(tick, found)
-            elif len(own) > _PENDING:
-                del own[next(iter(own))]
-
-        return receive
-
-    def _forget_early(self, own: dict[int, bytes]) -> None:
-        """Another message came after one of a tick that did not begin: its clock was wrong."""
-        for tick in [t for t in own if self._period and t > self._begun + self._period]:
-            del own[tick]
-            self.stale += 1
-
-    def _set_back(self, tick: int) -> bool:
-        """Whether the clock was set back, and not a message late; then begin anew there."""
-        known = self._period and self._newest is None
-        if not known or tick > self.done - _BACK * self._period:
-            return False
-        self.done = tick - self._period
-        for messages in self._waiting.values():
-            messages.clear()
-        return True
-
-    def missing(self) -> list[str]:
-        """Topics that the next step still waits for."""
-        return [name for name, own in self._waiting.items() if self._heard not in own]
-
-    def _answer(self, tick: int, found: list[bytes]) -> None:
-        readers = self._readers.values()
-        try:
-            values = [reader.read(data) for reader, data in zip(readers, found, strict=True)]
-        except LocoError as error:
-            self.refused += 1
-            for own in self._waiting.values():
-                del own[tick]  # another message may still be right
-            if self._refuse is None:
-                raise
-            self._refuse(str(error))
-            return
-        if self.done >= 0:
-            self._period = min(self._period or tick, tick - self.done)
-        self.done = tick
-        for own in self._waiting.values():
-            for old in [t for t in own if t <= tick]:
-                del own[old]
-        judged = zip(readers, found, values, strict=True)
-        if not all(reader.finite(data, value) for reader, data, value in judged):
-            self.refused += 1
-            if self._refuse is not None:
-                self._refuse("")
-            return
-        self._meter.mark()
-        self._step(*values)
 
 
 def _paced(row: Topic) -> bool:

@@ -11,13 +11,15 @@ import dataclasses
 import json
 from typing import Any, TypeVar
 
+import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from loco_control.exceptions import LocoError, ParameterError
-from loco_control.params import Params
+from ..exceptions import LocoError, ParameterError
+from ..legs.geometry import HYQ
+from ..params import Params
 
 T = TypeVar("T", bound=Params)
 
@@ -42,6 +44,20 @@ def declare(node: Node, defaults: T, prefix: str = "", live: frozenset[str] = fr
             continue
         values[f.name] = _declare_one(node, name, value, f.metadata, name not in live)
     return dataclasses.replace(defaults, **values)
+
+
+def declare_legs(node: Node) -> np.ndarray:
+    """Geometry of the robot's legs from the parameter ``legs``, (4, 16); HyQ's by default.
+
+    Raises:
+        ParameterError: It has another number of values.
+    """
+    text = "geometry of the legs, by rows: a row per leg, columns as in legs.geometry"
+    descriptor = ParameterDescriptor(description=text, read_only=True)
+    values = node.declare_parameter("legs", HYQ.ravel().tolist(), descriptor).value
+    if len(values) != HYQ.size:
+        raise ParameterError(f"parameter legs needs {HYQ.size} numbers, got {len(values)}")
+    return np.array(values, dtype=float).reshape(HYQ.shape)
 
 
 def _declare_one(node: Node, name: str, value: Any, meta: Any, read_only: bool) -> Any:
@@ -71,8 +87,32 @@ def _descriptor(name: str, value: Any, meta: Any, read_only: bool) -> ParameterD
     return descriptor
 
 
-def on_change(node: Node, apply: dict[str, Any]) -> None:
-    """Call ``apply[name](value)`` when a live parameter is set; a LocoError refuses it."""
+def seal(node: Node) -> set[str]:
+    """Refuse to change a parameter that is there, unless its name is in the set returned.
+
+    To be called when the node is made: nobody on the network can set ``use_sim_time`` then,
+    with which the node's timers would follow a clock that others publish.
+    """
+    live: set[str] = set()
+
+    def changed(parameters: list[Parameter]) -> SetParametersResult:
+        there = [p.name for p in parameters if node.has_parameter(p.name)]
+        fixed = [name for name in there if name not in live]
+        text = f"{', '.join(fixed)} cannot change while the node runs"
+        return SetParametersResult(successful=not fixed, reason=text if fixed else "")
+
+    node.add_on_set_parameters_callback(changed)
+    return live
+
+
+def on_change(node: Any, apply: dict[str, Any]) -> None:
+    """Call ``apply[name](value)`` when a live parameter is set; a LocoError refuses it.
+
+    Args:
+        node: A `LocoNode`.
+        apply: Function by full name of the parameter.
+    """
+    node.changeable.update(apply)
 
     def changed(parameters: list[Parameter]) -> SetParametersResult:
         for p in parameters:

@@ -7,15 +7,14 @@ import sys
 
 from std_msgs.msg import String
 
-from loco_control.exceptions import LocoError
-from loco_control.stance import StanceController, StanceParams
-from loco_control.trunk import TrunkParams
-from loco_control.types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
-
-from .convert import Converter, blank
+from ..exceptions import LocoError
+from ..stance.controller import StanceController, StanceParams
+from ..stance.trunk import TrunkParams
+from ..types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
+from .executor import run_nodes
+from .messages.convert import Converter, blank
 from .node import LocoNode
-from .parameters import declare, on_change
-from .spin import run_nodes
+from .parameters import declare, declare_legs, on_change
 
 
 class StanceControllerNode(LocoNode):
@@ -26,7 +25,8 @@ class StanceControllerNode(LocoNode):
         dt = 1.0 / self.declare_parameter("control_rate", 250.0).value
         live = frozenset({"stance.estimator"})
         stance = declare(self, StanceParams(), "stance.", live)
-        self.controller = StanceController(stance, declare(self, TrunkParams(), "trunk."), dt)
+        trunk = declare(self, TrunkParams(), "trunk.")
+        self.controller = StanceController(stance, trunk, dt, declare_legs(self))
         self.controller.step(blank(RobotState), blank(GaitTarget), blank(MotionCommand))
         self.controller.reset()
         on_change(self, {"stance.estimator": self.controller.set_estimator})
@@ -52,7 +52,7 @@ class StanceControllerNode(LocoNode):
         try:
             self.controller.set_estimator(message.data)
         except LocoError as error:
-            self.get_logger().warning(str(error))
+            self.refuse("stance_estimator", str(error))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -4,20 +4,18 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Float64
 
-from loco_control.exceptions import LocoError
-from loco_control.gait import GaitParams, TargetGenerator
-from loco_control.types import GaitTarget, RobotState
-
-from .convert import Converter
+from ..exceptions import LocoError
+from ..gait.generator import LIVE, TWIST, GaitParams, TargetGenerator
+from ..types import GaitTarget, RobotState
+from .executor import run_nodes
+from .messages.convert import Converter
 from .node import LocoNode
-from .parameters import declare, on_change
-from .spin import run_nodes
-
-_LIVE = ("speed", "frequency", "step_height", "duty_factor")
+from .parameters import declare, declare_legs, on_change
 
 
 class TargetGeneratorNode(LocoNode):
@@ -26,9 +24,11 @@ class TargetGeneratorNode(LocoNode):
     def __init__(self) -> None:
         super().__init__("target_generator")
         dt = 1.0 / self.declare_parameter("control_rate", 250.0).value
-        live = frozenset(f"gait.{name}" for name in _LIVE)
-        self.generator = TargetGenerator(declare(self, GaitParams(), "gait.", live), dt)
-        on_change(self, {f"gait.{name}": self._setter(name) for name in _LIVE})
+        live = frozenset(f"gait.{name}" for name in LIVE)
+        gait = declare(self, GaitParams(), "gait.", live)
+        self.generator = TargetGenerator(gait, dt, declare_legs(self))
+        on_change(self, {f"gait.{name}": self._setter(name) for name in LIVE})
+        self._clipped = ""  # how the last `cmd_vel` differs from what is followed
         self._publish = self.raw_output("gait_target")
         self._pack = Converter(GaitTarget).pack
         self.input("cmd_vel", self._on_velocity)
@@ -43,7 +43,18 @@ class TargetGeneratorNode(LocoNode):
         return lambda value: self.generator.set(**{name: value})
 
     def _on_velocity(self, message: TwistStamped) -> None:
-        self._try("cmd_vel", speed=message.twist.linear.x)
+        linear, angular = message.twist.linear, message.twist.angular
+        asked = (linear.x, linear.y, angular.z)
+        self.heard("cmd_vel", " ".join(map(str, asked)), self._join.done + 1)
+        try:
+            followed = self.generator.follow(*asked)
+        except LocoError as error:
+            self.refuse("cmd_vel", str(error))
+            return
+        self._clipped = "" if tuple(followed.values()) == asked else _difference(asked, followed)
+        if self._clipped:
+            self.get_logger().warning(f"cmd_vel: {self._clipped}")
+            self.event("clipped", f"cmd_vel: {self._clipped}", self._join.done + 1)
 
     def _on_frequency(self, message: Float64) -> None:
         self._try("gait_frequency", frequency=message.data)
@@ -53,7 +64,18 @@ class TargetGeneratorNode(LocoNode):
         try:
             self.generator.set(**change)
         except LocoError as error:
-            self.get_logger().warning(str(error))
+            self.refuse(topic, str(error))
+
+    def diagnose(self) -> dict[str, Any]:
+        """Notes on the cuts of the last velocity command."""
+        return {"cmd_vel_clipped": self._clipped} if self._clipped else {}
+
+
+def _difference(asked: tuple[float, ...], followed: dict[str, float]) -> str:
+    """Sentence about a command that legs cannot follow."""
+    pairs = zip(TWIST, asked, followed.values(), strict=True)
+    cut = [f"{name} {wanted:.3g} is cut to {got:.3g}" for name, wanted, got in pairs if wanted]
+    return f"{', '.join(cut)}: out of range, or of reach of the legs"
 
 
 def main(args: list[str] | None = None) -> None:

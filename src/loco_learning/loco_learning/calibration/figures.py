@@ -100,7 +100,7 @@ def _draw(ax, row: Comparison, j: int) -> None:
 
 @figure
 def bodies(result: Result) -> Figure:
-    """Where between their bounds the parameters of each seed lie."""
+    """Parameters of each seed between their bounds."""
     chosen = parameter_set(result.options["parameters"])
     made, ((ax,),) = _canvas(1, 1, 0.9 + 0.28 * len(chosen.parameters))
     at = np.arange(len(chosen.parameters))[::-1]
@@ -112,7 +112,8 @@ def bodies(result: Result) -> Figure:
             label="default")  # fmt: skip
     known = [(p.to_unit(p.thesis), y) for p, y in zip(chosen.parameters, at, strict=True)
              if p.thesis is not None]  # fmt: skip
-    ax.plot(*zip(*known, strict=True), "x", ms=7, color="#222222", label="thesis, Table 5.1")
+    if known:
+        ax.plot(*zip(*known, strict=True), "x", ms=7, color="#222222", label="thesis, Table 5.1")
     ax.set_yticks(at, [p.text for p in chosen.parameters])
     ax.set_xticks([0.0, 1.0], ["lower bound", "upper bound"])
     made.legend(loc="outside upper left", ncols=3)

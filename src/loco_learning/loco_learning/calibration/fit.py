@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from loco_sim import model as models
-from loco_sim.model import Model
+from loco_sim.plant import model as models
+from loco_sim.plant.model import Model
 
-from ..population import Optimum, PopulationParams, Progress, minimise
-from ..workers import Score
+from ..search.population import Optimum, PopulationParams, Progress, minimise
+from ..search.score import Score
 from .objective import Evaluation, Reference
 from .parameters import ParameterSet, parameter_set
 from .params import CalibrationParams
@@ -38,10 +38,10 @@ FAILED = 1e3  # error of a body that cannot be built or whose physics diverges
 
 
 class Problem:
-    """What the search minimises, in the unit cube; other processes can evaluate it.
+    """The function that the search minimises, in the unit cube; other processes can evaluate it.
 
     Args:
-        reference: What models are compared with.
+        reference: Recording that models are compared with.
         run: Starts of the search before this one.
     """
 
@@ -54,11 +54,11 @@ class Problem:
 
     def __call__(self, x: np.ndarray) -> Score:
         """Error of a body; what raises is a failed score."""
-        found = self.reference.evaluate(self._set.from_unit(x))
-        return Score(found.error[self.reference.options.loss], extra={"fall": found.fall})
+        evaluation = self.reference.evaluate(self._set.from_unit(x))
+        return Score(evaluation.error[self.reference.options.loss], extra={"fall": evaluation.fall})
 
     def describe(self) -> dict[str, Any]:
-        """What tells this search from others, in the record of evaluations."""
+        """Values that tell this search from others, for the record of evaluations."""
         options = self.reference.options.deciding()
         signals = hashlib.sha256(self.reference.robot.periods.tobytes()).hexdigest()
         model = asdict(self.reference.base)
@@ -66,7 +66,7 @@ class Problem:
 
 
 def start(chosen: ParameterSet, seed: int, run: int = 0) -> np.ndarray:
-    """Where a search begins, (d,): first at the default body, later anywhere."""
+    """Starting point of a search, (d,): first at the default body, later anywhere."""
     if run == 0:
         return chosen.to_unit(chosen.default)
     return np.random.default_rng([seed, run]).uniform(0.1, 0.9, len(chosen.names))
@@ -76,13 +76,13 @@ class Calibration:
     """One calibration of a robot's model against a recording.
 
     Args:
-        recording: What was measured.
+        recording: Measurements of the robot.
         robot: Name of a robot or path of a ``robot.yaml`` or ``model.yaml``.
-        options: What is fitted and how.
+        options: Parameters to fit, and settings of the search.
 
     Attributes:
         reference: The recording cut into periods.
-        parameters: What is fitted.
+        parameters: Parameters that are fitted.
         before: The default body compared with the recording.
 
     Raises:
@@ -120,7 +120,7 @@ class Calibration:
 
         Args:
             tell: Called after each generation.
-            folder: Where evaluations are recorded; one with the same search is resumed.
+            folder: Folder of the record of evaluations; one with the same search is resumed.
             workers: Processes that evaluate; 0 evaluates in this one.
             scheduler: Address of a dask scheduler to use instead.
 
@@ -132,14 +132,14 @@ class Calibration:
         while not ended:
             place = Path(folder) / f"run_{run}" if folder else None
             search = self._search(run, budget - course.evaluations, workers, scheduler)
-            found = minimise(
+            optimum = minimise(
                 Problem(self.reference, run),
                 search,
                 place,
                 lambda progress: course.add(progress) or self._cancelled,
                 lambda: self._cancelled,
             )
-            course.end(found)
+            course.end(optimum)
             run += 1
             if self._cancelled:
                 ended = "cancelled"
@@ -184,7 +184,7 @@ class _Course:
     def add(self, p: Progress) -> None:
         """Take in a generation."""
         self._better(p.best, p.x)
-        made = Generation(
+        generation = Generation(
             len(self.history) + 1,
             self.evaluations + p.evaluations,
             self.best,
@@ -194,15 +194,15 @@ class _Course:
             p.failures,
             p.eta,
         )
-        self.history.append(made)
+        self.history.append(generation)
         if self._tell:
-            self._tell(made)
+            self._tell(generation)
 
-    def end(self, found: Optimum) -> None:
+    def end(self, optimum: Optimum) -> None:
         """Take in the end of a start."""
-        self.evaluations += found.evaluations
-        if found.evaluations:
-            self._better(found.value, found.x)
+        self.evaluations += optimum.evaluations
+        if optimum.evaluations:
+            self._better(optimum.value, optimum.x)
 
     def _better(self, value: float, x: np.ndarray) -> None:
         if value < self.best:

@@ -28,7 +28,7 @@ class Signals:
     """The newest commands and joint angles of one robot, without pauses.
 
     Args:
-        name: Of the robot, for messages.
+        name: Name of the robot, for messages.
         joints: Names of its joints, columns of the angles.
         driven: Names of its driven joints, columns of the commands.
         span: Simulated time that is kept [s].
@@ -71,7 +71,7 @@ class Signals:
         return max(0.0, min(self._states[-1][0], self._commands[-1][0]) - begin)
 
     def recording(self, rate: float) -> Recording:
-        """What is kept, on one even time axis.
+        """The signals that are kept, on one even time axis.
 
         Raises:
             ParameterError: Too little, or values that are not finite.
@@ -87,14 +87,14 @@ class Signals:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far a model is from a measured robot over one period.
+    """The distance of a model from a measured robot over one period.
 
     Attributes:
-        number: Of the period, from 0.
+        number: Number of the period, from 0.
         t: End of the period on the measured robot's clock [s].
         since: Start of the model's period on its clock [s].
         gap: Windowed error, summed over the joints [rad].
-        lag: How far the measured robot is behind its model [s].
+        lag: Delay of the measured robot behind its model [s].
         joints: Mean absolute error of each joint at that shift [rad], (J,).
         period: Length of the period [s].
     """
@@ -160,7 +160,8 @@ class GapMeter:
         """Borders and signals of the newest period that ends after a time, None if none does."""
         try:
             recording = signals.recording(self._rate)
-            at = segments.crossings(recording.t, recording.command[:, 0], 1)
+            moving = segments.leading(recording.command)
+            at = segments.crossings(recording.t, recording.command[:, moving], 1)
         except ParameterError:
             return None
         at = at[at <= recording.t[-1] - SETTLED]

@@ -54,7 +54,7 @@ def author(
     """Error of the author's code [s] and the shift it is found at [s]; see `thesis`.
 
     Raises:
-        ParameterError: Also when a channel of the robot is constant: it has no range.
+        ParameterError: A channel of the robot is constant, so that it has no range.
     """
     low, width = robot.min(axis=0), np.ptp(robot, axis=0)
     if np.any(width <= 0.0):
@@ -89,8 +89,8 @@ def _errors(
     count = len(robot)
     # Half a period either way is every shift there is.
     most = min(int(window / period * count + 1e-9), count // 2)
-    made = _kernel(np.ascontiguousarray(robot.T), np.ascontiguousarray(model.T), most)
-    return made, period / count
+    errors = _kernel(np.ascontiguousarray(robot.T), np.ascontiguousarray(model.T), most)
+    return errors, period / count
 
 
 def _least(errors: np.ndarray, step: float) -> tuple[float, float]:

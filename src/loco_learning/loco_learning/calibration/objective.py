@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wrong a body is: the error between a recording and the model's replay of it."""
+"""The error of a body: the difference between a recording and the model's replay of it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loco_sim.model import Model
+from loco_control.exceptions import LocoError, ParameterError
+from loco_sim.plant.joint_commands import JointCommands
+from loco_sim.plant.model import Model
+from loco_sim.plant.orders import Orders
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot.robot import Robot
 
 from . import mawe, segments
-from .parameters import parameter_set
+from .parameters import SETS, parameter_set
 from .params import CalibrationParams
-from .recording import Recording, passive
-from .replay import replay
+from .recording import Commands, Recording, compared
 
 REST = 0.2  # periods that a model has at least to settle
 
@@ -25,7 +29,7 @@ class Evaluation:
 
     Attributes:
         error: Windowed error by the name of the loss.
-        lag: How far the robot is behind the model [s].
+        lag: Delay of the robot behind the model [s].
         robot: Periods of the robot.
         model: Periods of the model.
         fall: Why the model fell, empty when it did not.
@@ -42,7 +46,7 @@ class Reference:
     """A recording cut into periods: what models are compared with.
 
     Attributes:
-        joints: Names of the passive joints, columns of the signals.
+        joints: Names of the joints that are compared, columns of the signals.
         robot: Periods of the robot.
 
     Raises:
@@ -52,18 +56,25 @@ class Reference:
     def __init__(self, recording: Recording, base: Model, options: CalibrationParams):
         robot = base.make_robot()
         self.base, self.options, self.name = base, options, recording.name
-        self.joints = passive(robot)
-        command, sensors = recording.command_of(robot), recording.sensors_of(robot)
+        self.joints = compared(robot)
+        commands, sensors = recording.commands_of(robot), recording.sensors_of(robot)
+        command = commands.q
         used = recording.t >= recording.t[0] + options.skip
+        if not used.any():
+            raise ParameterError(
+                f"{recording.name} lasts {recording.t[-1] - recording.t[0]:.1f} s, and its first "
+                f"{options.skip:g} s are not used, since the robot settles there: record longer"
+            )
         least = max(2, options.periods)
-        at = segments.crossings(recording.t[used], command[used, 0], least)
+        moving = segments.leading(command[used])
+        at = segments.crossings(recording.t[used], command[used, moving], least)
         self.robot = segments.cut(recording.t[used], sensors[used], at)
         self._at = at[: (options.periods or len(at)) + 1]
         standing = robot.standing[robot.driven]
         begin = _begin(recording.t, np.abs(command - standing).max(axis=1), self, options.settle)
         end = self._at[-1] + 2.0 * recording.dt
         inside = (recording.t >= begin) & (recording.t <= end)
-        self._t, self._command = recording.t[inside], command[inside]
+        self._commands = commands.part(inside)
 
     @property
     def first(self) -> float:
@@ -73,7 +84,7 @@ class Reference:
     @property
     def simulated(self) -> float:
         """Length of one replay [s]."""
-        return float(self._t[-1] - self._t[0])
+        return float(self._commands.t[-1] - self._commands.t[0])
 
     def compare(self, model: Model) -> Evaluation:
         """Replay the recorded commands on a model and compare the sensors.
@@ -82,7 +93,7 @@ class Reference:
             ParameterError: The body cannot be built.
             DivergedError: The state is no longer finite.
         """
-        done = replay(model, self._t, self._command, self.options.seed)
+        done = replay(model, self._commands, self.options.seed)
         cut = segments.cut(done.t, done.q, self._at)
         errors, lag = {}, 0.0
         for name, loss in mawe.LOSSES.items():
@@ -96,13 +107,29 @@ class Reference:
         changes = parameter_set(self.options.parameters).overrides(values)
         return Model(self.base.robot, {**self.base.overrides, **changes}, self.base.effects)
 
+    def check(self) -> None:
+        """Build the base model with the default body.
+
+        Raises:
+            ParameterError: The parameters are those of another robot.
+        """
+        name = self.options.parameters
+        try:
+            self.with_body(parameter_set(name).default).make_robot()
+        except LocoError as error:
+            others = ", ".join(key for key in SETS if key != name)
+            raise ParameterError(
+                f"the parameters {name!r} do not fit robot {self.base.robot!r} ({error}); choose "
+                f"others with --parameters: {others}"
+            ) from None
+
     def evaluate(self, values: Mapping[str, float]) -> Evaluation:
         """Compare the base model with the values of the calibrated parameters."""
         return self.compare(self.with_body(values))
 
 
 def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float) -> float:
-    """Where a replay begins [s]: at most `settle` periods before the first that is compared.
+    """Time at which a replay begins [s]: up to `settle` periods before the first compared one.
 
     In the first of these periods it is where the command is nearest to the standing pose,
     so that the model neither jumps nor needs long to settle.
@@ -110,7 +137,7 @@ def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float)
     Args:
         t: Times of the recording [s], (T,).
         jump: Largest distance of the commands from the standing pose [rad], (T,).
-        reference: With its borders and robot set.
+        reference: Reference whose borders and robot are set.
         settle: Periods.
     """
     first, period = reference.first, reference.robot.period
@@ -120,3 +147,54 @@ def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float)
     if earliest <= t[0] or not len(rows):
         return max(float(t[0]), earliest - 1e-9)
     return float(t[rows[np.argmin(jump[rows])]])
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The motion of a model.
+
+    Attributes:
+        t: Times on the recording's clock [s], (T,).
+        q: Measured angles of the joints that are compared [rad], (T, J).
+        fall: Why the model counts as fallen, empty when it does not.
+        distance: Way of the base along x [m].
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    fall: str
+    distance: float
+
+
+def replay(model: Model, told: Commands, seed: int = 0) -> Replay:
+    """Run a model from standing with recorded commands.
+
+    A fall does not end it: the sensors of a fallen model tell that it is wrong.
+
+    Args:
+        model: Robot, overrides and effects.
+        told: Commands of the driven joints.
+        seed: Seed of the effects.
+
+    Raises:
+        ParameterError: The body cannot be built, or the rate does not fit the physics.
+        DivergedError: The state is no longer finite.
+    """
+    robot, t = model.make_robot(), told.t
+    dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # stamps are rounded, rates are not
+    orders, listened = _orders(robot, told), [robot.joints.index(j) for j in compared(robot)]
+    q = np.empty((len(t), len(listened)))
+    with Simulation(None, model.make_effects(), seed, dt, robot) as sim:
+        for row, state in enumerate(sim.follow(orders)):
+            q[row] = state.q[listened]
+        return Replay(t, q, sim.fallen or "", float(sim.ground_truth().position[0]))
+
+
+def _orders(robot: Robot, told: Commands) -> Orders:
+    """Commands of all joints."""
+    orders = JointCommands(robot).orders(told.q, told.dq)
+    if told.torque is not None:
+        orders = orders._replace(tau=np.asarray(told.torque, dtype=float))
+    if told.stance is not None:
+        orders = orders._replace(stance=np.asarray(told.stance, dtype=bool))
+    return orders

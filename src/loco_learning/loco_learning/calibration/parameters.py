@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a calibration may change in a body: thesis eq. (5.1), and the author's own list.
+"""Parameters of a body that a calibration may change: thesis eq. (5.1), and the author's own list.
 
 A parameter knows its unit, bounds, value before calibration and the places in
 ``robot.yaml`` that it is written to. Friction and contact depth span decades and are
 searched on a logarithmic scale.
 
+``seven`` and ``ten`` are of Tigrillo, ``legs`` of legs under joint impedance, HyQ's.
+
 ``seven`` is eq. (5.1): stiffness, contact depth and friction, front and hind, and the
 mass distribution at a fixed total. ``ten`` is the list in the author's code: both
-masses on their own, and the smallest knee angle (his compression tolerance).
+masses on their own, and the smallest knee angle (his compression tolerance). ``legs`` is
+ours: stiffness of the drives in stance, damping and armature, alike on all legs.
 
 Bounds are those of the author's code, except for what the thesis prints as optimum and
 these bounds exclude: hind friction 8.2e-4 (lower bound 1e-3) and front mass 0.674 kg
@@ -36,8 +39,8 @@ class BodyParameter:
     """One number of the body.
 
     Attributes:
-        name: Of the parameter, in files and tables.
-        unit: Its unit.
+        name: Name of the parameter in files and tables.
+        unit: Unit of the parameter.
         low: Smallest value searched.
         high: Largest value searched.
         default: Value before calibration, thesis Table 5.1, column "No Optim".
@@ -114,6 +117,30 @@ _SHARE = BodyParameter(
 )
 
 
+def _legs() -> tuple[BodyParameter, ...]:
+    """Drive and friction of each kind of joint of a leg like HyQ's, whose values are the defaults.
+
+    Without armature a joint would be at the bound of its scale; a little of it is the default.
+    """
+    found = []
+    for kind, text, stiffness in (
+        ("haa", "hip abduction", 150.0), ("hfe", "hip flexion", 250.0), ("kfe", "knee", 150.0)
+    ):  # fmt: skip
+        rows = (
+            ("stiffness", "N·m/rad", 30.0, 1000.0, stiffness, "drives.*_{}_joint.kp", True),
+            ("damping", "N·m·s/rad", 0.01, 30.0, 0.1, "dynamics.*_{}_joint.damping", True),
+            ("armature", "kg·m²", 1e-4, 1.0, 1e-3, "dynamics.*_{}_joint.armature", True),
+        )
+        for quantity, unit, low, high, default, target, log in rows:
+            found.append(
+                BodyParameter(
+                    f"{quantity}_{kind}", unit, low, high, default, None, target.format(kind),
+                    f"{text} {quantity}", log,
+                )
+            )  # fmt: skip
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class ParameterSet:
     """Parameters that are calibrated together."""
@@ -142,11 +169,11 @@ class ParameterSet:
 
     def overrides(self, values: Mapping[str, float]) -> dict[str, float]:
         """Values of ``robot.yaml`` by dotted name that make this body."""
-        made = {p.target: float(values[p.name]) for p in self.parameters if p.target}
+        overrides = {p.target: float(values[p.name]) for p in self.parameters if p.target}
         if "mass_share" in values:
             share = float(values["mass_share"])
-            made |= {MASSES[0]: share * TOTAL, MASSES[1]: (1.0 - share) * TOTAL}
-        return made
+            overrides |= {MASSES[0]: share * TOTAL, MASSES[1]: (1.0 - share) * TOTAL}
+        return overrides
 
 
 SETS = {
@@ -156,6 +183,7 @@ SETS = {
         ParameterSet(
             "ten", "the author's code", (*_MASS, *_FRICTION_CODE, *_DEPTH, *_STIFFNESS, *_STOP)
         ),
+        ParameterSet("legs", "legs under joint impedance", _legs()),
     )
 }
 

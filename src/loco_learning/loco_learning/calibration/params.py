@@ -16,7 +16,7 @@ LIMITS = ("generations", "evaluations")  # may change when a calibration is gone
 
 @dataclass(frozen=True)
 class CalibrationParams(Params):
-    """What is fitted, to what, and how long the search goes on."""
+    """Parameters to fit, the loss, and the length of the search."""
 
     parameters: str = parameter("seven", "set of parameters", choices=tuple(SETS))
     loss: str = parameter("thesis", "variant of the windowed error", choices=tuple(LOSSES))

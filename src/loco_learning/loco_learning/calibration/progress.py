@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a calibration tells while it runs and in the end: plain data, ready for JSON."""
+"""Progress and result of a calibration: plain data, ready for JSON."""
 
 from __future__ import annotations
 
@@ -60,5 +60,5 @@ def plateau(best: list[float], share: float = 0.95) -> int:
 
 def fit_from_dict(values: dict[str, Any]) -> Fit:
     """Undo `Fit.to_dict`."""
-    known = {k: values[k] for k in ("seed", "values", "error", "before", "ended", "seconds")}
-    return Fit(**known, history=[Generation(**g) for g in values["history"]])
+    fields = {k: values[k] for k in ("seed", "values", "error", "before", "ended", "seconds")}
+    return Fit(**fields, history=[Generation(**g) for g in values["history"]])

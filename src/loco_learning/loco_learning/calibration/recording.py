@@ -1,19 +1,43 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was measured on a robot: commands of its driven joints, angles of its joints."""
+"""Measurements of a robot: commands of its driven joints, angles of its joints."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_sim.robot import Robot
+from loco_sim.robot.robot import Robot
 
-from ..joint_sensors import columns, passive_joints
+from ..reflex.joint_sensors import columns, passive_joints
 
 GAP = 0.25  # longest silence that is bridged [s]
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Commands to a robot on an even time axis.
+
+    Attributes:
+        t: Times [s], (T,).
+        q: Commanded positions of the driven joints [rad], (T, m).
+        dq: Commanded velocities [rad/s], (T, m); None is at rest.
+        torque: Feed-forward torque of all joints [N·m], (T, n); None is none.
+        stance: Feet whose legs are under the gains of stance, (T, feet); None is all.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray | None = None
+    torque: np.ndarray | None = None
+    stance: np.ndarray | None = None
+
+    def part(self, rows: np.ndarray) -> Commands:
+        """The same at some of the times."""
+        cut = {name: None if x is None else x[rows] for name, x in vars(self).items()}
+        return replace(self, **cut)
 
 
 @dataclass(frozen=True)
@@ -21,12 +45,17 @@ class Recording:
     """Commands and sensor signals on one even time axis.
 
     Attributes:
-        name: Where it comes from, for people.
+        name: Origin of the recording, for people.
         t: Times [s], even, (T,).
         command: Command that holds from each time on [rad], (T, m).
         q: Measured joint angles [rad], (T, n).
         driven: Joints of the command's columns.
         joints: Joints of the columns of `q`.
+        velocity: Commanded velocity of the driven joints [rad/s], (T, m); None is none.
+        torque: Feed-forward torque of the robot's joints [N·m], (T, n), in the robot's order;
+            None is none.
+        stance: Feet whose legs are under the gains of stance, (T, feet), in the robot's order;
+            None is all of them.
     """
 
     name: str
@@ -35,33 +64,41 @@ class Recording:
     q: np.ndarray
     driven: tuple[str, ...]
     joints: tuple[str, ...]
+    velocity: np.ndarray | None = None
+    torque: np.ndarray | None = None
+    stance: np.ndarray | None = None
 
     @property
     def dt(self) -> float:
         """Time between samples [s]."""
         return float(self.t[1] - self.t[0])
 
-    def command_of(self, robot: Robot) -> np.ndarray:
-        """Command of the robot's driven joints, in the robot's order, (T, m).
+    def commands_of(self, robot: Robot) -> Commands:
+        """Commands of the robot's driven joints, in the robot's order.
 
         Raises:
             ParameterError: The recording lacks a driven joint.
         """
-        wanted = [robot.joints[i] for i in robot.driven]
-        return self.command[:, columns(self.name, wanted, self.driven, "commands", robot)]
+        names = [robot.joints[i] for i in robot.driven]
+        order = columns(self.name, names, self.driven, "commands", robot)
+        velocity = None if self.velocity is None else self.velocity[:, order]
+        return Commands(self.t, self.command[:, order], velocity, self.torque, self.stance)
 
     def sensors_of(self, robot: Robot) -> np.ndarray:
-        """Measured angles of the joints that `passive` names, (T, J).
+        """Measured angles of the joints that are `compared`, (T, J).
 
         Raises:
-            ParameterError: The recording lacks a passive joint.
+            ParameterError: The recording lacks one of these joints.
         """
-        return self.q[:, columns(self.name, passive(robot), self.joints, "sensors", robot)]
+        return self.q[:, columns(self.name, compared(robot), self.joints, "sensors", robot)]
 
 
-def passive(robot: Robot) -> list[str]:
-    """Joints that no motor drives: what they do shows the body. Tigrillo: its knees."""
-    return [robot.joints[i] for i in passive_joints(robot)]
+def compared(robot: Robot) -> list[str]:
+    """Joints whose motion shows the body.
+
+    Those that no motor drives, as Tigrillo's knees; where all are driven, as on HyQ, all.
+    """
+    return [robot.joints[i] for i in passive_joints(robot)] or list(robot.joints)
 
 
 def align(
@@ -69,6 +106,7 @@ def align(
     states: tuple[np.ndarray, np.ndarray, Sequence[str]],
     commands: tuple[np.ndarray, np.ndarray, Sequence[str]],
     rate: float,
+    others: Mapping[str, np.ndarray] | None = None,
 ) -> Recording:
     """Put commands and states with their own stamps on one even time axis.
 
@@ -76,10 +114,12 @@ def align(
     the time that both cover.
 
     Args:
-        name: Where it comes from.
+        name: Origin of the recording.
         states: Stamps [s], (K,), joint angles [rad], (K, n), and names of the joints.
         commands: Stamps [s], (L,), commands [rad], (L, m), and names of the joints.
         rate: Samples per second of the result.
+        others: Arrays `velocity`, `torque` and `stance` of a `Recording`, at the stamps of the
+            commands, (L, …).
 
     Raises:
         ParameterError: No time in common, a long gap, or values that are not finite.
@@ -99,4 +139,5 @@ def align(
     t = first + np.arange(count) / rate
     row = np.searchsorted(commands[0], t + 1e-6, side="right") - 1
     q = np.stack([np.interp(t, states[0], column) for column in states[1].T], axis=1)
-    return Recording(name, t, commands[1][row], q, tuple(commands[2]), tuple(states[2]))
+    held = {key: values[row] for key, values in (others or {}).items()}
+    return Recording(name, t, commands[1][row], q, tuple(commands[2]), tuple(states[2]), **held)

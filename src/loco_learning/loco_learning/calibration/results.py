@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,9 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.exceptions import ParameterError
+from loco_control.files import write_whole
+from loco_control.reading import read_json
 
+from .mawe import UNITS
 from .objective import Evaluation
+from .parameters import parameter_set
 from .progress import Fit, fit_from_dict
 
 FORMAT = 1
@@ -26,14 +29,14 @@ class Comparison:
     """One recording beside the default and the calibrated model.
 
     Attributes:
-        name: Of the recording.
+        name: Name of the recording.
         fitted: The calibration saw this recording.
         period: Length of a period [s].
         count: Periods of the robot that were averaged.
         before: Errors of the default model by name of the loss.
         after: Errors of the calibrated model.
-        lag_before: How far the robot is behind the default model [s].
-        lag_after: How far it is behind the calibrated model [s].
+        lag_before: Delay of the robot behind the default model [s].
+        lag_after: Delay of the robot behind the calibrated model [s].
         fall_before: Why the default model fell, empty when it did not.
         fall_after: Why the calibrated model fell.
         curves: ``robot``, ``default``, ``calibrated``: average period, (N, J) [rad], and the
@@ -60,9 +63,9 @@ class Comparison:
 def comparison(name: str, fitted: bool, before: Evaluation, after: Evaluation) -> Comparison:
     """Put two evaluations of the same recording side by side."""
     curves = {}
-    for key, found in (("robot", before.robot), ("default", before.model),
+    for key, errors in (("robot", before.robot), ("default", before.model),
                        ("calibrated", after.model)):  # fmt: skip
-        curves[key], curves[f"{key}_spread"] = found.mean, found.spread
+        curves[key], curves[f"{key}_spread"] = errors.mean, errors.spread
     return Comparison(
         name, fitted, before.robot.period, len(before.robot.periods), before.error, after.error,
         before.lag, after.lag, before.fall, after.fall, curves,
@@ -71,14 +74,14 @@ def comparison(name: str, fitted: bool, before: Evaluation, after: Evaluation) -
 
 @dataclass(frozen=True)
 class Result:
-    """What a calibration found.
+    """The result of a calibration.
 
     Attributes:
         robot: Robot or model that was calibrated.
         surrogate: The recordings come from a simulated stand-in, not from a machine.
         options: Settings, plain.
         joints: Passive joints, columns of the curves.
-        fits: One search per seed.
+        fits: Searches, one per seed.
         comparisons: Recordings, the fitted one first.
         seconds: Wall time of all.
         workers: Processes that evaluated.
@@ -108,11 +111,7 @@ class Result:
         values = asdict(self) | {"fits": [fit.to_dict() for fit in self.fits]}
         for row in values["comparisons"]:
             row["curves"] = {k: np.round(v, 5).tolist() for k, v in row["curves"].items()}
-        path = Path(folder) / FILE
-        part = path.with_name(f"{FILE}.{os.getpid()}.part")
-        part.write_text(json.dumps({"format": FORMAT, **values}) + "\n", encoding="utf-8")
-        part.replace(path)
-        return path
+        return write_whole(Path(folder) / FILE, json.dumps({"format": FORMAT, **values}) + "\n")
 
 
 def load(folder: str | Path) -> Result:
@@ -124,20 +123,17 @@ def load(folder: str | Path) -> Result:
     """
     path = Path(folder)
     path = path / FILE if path.is_dir() else path
-    if not path.is_file():
-        raise MissingFileError(f"there is no calibration result at {path}")
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        found = values.pop("format")
-    except (ValueError, KeyError, AttributeError, TypeError) as error:
-        raise ParameterError(f"{path} is not a calibration result of loco ({error})") from None
-    if found != FORMAT:
+    values = read_json(path, "calibration result")
+    if not isinstance(values, dict) or "format" not in values:
+        raise ParameterError(f"{path} is not a calibration result of loco (it has no format)")
+    version = values.pop("format")
+    if version != FORMAT:
         raise ParameterError(
-            f"{path} is a calibration result of format {found}; this version reads {FORMAT}"
+            f"{path} is a calibration result of format {version}; this version reads {FORMAT}"
         )
     try:
         return _from_dict(values)
-    except (KeyError, TypeError, ValueError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise ParameterError(f"{path} is not a whole calibration result ({error})") from None
 
 
@@ -149,3 +145,71 @@ def _from_dict(values: dict[str, Any]) -> Result:
     fits: Sequence[Fit] = [fit_from_dict(fit) for fit in values.pop("fits")]
     joints = tuple(values.pop("joints"))
     return Result(**values, joints=joints, fits=tuple(fits), comparisons=tuple(rows))
+
+
+THESIS_ERROR = (3.231, 0.483)  # Table 5.1, in the unit of the author's loss
+_MILLI = {"m": ("mm", 1e3)}
+
+
+def body_table(result: Result) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of Table 5.1: default, calibrated, spread over seeds, thesis."""
+    chosen, best = parameter_set(result.options["parameters"]), result.best
+    head = ["Parameter", "Unit", "Default", "Calibrated", "All seeds", "Thesis"]
+    rows = []
+    for p in chosen.parameters:
+        unit, scale = _MILLI.get(p.unit, (p.unit, 1.0))
+        seeds = [scale * fit.values[p.name] for fit in result.fits]
+        thesis = "–" if p.thesis is None else f"{scale * p.thesis:.4g}"
+        rows.append([
+            f"{p.text}", unit, f"{scale * p.default:.4g}", f"{scale * best.values[p.name]:.4g}",
+            f"{min(seeds):.3g} to {max(seeds):.3g}", thesis,
+        ])  # fmt: skip
+    fitted = result.comparisons[0]
+    for name, unit in UNITS.items():
+        mark = ", fitted" if name == result.loss else ""
+        seeds = [fit.error for fit in result.fits] if mark else []
+        printed = "{:.4g}, before {:.4g}".format(*THESIS_ERROR[::-1]) if name == "author" else "–"
+        rows.append([
+            f"windowed error ({name}{mark})", unit, f"{fitted.before[name]:.4g}",
+            f"{fitted.after[name]:.4g}",
+            f"{min(seeds):.3g} to {max(seeds):.3g}" if seeds else "–", printed,
+        ])  # fmt: skip
+    return head, rows
+
+
+def recording_table(result: Result) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: error of each recording before and after, lag, falls."""
+    head = ["Recording", "Periods", "Loss", "Default", "Calibrated", "Ratio", "Robot lags by",
+            "Default model", "Calibrated model"]  # fmt: skip
+    rows = []
+    for row in result.comparisons:
+        kind = "fitted" if row.fitted else "not fitted"
+        for name, unit in UNITS.items():
+            rows.append([
+                f"{row.name} ({kind})", f"{row.count} of {row.period:.2f} s", f"{name} [{unit}]",
+                f"{row.before[name]:.4g}", f"{row.after[name]:.4g}", f"{row.ratio(name):.2f}",
+                f"{1e3 * row.lag_after:.0f} ms", row.fall_before or "stands",
+                row.fall_after or "stands",
+            ])  # fmt: skip
+    return head, rows
+
+
+def seed_table(result: Result) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: one search per seed, then mean and standard deviation."""
+    head = ["Seed", "Error", "Ratio", "Plateau at generation", "Generations", "Rollouts", "Ended"]
+    rows = [
+        [
+            str(fit.seed), f"{fit.error:.4g}", f"{fit.ratio:.2f}", str(fit.plateau),
+            str(len(fit.history)), str(fit.history[-1].evaluations), fit.ended,
+        ]
+        for fit in result.fits
+    ]  # fmt: skip
+    errors = np.array([fit.error for fit in result.fits])
+    rows.append(["mean ± std", f"{errors.mean():.4g} ± {errors.std():.2g}", "", "", "", "", ""])
+    return head, rows
+
+
+def markdown(head: list[str], rows: list[list[str]]) -> str:
+    """A table for a page in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"

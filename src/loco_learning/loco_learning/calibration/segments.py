@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, filtfilt
 
 from loco_control.exceptions import ParameterError
 
@@ -58,8 +57,21 @@ def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
     """
     if len(x) < 16:
         raise ParameterError(f"a signal of {len(x)} samples is too short to be cut into periods")
-    b, a = butter(2, cutoff)
-    return filtfilt(b, a, x, padlen=min(len(x) - 1, 300))
+    # Here, for it takes 0.8 s: who reads pages and segments does not filter.
+    from scipy import signal
+
+    b, a = signal.butter(2, cutoff)
+    return signal.filtfilt(b, a, x, padlen=min(len(x) - 1, 300))
+
+
+def leading(commands: np.ndarray) -> int:
+    """Column of the first command that moves, whose zero crossings cut all signals; 0 if none does.
+
+    Args:
+        commands: Commands of the driven joints, (T, m).
+    """
+    moving = np.ptp(commands, axis=0) >= FLAT if len(commands) else np.zeros(1, dtype=bool)
+    return int(np.argmax(moving))
 
 
 def crossings(
@@ -74,12 +86,16 @@ def crossings(
         cutoff: See `low_pass`.
 
     Raises:
-        ParameterError: Not finite, constant, not periodic or too few periods.
+        ParameterError: The signal is not finite, constant, not periodic, or has too few periods.
     """
     if not np.all(np.isfinite(reference)):
         raise ParameterError("the actuation has values that are not finite")
-    if len(reference) == 0 or np.ptp(reference) < FLAT:
-        raise ParameterError("the actuation is constant: it has no zero crossings to cut at")
+    if len(reference) == 0:
+        raise ParameterError("there is no actuation: no samples are left to cut into periods")
+    if np.ptp(reference) < FLAT:
+        raise ParameterError(
+            f"the actuation is constant at {reference[0]:g} rad: it has no zero crossings to cut at"
+        )
     smooth = low_pass(reference, cutoff)
     smooth = smooth - 0.5 * (smooth.max() + smooth.min())
     before = np.flatnonzero((smooth[:-1] < 0.0) & (smooth[1:] >= 0.0))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from ..child import Child, Failed
+from ..jobs.child import Child, Failed
 from .params import CalibrationParams
 from .progress import Fit, Generation
 from .recording import Recording
@@ -63,9 +63,9 @@ class Worker(Child):
     """A calibration that runs in a child process; its news are `News`.
 
     Args:
-        recording: What was measured, or a function that reads it, to be called in the child.
+        recording: Measurements, or a function that reads them, to be called in the child.
         robot: Name of a robot or path of a ``robot.yaml`` or ``model.yaml``.
-        options: What is fitted and how.
+        options: Parameters to fit, and settings of the search.
         make: Makes the calibration, in the child.
     """
 
@@ -94,8 +94,8 @@ def _work(
     robot: str,
     options: CalibrationParams,
 ) -> None:
-    found = recording() if callable(recording) else recording
-    calibration = make(found, robot, options)
+    measured = recording() if callable(recording) else recording
+    calibration = make(measured, robot, options)
     before = calibration.before.error[options.loss]
     pipe.send(Started(before))
     threading.Thread(target=_obey, args=(pipe, calibration), daemon=True).start()

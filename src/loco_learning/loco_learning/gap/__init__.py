@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where model and measurement differ, which physical effect is missing, and the proof of it."""
+"""The place where model and measurement differ, the effect that is missing, and the proof."""

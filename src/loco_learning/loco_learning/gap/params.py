@@ -10,7 +10,7 @@ from loco_control.params import Params, parameter
 
 @dataclass(frozen=True)
 class GapParams(Params):
-    """How hard to look for a gap, and how sure to be before it gets a name."""
+    """Settings of a search: how hard to look for a gap, and when it is closed."""
 
     seed: int = parameter(0, "of the resampling", low=0)
     effects: tuple[str, ...] = parameter(

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from ..child import Child, Failed
+from ..jobs.child import Child, Failed
 
 __all__ = ["Done", "Failed", "News", "Progress", "Task", "Worker"]
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far it is."""
+    """Progress of the work."""
 
     fraction: float
     stage: str

@@ -6,26 +6,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from functools import partial
 from typing import Any
 
-from loco_sim.model import Model
+from loco_sim.plant.model import Model
 
-from . import case as cases
-from . import hints, lattice
-from . import nominal as nominals
-from .bundles import bundles
-from .following import following
-from .forward import Forward, ForwardParams
-from .hypotheses import offer, separable
-from .judge import judge
-from .parallel import Tasks
+from ..jobs import pool
+from ..jobs.base import Jobs
+from . import stages
+from .contents import add, contents, details
+from .fitting.search import Search, call
+from .hypotheses import hints
+from .hypotheses.bundles import bundles
+from .hypotheses.hypotheses import offer, separable, untried
+from .hypotheses.likely import likely
 from .params import GapParams
-from .record import Record
-from .search import Search
-from .tell import contents, in_metres
+from .prediction import case as cases
+from .prediction import horizon, led
+from .prediction import nominal as nominals
+from .prediction.forward import ForwardParams
+from .recordings.record import Record
+from .verdict.decide import has_gap
+from .verdict.judge import judge
+
+Report = Callable[[float, str, str], Any]
 
 SEARCH = 0.9  # share of the time that the search takes
 
@@ -37,48 +43,109 @@ def find(
     params: GapParams | None = None,
     progress: Callable[[float, str, str], Any] | None = None,
     workers: int = 1,
+    keep: Callable[[dict[str, Any]], Any] | None = None,
 ) -> dict[str, Any]:
     """Compare a model with measurements and name what it lacks.
 
     Args:
         model: Robot, overrides and effects.
-        records: To fit.
-        held_out: To judge on; without any, the last third of each record judges.
+        records: Records to fit.
+        held_out: Records to judge on; without any, the last third of each record judges.
         params: Settings.
         progress: Called with the share done, the stage and the best name so far.
         workers: Processes; the result is the same for any number.
+        keep: Called with the contents of ``gap.json`` as soon as the verdict is known, before
+            anything is added that the verdict does not need.
 
     Returns:
         Contents of ``gap.json``.
     """
     params = params or GapParams()
     report = progress or (lambda fraction, stage, best: None)
+    fit, judges = stages.parted(model, records), stages.parted(model, held_out)
+    if params.window or not all(fit):
+        return search(model, records, held_out, params, report, workers, keep)
+
+    def half(start: float) -> Report:
+        return lambda share, stage, best: report(start + 0.5 * share, stage, best)
+
+    air = search(model, fit[0], judges[0], params, half(0.0), workers, keep)
+
+    def both(ground: dict[str, Any]) -> dict[str, Any]:
+        return stages.joined(air, ground)
+
+    then = search(
+        stages.after(model, air), fit[1], judges[1], params, half(0.5), workers,
+        keep and (lambda ground: keep(both(ground))),
+    )  # fmt: skip
+    return both(then)
+
+
+def search(
+    model: Model,
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    params: GapParams,
+    report: Report,
+    workers: int,
+    keep: Callable[[dict[str, Any]], Any] | None,
+) -> dict[str, Any]:
+    """Do what `find` does for records that are all in the air or all on the ground."""
     report(0.0, "reading the model", "")
-    forward = Forward(model, [*records, *held_out], ForwardParams(window=params.window))
+    length = on_ground(model, [*records, *held_out], params)
+    pieces = ForwardParams(window=params.window, ground=length)
+    run = horizon.quickest(model) if length else model
+    forward = led.forward(run, [*records, *held_out], pieces)
+    params = params.replace(window=forward.params.window)
+    count = len(records)
+    records, held_out = forward.records[:count], forward.records[count:]
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out)
-    hypotheses = offer(robot, case.signals, hints.find(case, robot))
-    wanted = params.effects
-    hypotheses = separable([h for h in hypotheses if any(fnmatchcase(h.effect, w) for w in wanted)])
-    tasks = Tasks(case, workers)
+    offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
+    hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
+    not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins
+    tasks = pool.start(call, (case,), workers if workers > 1 else 0)
 
     def searching(fraction: float, stage: str, best: str) -> None:
         report(SEARCH * fraction, stage, best)
 
     try:
-        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed)
-        search = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
-        found = search.run()
+        if case.ground and has_gap(case.whitened([])):
+            report(0.01, "looking for what is likely", "")
+            hypotheses, idle = likely(case, hypotheses, partial(each, tasks))
+            not_tried += idle
+        alone = not forward.fine_steps
+        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=alone)
+        seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
+        found = seeking.run()
         report(SEARCH, "weighing", " + ".join(found.best.names))
-        judged = judge(case, search, found)
-        result = contents(model, case, judged, params)
-        result = lattice.tell(result, case.records, robot, params.effects)
-        result["terms"] = in_metres(result["terms"], forward.channels)
-        report(0.95, "looking for the next experiment", " + ".join(result["names"]))
-        result["next"] = following(model, case, judged)
+        judged = judge(case, seeking, found)
+        not_tried += seeking.failed(found.screened)
+        result = contents(model, case, judged, params, not_tried)
+        if keep:
+            keep(result)
+        for detail in details(model, case, judged, params):
+            report(0.95, detail.stage, " + ".join(result["names"]))
+            result = add(result, detail)
     finally:
         tasks.close()
     report(1.0, "done", " + ".join(result["names"]))
     return result
+
+
+def each(tasks: Jobs, function: Callable, arguments: Sequence[tuple]) -> Iterator[Any]:
+    """Results of calls with the case, in the order of the arguments."""
+    return tasks.ordered([(function, entry) for entry in arguments])
+
+
+def on_ground(model: Model, records: Sequence[Record], params: GapParams) -> float:
+    """Length of pieces of records on the ground [s], 0 where there is none or all are cut."""
+    free = [r for r in records if stages.free(model, r)]
+    return horizon.length(horizon.quickest(model), free) if free and not params.window else 0.0
+
+
+def wanted(effect: str, params: GapParams) -> bool:
+    """Whether the user lets an effect be named."""
+    return any(fnmatchcase(effect, pattern) for pattern in params.effects)

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import sys
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
 from loco_control.exceptions import NameUnknownError
 from loco_control.ros.cpg_node import JointNode
-from loco_control.ros.joint_codec import (
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.joint_codec import (
     FRAME,
     ImuReader,
     ImuSample,
@@ -20,14 +20,16 @@ from loco_control.ros.joint_codec import (
     stamp_ns,
 )
 from loco_control.ros.parameters import declare
-from loco_control.ros.spin import run_nodes
-from loco_learning.joint_reflex import PHASES, JointLearnerParams, JointReflex
-from loco_learning.joint_sensors import passive_joints, sensor_kinds, sensor_vector
+from loco_control.types import MotionCommand
 
-from .saving import save_weights
+from ..params import OPEN, PHASES, JointLearnerParams
+from ..reflex.joint_sensors import passive_joints, sensor_kinds, sensor_vector
+from ..reflex.network import ReflexNetwork
+from ..reflex.senses import BodySensors
+from .learning_node import LearningNode
 
 
-class JointReflexNode(JointNode):
+class JointReflexNode(LearningNode, JointNode):
     """Reservoir over the sensors; passes the target through until closing begins, or for ever."""
 
     def __init__(self) -> None:
@@ -41,10 +43,9 @@ class JointReflexNode(JointNode):
         driven = np.array([self.joints.index(name) for name in self.driven], dtype=int)
         self._robot = SimpleNamespace(joints=self.joints, driven=driven)
         self._passive = passive_joints(self._robot)
-        kinds = sensor_kinds(self._robot)
-        self.reflex = JointReflex(params, kinds, len(driven), 1.0 / self.rate, seed)
-        self._compile(len(kinds))
-        self._phase, self._error = -1, 0.0
+        senses = BodySensors(params, sensor_kinds(self._robot), len(driven))
+        self.network = ReflexNetwork(params, senses, 1.0 / self.rate, seed)
+        self._compile()
         self._connect()
 
     def _connect(self) -> None:
@@ -61,41 +62,31 @@ class JointReflexNode(JointNode):
         self.join_by(readers, self._step, stamp_ns)
         self.announce_ready()
 
-    def _compile(self, sensors: int) -> None:
+    def _compile(self) -> None:
         """One step that learns, then back to the start: the kernels are ready before a tick is."""
-        params, zeros = self.reflex.params, np.zeros(len(self.driven))
+        params, zeros = self.network.params, np.zeros(len(self.driven))
         if params.enabled:
-            self.reflex.step(round(params.stand * self.rate), 0.0, np.zeros(sensors), zeros, zeros)
-            self.reflex.reset()
+            tick, felt = round(params.stand * self.rate), np.zeros(len(self.network.senses.sensors))
+            self.network.step(tick, 0.0, felt, MotionCommand(tick, 0.0, zeros, zeros))
+            self.network.reset()
 
     def _step(self, joints: Joints, imu: ImuSample, target: Joints) -> None:
         tick, t = self.time(joints.time)
-        learns, sensors = self.reflex.params.enabled, None
+        learns, felt = self.network.params.enabled, None
         if learns:
             state = SimpleNamespace(
                 q=joints.q, angular_velocity=imu.angular_velocity, orientation=imu.orientation
             )
-            sensors = sensor_vector(state, self._robot, self._passive)
-        q, dq, prediction, phase, error = self.reflex.step(tick, t, sensors, target.q, target.dq)
-        self._command(self._pack_command(t, q, dq))
+            felt = sensor_vector(state, self._robot, self._passive)
+        command, learning = self.network.step(
+            tick, t, felt, MotionCommand(tick, t, target.q, target.dq)
+        )
+        self._command(self._pack_command(t, command.q, command.dq))
         if learns:
+            prediction = learning.prediction[: len(self.driven)]
             self._prediction(self._pack_prediction(t, prediction))
-        self._error = error
-        if phase != self._phase:
-            self._enter(phase, tick, t)
-
-    def _enter(self, phase: int, tick: int, t: float) -> None:
-        self._phase = phase
-        learns = self.reflex.params.enabled
-        self.event("phase", PHASES[phase] if learns else "open loop", tick, t)
-        # Weights are final when the test phase begins: nothing trains after it.
-        if learns and PHASES[phase] == "test" and self._save_to:
-            save_weights(self, self.reflex, self._save_to, tick, t)
-
-    def diagnose(self) -> dict[str, Any]:
-        """Phase and prediction error."""
-        phase = PHASES[self._phase] if self._phase >= 0 else "waiting"
-        return {"phase": phase, "error_rad": self._error}
+        phase = PHASES[learning.phase] if learns else OPEN
+        self.follow(phase, learning.error, tick, t, self.network)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -4,28 +4,30 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
-from loco_control.ros.msd_topics import MSD_TOPICS, RATE, link_names, node_names
-from loco_control.ros.node import LocoNode
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from loco_control.ros.messages.msd_topics import MSD_TOPICS, RATE, link_names, node_names
 from loco_control.ros.parameters import declare
-from loco_control.ros.spin import run_nodes
-from loco_learning.msd_gait import Gait
-from loco_learning.msd_reservoir import Controller, LoopParams
 from loco_sim.msd.network import chain
 from loco_sim.msd.params import MsdParams
 
-PHASES = ("train", "closing", "test")
+from ..networks.gait import Gait
+from ..params import PHASES
+from ..reflex.msd_reservoir import Controller, LoopParams
+from .learning_node import LearningNode
+
+MOVING = PHASES[1:]  # a network does not stand first
 
 
-class MsdReflexNode(LocoNode):
+class MsdReflexNode(LearningNode):
     """Filter, readout and mixer: trains, closes the loop, and drives the links alone."""
 
     table = MSD_TOPICS
+    ERROR = "error"
 
     def __init__(self) -> None:
         super().__init__("reflex_network")
@@ -36,7 +38,6 @@ class MsdReflexNode(LocoNode):
         gait = self._read_gait(network.count)
         self.controller = Controller(gait, network.nodes, network.dimension, loop, 1.0 / rate)
         self.controller.compile()
-        self._phase, self._error = -1, 0.0
         links = link_names(network.links.tolist())
         self._outputs_of = [
             (self.raw_output(name), JointCodec(links, name, ("position",)).pack)
@@ -65,15 +66,8 @@ class MsdReflexNode(LocoNode):
         factor, said, target = self.controller.step(state.tau.reshape(self._shape).T)
         for (publish, pack), values in zip(self._outputs_of, (factor, said, target), strict=True):
             publish(pack(t, values))
-        self._error = float(np.sqrt(np.mean((said - target) ** 2)))
-        if phase != self._phase:
-            self._phase = phase
-            self.event("phase", PHASES[phase], tick, t)
-
-    def diagnose(self) -> dict[str, Any]:
-        """Phase and error of the readout."""
-        phase = PHASES[self._phase] if self._phase >= 0 else "waiting"
-        return {"phase": phase, "error": self._error}
+        error = float(np.sqrt(np.mean((said - target) ** 2)))
+        self.follow(MOVING[phase], error, tick, t)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -4,19 +4,19 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
-from loco_control.ros.convert import Converter, blank
-from loco_control.ros.node import LocoNode
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.convert import Converter, blank
 from loco_control.ros.parameters import declare
-from loco_control.ros.spin import run_nodes
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
-from loco_learning.reflex import PHASES, LearnerParams, ReflexNetwork
 
-from .saving import save_weights
+from ..params import PHASES, LearnerParams
+from ..reflex.network import ReflexNetwork
+from ..reflex.senses import FootForces
+from .learning_node import LearningNode
 
 
-class ReflexNetworkNode(LocoNode):
+class ReflexNetworkNode(LearningNode):
     """ELM with FORCE readout; passes the target through until closing begins."""
 
     def __init__(self) -> None:
@@ -24,47 +24,28 @@ class ReflexNetworkNode(LocoNode):
         dt = 1.0 / self.declare_parameter("control_rate", 250.0).value
         seed = self.declare_parameter("seed", 0).value
         self._save_to = self.declare_parameter("save_weights", "").value
-        self.network = ReflexNetwork(declare(self, LearnerParams(), "learner."), dt, seed)
+        params = declare(self, LearnerParams(), "learner.")
+        self.network = ReflexNetwork(params, FootForces(params), dt, seed)
         self._compile(dt)
-        self._phase = -1
-        self._error = 0.0
-        self._command, self._pack_command = (
-            self.raw_output("motion_command"),
-            Converter(MotionCommand).pack,
-        )
-        self._state, self._pack_state = (
-            self.raw_output("learning_state"),
-            Converter(LearningState).pack,
-        )
+        self._command = self.raw_output("motion_command")
+        self._pack_command = Converter(MotionCommand).pack
+        self._state = self.raw_output("learning_state")
+        self._pack_state = Converter(LearningState).pack
         self.join({"robot_state": RobotState, "gait_target": GaitTarget}, self._step)
         self.announce_ready()
 
     def _compile(self, dt: float) -> None:
         """One step that learns, then back to the start: the kernels are ready before a tick is."""
-        state = blank(RobotState)
-        state.tick = round(self.network.params.stand / dt)
-        self.network.step(state, blank(GaitTarget))
+        state, tick = blank(RobotState), round(self.network.params.stand / dt)
+        self.network.step(tick, 0.0, state.grf[:, 2], blank(GaitTarget))
         self.network.reset()
 
     def _step(self, state: RobotState, target: GaitTarget) -> None:
-        command, learning = self.network.step(state, target)
+        command, learning = self.network.step(state.tick, state.t, state.grf[:, 2], target)
         self._command(self._pack_command(command))
         self._state(self._pack_state(learning))
-        self._error = learning.error
-        if learning.phase != self._phase:
-            self._enter(learning)
-
-    def _enter(self, learning: LearningState) -> None:
-        self._phase = learning.phase
-        self.event("phase", PHASES[learning.phase], learning.tick, learning.t)
-        # Weights are final when the test phase begins: nothing trains after it.
-        if PHASES[learning.phase] == "test" and self._save_to:
-            save_weights(self, self.network, self._save_to, learning.tick, learning.t)
-
-    def diagnose(self) -> dict[str, Any]:
-        """Phase and prediction error."""
-        phase = PHASES[self._phase] if self._phase >= 0 else "waiting"
-        return {"phase": phase, "error_rad": self._error}
+        phase = PHASES[learning.phase]
+        self.follow(phase, learning.error, learning.tick, learning.t, self.network)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -22,13 +22,14 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 from loco_control.types import RobotState
 
-from ..description import Description
-from ..servo import TorqueDrive
+from ..robot.servo import TorqueDrive
 from .identity import Identity
+from .offers import Hints, Offer, plain
+from .places import turning
 
 if TYPE_CHECKING:
-    from ..robot import Robot
-    from ..world import World
+    from ..robot.robot import Robot
+    from ..world.world import Base, World
 
 EFFECTS: dict[str, type[Effect]] = {}
 
@@ -46,6 +47,8 @@ class Effect:
     identity: ClassVar[Identity | None] = None
     needs: ClassVar[tuple[str, ...]] = ()  # keys of `NEEDS`: what a robot must have
     lasting: ClassVar[bool] = False  # there from start to end: it is built into the world
+    draws: ClassVar[bool] = False  # its course depends on the seed
+    blind: ClassVar[bool] = False  # `on_step` looks at nothing: it pushes and sets friction
 
     start: float = parameter(0.0, "the effect begins", "s", low=0.0)
     stop: float = parameter(math.inf, "the effect ends", "s", low=0.0)
@@ -78,7 +81,7 @@ class Effect:
 
     @classmethod
     def lacks(cls, robot: Robot) -> str:
-        """What a robot does not have that the effect needs; empty when it fits."""
+        """Parts that the effect needs and a robot does not have, in words; empty when it fits."""
         missing = [text for text, has in map(NEEDS.__getitem__, cls.needs) if not has(robot)]
         return " and ".join(missing)
 
@@ -91,7 +94,7 @@ class Effect:
         """Refuse a robot on which the effect makes no sense.
 
         Raises:
-            ParameterError: What it lacks.
+            ParameterError: The robot lacks something; the message says what.
         """
         if missing := self.lacks(robot):
             raise ParameterError(
@@ -99,8 +102,26 @@ class Effect:
             )
 
     @classmethod
+    def places(cls, robot: Robot) -> list[str]:
+        """Joints, one by one and in groups, at which it may sit; "" where it has no place."""
+        return [""]
+
+    @classmethod
+    def offers(cls, robot: Robot, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """Places where gap finding tries the effect, with the parameters that data shall tell.
+
+        By default at each of its places, with every scalar that has a prior free.
+
+        Args:
+            robot: A robot to which it applies.
+            signals: Measured signals, e.g. ("q", "gyro").
+            hints: Travel of the joints, and times at which the residual is large.
+        """
+        return [plain(cls, place) for place in cls.places(robot)]
+
+    @classmethod
     def fuse(cls, hook: str) -> Callable[..., Any] | None:
-        """What makes one function of a hook of neighbours: see `windows`."""
+        """Function that makes one of a hook of neighbours: see `windows`; None if there is none."""
         return None
 
     def absent(self) -> bool:
@@ -161,14 +182,14 @@ class Effect:
     def on_motor(
         self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        """What the motors of servos are in this physics step.
+        """Constants of the motors of servos in this physics step.
 
         Called before every physics step, after `on_command`, for robots that list drives.
 
         Args:
             rows: Drives as they are, a row each (`servo.ServoParams.row`), (n, 9).
             asked: Share of its voltage that each servo asks for, (n,).
-            speed: Of its rotor [rad/s], (n,).
+            speed: Speed of its rotor [rad/s], (n,).
             dt: Physics step [s].
             t: Time [s].
         """
@@ -190,7 +211,7 @@ class Effect:
         before every physics step, after `on_torque`.
 
         Args:
-            budget: Of the effects before this one [N·m], (n,), >= 0; add to it.
+            budget: Stopping torque of the effects before this one [N·m], (n,), >= 0; add to it.
             tau: Torque on the joints [N·m], (n,).
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
@@ -202,12 +223,31 @@ class Effect:
     def on_step(self, world: World, t: float) -> None:
         """Act on the world, e.g. push it. Called before every physics step."""
 
+    def begin(self, base: Base) -> Base:
+        """State of the base in truth, where its IMU says what it says.
+
+        Gap finding starts models where IMU and legs say a robot was.
+
+        Args:
+            base: State of a robot without the effect, of which the IMU would say the same.
+        """
+        return base
+
+    def depth(self, load: Mapping[str, np.ndarray], dt: float) -> Mapping[str, np.ndarray]:
+        """Depth in the ground of the feet that the effect lets sink [m], (T,) each.
+
+        Args:
+            load: Force of the ground on each foot [N], (T,) each.
+            dt: Time between samples [s].
+        """
+        return {}
+
     def pull(self) -> Any:
-        """What `on_step` does, where that is one force of a law: `pulls.Pull`; None if not."""
+        """The one force that `on_step` is, as a `pulls.Pull`; None where it is more than that."""
         return None
 
     def on_measurement(self, state: RobotState) -> RobotState:
-        """What the sensors say, given the truth. Called once per control period."""
+        """Readings of the sensors, given the truth. Called once per control period."""
         return state
 
 
@@ -280,7 +320,7 @@ def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, 
     Effects that their parameters switch off are left out.
 
     Args:
-        effects: In the order in which they act.
+        effects: Effects in the order in which they act.
         hook: Name of a method of `Effect`.
         dt: Physics step [s].
     """
@@ -302,16 +342,8 @@ def span(effect: Effect, dt: float) -> tuple[int, float]:
     return round(effect.start / dt), stop
 
 
-def turning(robot: Robot) -> np.ndarray:
-    """Indices of the joints that turn and do not slide, (k,)."""
-    kinds = Description(robot.urdf).joint_types()
-    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
-
-
 def listens(robot: Robot) -> bool:
     """Whether any drive follows joint positions; a plain torque drive does not."""
-    if not robot.drives:
-        return len(robot.driven) > 0  # impedance on every joint
     return any(not isinstance(drive, TorqueDrive) for drive in robot.drives.values())
 
 

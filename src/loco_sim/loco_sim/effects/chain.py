@@ -10,44 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import parameter
 
-from .base import Effect, span, turning
+from .base import Effect, span
+from .places import AMONG, eligible, joint_places
+from .rows import CONSTANTS, DELAY, MEMORY, NEVER, ON_MOTOR, Laws
 
 if TYPE_CHECKING:
-    from ..world import World
+    from ..world.world import World
 
-# Numbers of the laws in `chain_kernels.torques`; a law of friction has none.
-GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
-SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
-CONSTANTS, MEMORY = 9, 5  # per row
-ON_MOTOR = 2  # among the constants of a drive's law: 1 where it is about the motor behind a gear
-NEVER = np.iinfo(np.int64).max
 HOOKS = {"on_torque": "torque", "on_motor": "motor", "on_brake": "brake"}  # functions of a chain
-
-
-class Laws(NamedTuple):
-    """What `chain_kernels` run: r rows of m laws."""
-
-    plan: np.ndarray  # law, first row, row after the last, first step, step after the last, (m, 5)
-    joint: np.ndarray  # of each row, (r,)
-    const: np.ndarray  # (r, CONSTANTS)
-    memory: np.ndarray  # (r, MEMORY)
-    line: np.ndarray  # delay lines of all rows
-
-
-NO_LAWS = Laws(
-    np.zeros((0, 5), dtype=np.int64),
-    np.zeros(0, dtype=np.int64),
-    np.zeros((0, CONSTANTS)),
-    np.zeros((0, MEMORY)),
-    np.zeros(0),
-)
 
 
 class Chain:
@@ -57,12 +34,12 @@ class Chain:
         """Lay out rows for the effects, all configured, and give them their memory.
 
         Args:
-            effects: In the order in which they act.
+            effects: Effects in the order in which they act.
             dt: Physics step [s].
         """
-        from . import chain_kernels  # here, so that reading an experiment does not load numba
+        from . import laws  # here, so that reading an experiment does not load numba
 
-        self._kernels = chain_kernels
+        self._kernels = laws
         rows = np.cumsum([0, *(len(e.joints) for e in effects)])
         windows = [(first, min(last, NEVER)) for first, last in (span(e, dt) for e in effects)]
         self._plan = np.array(
@@ -145,6 +122,10 @@ class JointEffect(Effect):
         return missing or ("" if len(eligible(robot, cls.among)) else AMONG[cls.among])
 
     @classmethod
+    def places(cls, robot: Any) -> list[str]:
+        return [""] if cls.shared else joint_places(robot, cls.among)
+
+    @classmethod
     def fuse(cls, hook: str) -> Any:
         return fused if hook in HOOKS else super().fuse(hook)
 
@@ -152,7 +133,7 @@ class JointEffect(Effect):
         """Constants of the law, each one number or one per joint.
 
         Args:
-            world: As in `configure`.
+            world: World that is configured, see `configure`.
             joints: Indices of the joints, (k,).
         """
         raise NotImplementedError
@@ -178,27 +159,6 @@ class JointEffect(Effect):
                 f"effect {self.name} does not apply to {names}: no {AMONG[self.among]}"
             )
         return named
-
-
-AMONG = {  # which joints an effect may be about
-    "all": "joint",
-    "driven": "joint with a drive",
-    "limited": "joint with a drive and a torque limit",
-    "turning": "joint that turns",
-    "sprung": "joint with a spring in robot.yaml",
-}
-
-
-def eligible(robot: Any, among: str) -> np.ndarray:
-    """Indices of the joints of a kind in `AMONG`, (k,)."""
-    if among == "all":
-        return np.arange(len(robot.joints))
-    if among == "turning":
-        return turning(robot)
-    if among == "sprung":
-        return np.flatnonzero([joint in robot.springs for joint in robot.joints])
-    driven = np.asarray(robot.driven, dtype=np.int64)
-    return driven if among == "driven" else driven[np.isfinite(robot.effort[driven])]
 
 
 @dataclass

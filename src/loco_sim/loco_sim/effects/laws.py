@@ -3,7 +3,8 @@
 
 A law runs over rows ``first`` to ``last``; row r belongs to joint ``joint[r]`` and has its
 constants in ``const[r]`` and what it remembers in ``memory[r]``, zeros after a reset. What
-the constants are stands in the effect that owns the law. Torques [N·m], angles [rad], time
+the constants are stands in the effect that owns the law; `torques`, `motors` and `budgets` run
+the laws of a `chain.Chain`, one after the other. Torques [N·m], angles [rad], time
 [s]; on a joint that slides forces [N] and lengths [m].
 """
 
@@ -13,11 +14,28 @@ from math import exp
 
 from numba import njit
 
-from ..servo_kernels import given, scaled
-from ..spring_kernels import spring_torque
-from .chain import ON_MOTOR
+from ..drives.servo_kernels import given, scaled
+from ..drives.spring_kernels import spring_torque
+from .rows import (
+    BACKLASH,
+    DELAY,
+    END_STOP,
+    GAIN,
+    HYSTERESIS,
+    LAG,
+    LIMIT,
+    MAXWELL,
+    ON_MOTOR,
+    RESCALED,
+    SAG,
+    SATURATION,
+    SERIES,
+    SHIFTED,
+    SPEED_LINE,
+    SPRING,
+)
 
-MADE_OF = "2fa561c645f2"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "c2fc449d1bc3"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
@@ -255,3 +273,100 @@ def friction(first, last, joint, const, budget, tau, dq):
         if const[r, 1] != 0.0:
             more += const[r, 1] * exp(-slow * slow)
         budget[j] += more
+
+
+@njit(cache=True)
+def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
+    """Run laws of the torque one after the other, in place: the table of their numbers.
+
+    Args:
+        step: Physics step.
+        dt: Length of a physics step [s].
+        plan: Law, first row, row after the last, first step, step after the last, (m, 5).
+        joint: Joint of each row, (r,).
+        const: Constants of each row, (r, CONSTANTS).
+        memory: Memory of each row, (r, MEMORY).
+        line: Delay lines of all rows.
+        tau: Torques [N·m], (n,).
+        q: Joint positions [rad], (n,).
+        dq: Joint velocities [rad/s], (n,).
+    """
+    for k in range(plan.shape[0]):
+        law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
+        if step < plan[k, 3] or step >= plan[k, 4]:
+            continue
+        if law == GAIN:
+            gain(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == DELAY:
+            delay(a, b, joint, const, memory, line, tau)
+        elif law == LAG:
+            lag(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == LIMIT:
+            limit(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SPEED_LINE:
+            speed_line(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SAG:
+            sag(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == BACKLASH:
+            backlash(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SERIES:
+            series(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SPRING:
+            spring(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SATURATION:
+            saturation(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == RESCALED:
+            rescaled(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == SHIFTED:
+            shifted(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == END_STOP:
+            end_stop(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == HYSTERESIS:
+            hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == MAXWELL:
+            maxwell(a, b, joint, const, memory, tau, q, dq, dt)
+
+
+@njit(cache=True)
+def motors(step, plan, joint, const, rows, asked, speed):
+    """Run laws of motors one after the other, in place of what servos are.
+
+    Args:
+        step: Physics step.
+        plan: Law, first row, row after the last, first step, step after the last, (m, 5).
+        joint: Joint of each row, (r,).
+        const: Constants of each row, (r, CONSTANTS).
+        rows: Drives, as in `servo.ServoParams.row`, (n, 9); changed.
+        asked: Share of the voltage that each asks for, (n,).
+        speed: Speed of its rotor [rad/s], (n,).
+    """
+    for k in range(plan.shape[0]):
+        law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
+        if step < plan[k, 3] or step >= plan[k, 4]:
+            continue
+        if law == GAIN:
+            motor_gain(a, b, joint, const, rows)
+        elif law == LIMIT:
+            motor_limit(a, b, joint, const, rows)
+        elif law == SPEED_LINE:
+            motor_line(a, b, joint, const, rows, asked, speed)
+        elif law == SAG:
+            motor_sag(a, b, joint, const, rows, asked, speed)
+
+
+@njit(cache=True)
+def budgets(step, plan, joint, const, budget, tau, dq):
+    """Add up laws of friction, in place; arguments as of `torques`."""
+    for k in range(plan.shape[0]):
+        if plan[k, 3] <= step < plan[k, 4]:
+            friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)
+
+
+@njit(cache=True)
+def bend(step, plan, joint, memory, command):
+    """Commands as motors behind springs see them: see `reading_laws.move_back`."""
+    for k in range(plan.shape[0]):
+        if plan[k, 0] == SERIES and plan[k, 3] <= step < plan[k, 4]:
+            for r in range(plan[k, 1], plan[k, 2]):
+                command[0, joint[r]] -= memory[r, 2]
+                command[1, joint[r]] -= memory[r, 3]

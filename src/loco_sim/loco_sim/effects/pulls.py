@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .base import Effect, overrides, span
-from .chain import NEVER
+from .rows import NEVER
 
 CONSTANTS = 11  # point, force, anchor (3 each), stiffness, length
 
@@ -26,7 +26,7 @@ class Pull(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """What `tree_kernels.pulled` runs: k pulls."""
+    """Arrays that `tree_kernels.pulled` runs over: k pulls."""
 
     body: np.ndarray  # joint of the tree whose body is pulled, -1 is the base, (k,)
     window: np.ndarray  # first step, and the one after the last, (k, 2)
@@ -45,9 +45,9 @@ def laid_out(
     """Pulls of configured effects.
 
     Args:
-        effects: Of a robot whose base is bolted, all of `of` with a pull.
-        frames: Of its links, from `tree.build`.
-        height: Of its base, from which the loop counts [m].
+        effects: Effects on a robot whose base is bolted, all of `of` with a pull.
+        frames: Frames of its links, from `tree.build`.
+        height: Height of its base, from which the loop counts [m].
         dt: Physics step [s].
     """
     found = of(effects)

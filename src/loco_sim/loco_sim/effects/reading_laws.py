@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from math import floor, sqrt
 
+import numpy as np
 from numba import njit
 
 
@@ -14,9 +15,9 @@ def bend(values, joints, n, rest, quadratic, cubic):
 
     Args:
         values: Readings: n joint positions, n joint velocities and more.
-        joints: Which joints, (k,).
+        joints: Indices of the joints, (k,).
         n: Number of joints.
-        rest: Where x is zero [rad], (k,).
+        rest: Angle at which x is zero [rad], (k,).
         quadratic: [1/rad].
         cubic: [1/rad²].
     """
@@ -59,9 +60,9 @@ def tilt(values, at, turn, back):
 
     Args:
         values: Readings.
-        at: Where the orientation begins; the two vectors follow it.
-        turn: Of the IMU in the base, x y z w, (4,).
-        back: Its rotation matrix, transposed, (3, 3).
+        at: Index at which the orientation begins; the two vectors follow it.
+        turn: Turn of the IMU in the base, x y z w, (4,).
+        back: Rotation matrix of that turn, transposed, (3, 3).
     """
     product(values, at, values[at : at + 4], turn)
     for first in (at + 4, at + 7):
@@ -97,7 +98,7 @@ def add_noise(values, std, drawn, turn):
         values: Readings, (n,).
         std: Standard deviations, (n,).
         drawn: Normal numbers, (n - 1,).
-        turn: Where the orientation begins.
+        turn: Index at which the orientation begins.
     """
     for i in range(turn):
         values[i] += std[i] * drawn[i]
@@ -111,3 +112,13 @@ def move_back(q, dq, joints, memory):
     for k in range(len(joints)):
         q[joints[k]] -= memory[k, 2]
         dq[joints[k]] -= memory[k, 3]
+
+
+@njit(cache=True)
+def followed(values, share):
+    """First-order lag of values, (T,), from 0: it comes nearer by a share at each."""
+    made, at = np.empty(len(values)), 0.0
+    for i in range(len(values)):
+        at += share * (values[i] - at)
+        made[i] = at
+    return made

@@ -19,7 +19,7 @@ from .identity import SENSOR_SIGNALS
 
 
 class Layout:
-    """Where each signal is in the vector of a robot with n joints and m feet.
+    """Places of the signals in the vector of a robot with n joints and m feet.
 
     Attributes:
         size: Length of the vector.
@@ -65,8 +65,8 @@ class Readings:
         """Effects with a method `measure`; without `dt` their windows do not count.
 
         Args:
-            effects: In the order in which they act.
-            hook: Of no use, there is one.
+            effects: Effects in the order in which they act.
+            hook: Name of the hook, always `on_measurement`.
             dt: Physics step [s].
         """
         self._dt = dt
@@ -92,14 +92,16 @@ class Measuring:
 
         Args:
             values: All signals, (at.size,).
-            at: Where each of them is.
+            at: Place of each of them.
             t: Time [s].
         """
         raise NotImplementedError
 
     def on_measurement(self, state: RobotState) -> RobotState:
+        """The state as this effect alone makes it read."""
         return Readings([self])(state)
 
     @classmethod
     def fuse(cls, hook: str) -> Callable[..., Any] | None:
+        """`Readings` runs the hook `on_measurement` of all effects of this kind at once."""
         return Readings if hook == "on_measurement" else super().fuse(hook)

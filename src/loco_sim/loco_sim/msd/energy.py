@@ -24,7 +24,7 @@ def potential_energy(
     Args:
         network: Nodes and links.
         params: Gravity and nonlinearity.
-        position: Of the nodes.
+        position: Positions of the nodes [m].
         factor: Driven over rest length of the links, (…, links).
     """
     height = position[..., -1] @ network.masses

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the numbers of a network, or of a population, lie in the lanes of the kernels."""
+"""The order in which the numbers of a network, or of a population, lie in the kernels' lanes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Alone:
         return padded.reshape(-1, WIDTH)
 
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
-        """What `nodes_in` took, with the same axes in front of rows and nodes."""
+        """The inverse of `nodes_in`, with the same axes in front of rows and nodes."""
         flat = rows.reshape(*rows.shape[:-2], self.axes, self.blocks * WIDTH)
         return np.moveaxis(flat[..., : self.nodes], -2, -1).copy()
 
@@ -90,7 +90,7 @@ class Blocks:
         return self.numbers(np.swapaxes(values, 1, 2).reshape(self.size, -1))
 
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
-        """What `nodes_in` took; axes between blocks and rows stay between networks and nodes."""
+        """The inverse of `nodes_in`; axes between blocks and rows stay where they are."""
         first = np.moveaxis(rows, -1, 1)  # (blocks, WIDTH, …, axes * nodes)
         flat = first.reshape(-1, *first.shape[2:-1], self.axes, self.nodes)[: self.size]
         return np.swapaxes(flat, -2, -1).copy()

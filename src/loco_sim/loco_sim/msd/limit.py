@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the arithmetic of a step could be: its operations, nothing else, on full lanes.
+"""The speed that the arithmetic of a step could have: its operations, nothing else, on full lanes.
 
 Measured with operations that do not wait for each other and never touch memory. What a real
 step has on top are loads, stores and waiting.

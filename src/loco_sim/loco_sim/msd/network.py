@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a mass-spring-damper network is: nodes, links, and how many of them make a chain."""
+"""Mass-spring-damper networks: nodes joined by links, and chains of them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Network:
     """Nodes joined by links, checked; links are sorted by their ends, the lower one first.
 
     Args:
-        positions: Where the nodes are at first [m], (nodes, 2) as x, z or (nodes, 3) as x, y, z.
+        positions: Positions of the nodes at first [m], (nodes, 2) as x, z or (nodes, 3) as x, y, z.
         links: The two nodes of each link, (links, 2).
-        masses: Of the nodes [kg], (nodes,) or one for all.
-        stiffness: Of the springs [N/m], (links,) or one for all.
-        damping: Of the dampers [N·s/m], (links,) or one for all.
+        masses: Masses of the nodes [kg], (nodes,) or one for all.
+        stiffness: Stiffness of the springs [N/m], (links,) or one for all.
+        damping: Coefficients of the dampers [N·s/m], (links,) or one for all.
         rest: Lengths at which the springs are slack [m], (links,); None is as they are placed.
 
     Raises:
@@ -76,15 +76,6 @@ class Network:
         return self.positions.shape[1]
 
 
-def link_count(nodes: int, connections: int) -> int:
-    """Links of a chain whose inner nodes have `connections` links each. Thesis eq. (4.1).
-
-    The equation holds for more nodes than connections / 2; a smaller chain has all pairs.
-    """
-    reach = min(connections // 2, nodes - 1)
-    return reach * (2 * nodes - reach - 1) // 2
-
-
 def chain(params: MsdParams | None = None) -> Network:
     """Network of section 4.1.1: nodes in a row, each joined to its nearest neighbours.
 
@@ -100,15 +91,6 @@ def chain(params: MsdParams | None = None) -> Network:
     pairs = [(a, b) for a in i for b in range(a + 1, min(a + p.connections // 2, p.nodes - 1) + 1)]
     mass = p.total_mass / p.nodes if p.total_mass else p.mass
     return Network(np.stack(axes, axis=1), np.array(pairs), mass, p.stiffness, p.damping)
-
-
-def embed(network: Network) -> Network:
-    """The same network in three dimensions, in the plane y = 0."""
-    x, z = network.positions.T
-    return Network(
-        np.stack([x, np.zeros_like(x), z], axis=1), network.links, network.masses,
-        network.stiffness, network.damping, network.rest,
-    )  # fmt: skip
 
 
 def _finite(name: str, values: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ class MsdParams(Params):
 
 @dataclass(frozen=True)
 class NoiseParams(Params):
-    """What disturbs a network while its gait is searched."""
+    """Disturbances of a network while its gait is searched."""
 
     actuation: float = parameter(
         0.0, "standard deviation of white noise on each relative amplitude, each step", low=0.0

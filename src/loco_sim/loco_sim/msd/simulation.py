@@ -34,7 +34,7 @@ class Drive:
 
 
 class History(NamedTuple):
-    """What was kept: t (T,) and (T, nodes, axes) arrays; of a population (networks, T, …)."""
+    """Recorded motion: t (T,) and (T, nodes, axes) arrays; of a population (networks, T, …)."""
 
     t: np.ndarray  # [s]
     position: np.ndarray  # [m]
@@ -50,9 +50,9 @@ class MsdSimulation:
         params: Gravity, drag, ground, integrator and step; its structure is not read.
         drive: Actuation; None is passive. A drive of several networks makes a population,
             and all arrays get an axis of networks in front.
-        noise: What disturbs it.
-        seed: Of the noise; for a population one per network, or one to count up from.
-        threads: How many share a population.
+        noise: Disturbances of the network.
+        seed: Seed of the noise; for a population one per network, or one to count up from.
+        threads: Number of threads that share a population.
 
     Raises:
         ParameterError: Shapes do not fit, a value is out of range, or the step is too large.
@@ -182,12 +182,12 @@ class MsdSimulation:
             raise ParameterError(f"steps must be a multiple of every, got {steps} and {every}")
         frames = steps // every if every else 0
         rows = self._state.shape[-2] // 2  # of position, velocity and acceleration
-        seen = np.zeros((*self._state.shape[:-2], frames * rows, self._state.shape[-1]))
-        self._advance(steps, every, seen)
+        states = np.zeros((*self._state.shape[:-2], frames * rows, self._state.shape[-1]))
+        self._advance(steps, every, states)
         if not every:
             return None
         t = self.params.step * (self.tick - steps + every * np.arange(1, frames + 1))
-        parts = seen.reshape(*seen.shape[:-2], frames, 3, rows // 3, seen.shape[-1])
+        parts = states.reshape(*states.shape[:-2], frames, 3, rows // 3, states.shape[-1])
         out = self._layout.nodes_out(parts)  # (…, frames, 3, nodes, axes)
         return History(t, *(np.ascontiguousarray(out[..., k, :, :]) for k in range(3)))
 
@@ -255,7 +255,7 @@ class MsdSimulation:
         """Raise when the state is no longer finite.
 
         Raises:
-            DivergedError: It is not.
+            DivergedError: The state has a value that is not finite.
         """
         if not np.all(np.isfinite(self.position)):
             raise DivergedError(f"the network diverged before {self.time:g} s")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How large a step may be before the integration of a network blows up."""
+"""The largest step with which the integration of a network does not blow up."""
 
 from __future__ import annotations
 

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The latched emergency stop of a plant: by topic, by service, or by the plant itself."""
+"""The latched emergency stop of a plant: by topic, service, lost heartbeat, or the plant itself."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 
-from std_msgs.msg import Bool
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool
 
 from loco_control.ros.node import LocoNode
@@ -52,3 +55,35 @@ class EmergencyStop:
         else:
             response.message = "it is not stopped"
         return response
+
+
+class Heartbeat:
+    """Stops the robot when the operator falls silent.
+
+    Args:
+        node: The plant's node, which hears the topic `heartbeat`.
+        longest: Longest silence [s] of wall time; 0 wants no heartbeat.
+        engage: Engages the emergency stop, with the reason.
+    """
+
+    def __init__(self, node: LocoNode, longest: float, engage: Callable[[str], None]):
+        self._longest, self._engage = longest, engage
+        self._last = math.inf  # wall time of the last beat; no silence counts before `begin`
+        node.input("heartbeat", self._on_beat)
+        if longest:
+            node.create_timer(
+                longest / 4.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
+
+    def begin(self) -> None:
+        """The robot may move from now on: silence counts."""
+        self._last = time.monotonic()
+
+    def _on_beat(self, message: Empty) -> None:
+        if self._last < math.inf:
+            self._last = time.monotonic()
+
+    def _look(self) -> None:
+        silence = time.monotonic() - self._last
+        if silence > self._longest:
+            self._engage(f"no heartbeat for {self._longest:g} s")

@@ -10,7 +10,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-import tempfile
+import traceback
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +19,28 @@ from std_msgs.msg import Float64MultiArray, String
 
 from loco_control.exceptions import LocoError, ParameterError
 from loco_control.params import from_dict, to_dict
-from loco_control.ros.codec import Codec
-from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
-from loco_control.ros.joint_topics import JOINT_NODES, JOINT_TOPICS
-from loco_control.ros.spin import run_nodes
+from loco_control.reading import FOLDERS, allowed, parse_yaml
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.codec import Codec
+from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from loco_control.ros.messages.joint_topics import JOINT_NODES, JOINT_TOPICS
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
-from loco_sim import model as models
-from loco_sim.joint_commands import JointCommands
-from loco_sim.params import SimParams
-from loco_sim.ros.plant_node import PlantNode
-from loco_sim.ros.tools import encoders
-from loco_sim.simulation import Simulation
+
+from ..params import SimParams
+from ..plant import model as models
+from ..plant.joint_commands import JointCommands
+from ..plant.simulation import Simulation, ending
+from ..robot import robot as robots
+from .encoders import encoders
+from .plant_node import PlantNode
 
 EACH_TICK = ("joint_states", "imu/data", "ground_truth/odom")  # others wait for the first two
+MOST_MODEL = 100_000  # characters of a model on the topic
 ALONE = ("/tf", "/clock")  # would meet those of other robots
 
 
 class JointSimNode(PlantNode):
-    """PyBullet plant behind standard messages, for any robot that `loco_sim.robot` reads."""
+    """PyBullet plant behind standard messages, for any robot that `loco_sim.robot.robot` reads."""
 
     table = JOINT_TOPICS
     controllers = JOINT_NODES
@@ -44,10 +49,12 @@ class JointSimNode(PlantNode):
         super().__init__(100.0)
         self._seed = self.declare_parameter("seed", 0).value
         robot = self.declare_parameter("robot", "tigrillo").value
+        self._folders = self.declare_parameter("folders", list(FOLDERS)).value
         overrides = json.loads(self.declare_parameter("overrides", "{}").value)
         effects = json.loads(self.declare_parameter("effects", "[]").value)
         self._sim_changes = json.loads(self.declare_parameter("sim", "{}").value)
         base = models.load_any(robot)
+        self._own = {Path(name).resolve() for name in (robot, base.robot)}
         model = models.Model(base.robot, {**base.overrides, **overrides}, [*base.effects, *effects])
         self.sim = self._make_sim(model)
         self._from = 0  # tick at the last change of the plant
@@ -63,7 +70,7 @@ class JointSimNode(PlantNode):
         params = from_dict(SimParams, {**to_dict(robot.sim), **self._sim_changes}, "sim")
         self._commands_of = JointCommands(robot)
         return Simulation(
-            params, None, model.make_effects(), self._seed, 1.0 / self.rate, robot, standing
+            params, model.make_effects(), self._seed, 1.0 / self.rate, robot, standing
         )
 
     def _make_outputs(self) -> None:
@@ -109,7 +116,7 @@ class JointSimNode(PlantNode):
         """Between two ticks: the next one is that of the new plant."""
         old = self.sim
         try:
-            model = model_of(message.data)
+            model = model_of(message.data, self._own, self._folders)
             robot = model.make_robot()
             if robot.joints != old.robot.joints or robot.driven.tolist() != (
                 old.robot.driven.tolist()
@@ -119,8 +126,12 @@ class JointSimNode(PlantNode):
                     f"this plant is of {old.robot.name} with {', '.join(old.robot.joints)}"
                 )
             self.sim = self._make_sim(model, old.true_q if self.started else None)
-        except LocoError as error:
-            self.event("model refused", str(error), *self.now())
+        except Exception as error:  # a stranger's text: whatever it leads to, the plant goes on
+            if not isinstance(error, LocoError):
+                self.get_logger().error(traceback.format_exc())
+            reason = str(error) if isinstance(error, LocoError) else f"{type(error).__name__}"
+            self.refuse("model", reason)
+            self.event("model refused", reason, *self.now())
             return
         self._make_safety()
         self._from = self.now()[0]
@@ -140,23 +151,41 @@ class JointSimNode(PlantNode):
             self._adc(self._adc_record.tobytes())
 
     def ending(self) -> str:
-        """What a run that came to its end says of itself."""
+        """Text of a run that came to its end."""
         fixed = self.sim.robot.fixed_base
         return ending(self.state.t, None if fixed else self._travelled + self._x)
 
 
-def model_of(text: str) -> models.Model:
-    """Model of the text of a ``model.yaml``, or of its path.
+def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models.Model:
+    """Model of the text of a ``model.yaml``, or of its path, that anyone may have sent.
+
+    Args:
+        text: The text, or one line that ends in ``.yaml``.
+        own: Robots that the operator has named: a model may name them, too.
+        folders: Other robots and models that are files must lie below one of these.
 
     Raises:
-        LocoError: As `model.load`.
+        LocoError: The model cannot be read, or a path is not below `folders`.
     """
     if "\n" not in text.strip() and text.strip().endswith((".yaml", ".yml")):
-        return models.load(text.strip())
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.yaml"
-        path.write_text(text, encoding="utf-8")
-        return models.load(path)
+        return models.load(allowed(text.strip(), folders, "model"))
+    values = parse_yaml(text, "the model", most=MOST_MODEL)
+    if isinstance(values, dict):
+        named = str(values.get("robot"))
+        if named not in robots.names() and not _is_one_of(named, own):
+            values["robot"] = str(allowed(named, folders, "robot"))
+        overrides = values.get("overrides")
+        for key, value in overrides.items() if isinstance(overrides, dict) else ():
+            if isinstance(value, str):  # such as another URDF
+                raise ParameterError(f"a model on a topic cannot set {key} to the text {value!r}")
+    return models.from_values(values, Path("model.yaml"))
+
+
+def _is_one_of(name: str, own: Collection[Path]) -> bool:
+    try:
+        return Path(name).resolve() in own
+    except (OSError, ValueError, RuntimeError):  # no path at all
+        return False
 
 
 def _words(model: models.Model) -> str:
@@ -166,13 +195,6 @@ def _words(model: models.Model) -> str:
     ]
     effects = [str(effect.get("name")) for effect in model.effects]
     return ", ".join([model.robot, *changes, *effects])
-
-
-def ending(t: float, distance: float | None) -> str:
-    """Words for a run of t [s] over a distance [m], None for a bench, that came to its end."""
-    if distance is None:
-        return f"{t:.1f} s simulated"
-    return f"{t:.1f} s simulated, {distance:.2f} m forward, no fall"
 
 
 def main(args: list[str] | None = None) -> None:

@@ -10,16 +10,17 @@ import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from loco_control.exceptions import LocoError
-from loco_control.ros.joint_codec import JointCodec, Joints, stamp_ns, tick_of
-from loco_control.ros.msd_topics import MSD_NODES, MSD_TOPICS, RATE, link_names, node_names
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
+from loco_control.ros.messages.msd_topics import MSD_NODES, MSD_TOPICS, RATE, link_names, node_names
+from loco_control.ros.messages.topics import to_stamp
 from loco_control.ros.parameters import declare
-from loco_control.ros.spin import run_nodes
-from loco_control.ros.topics import to_stamp
-from loco_sim.msd.energy import centre_of_mass
-from loco_sim.msd.network import chain
-from loco_sim.msd.params import MsdParams
-from loco_sim.msd.simulation import Drive, MsdSimulation
-from loco_sim.ros.plant_node import PlantNode
+
+from ..msd.energy import centre_of_mass
+from ..msd.network import chain
+from ..msd.params import MsdParams
+from ..msd.simulation import Drive, MsdSimulation
+from .plant_node import PlantNode
 
 
 class NodeStates(NamedTuple):
@@ -111,8 +112,8 @@ class MsdSimNode(PlantNode):
             self.event("error", str(error), self.state.tick, self.state.t)
             raise
 
-    def _damping(self) -> Any:
-        """Silence: the links go back to their rest lengths."""
+    def safe_command(self) -> tuple[Any, Any]:
+        """Links go back to their rest lengths."""
         return self._rest._replace(tick=self.state.tick), None
 
     def newest(self) -> int:
@@ -127,7 +128,7 @@ class MsdSimNode(PlantNode):
             self._clock_output.publish(Clock(clock=to_stamp(state.t)))
 
     def ending(self) -> str:
-        """How far it got."""
+        """Text of the state at the end."""
         return f"{self.state.t:.1f} s simulated, {self.sim.distance:.2f} m forward"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every plant node does: it owns the tick.
+"""The part of every plant node: it owns the tick.
 
 It stands where a hardware driver would: it publishes the state of tick k, waits
 for the commands of tick k, steps one control period and publishes the state of
@@ -16,15 +16,18 @@ from typing import Any, ClassVar
 from std_msgs.msg import UInt64
 
 from loco_control.pacing import Deadlines
-from loco_control.ros.node import LocoNode, TickJoin, loco_tick
+from loco_control.ros.join import TickJoin, loco_tick
+from loco_control.ros.messages.topics import LOST_TICK
+from loco_control.ros.node import LocoNode
 from loco_control.ros.parameters import declare
-from loco_control.ros.topics import LOST_TICK
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from loco_msgs.msg import Event, RecorderStatus
-from loco_sim.params import CLOCKS, TickParams
-from loco_sim.ros.estop import EmergencyStop
-from loco_sim.safety import Safety, SafetyParams
-from loco_sim.simulation import Simulation
+
+from ..params import CLOCKS, TickParams
+from ..plant.fallback import Fallback, FallbackParams
+from ..plant.safety import Safety, SafetyParams
+from ..plant.simulation import Simulation
+from .estop import EmergencyStop, Heartbeat
 
 __all__ = ["CLOCKS", "PlantNode", "TickParams"]
 
@@ -39,7 +42,7 @@ class PlantNode(LocoNode):
     Attributes:
         controllers: Nodes that must be ready before the first tick, this one included.
         sim: The plant.
-        state: What it measured last.
+        state: Last measurement.
         started: The first tick is out.
     """
 
@@ -54,6 +57,7 @@ class PlantNode(LocoNode):
         self.tick = declare(self, TickParams())
         self.timed = self.tick.clock == "realtime"
         self._limits = declare(self, SafetyParams(), "safety.")
+        self._stages = declare(self, FallbackParams(), "fallback.")
 
     def _connect(self) -> None:
         """Listen to events and recorder; to be called when all outputs are made."""
@@ -61,8 +65,9 @@ class PlantNode(LocoNode):
         self._waiting_for = set(self.controllers) | ({"recorder"} if self.recorded else set())
         if self.faulted:
             self._waiting_for.add(LOST_TICK.writer)
+            receive = self.reader(LOST_TICK.name, LOST_TICK.type, self._on_lost)
             self.create_subscription(
-                LOST_TICK.type, LOST_TICK.name, self._on_lost, LOST_TICK.qos.reader()
+                LOST_TICK.type, LOST_TICK.name, receive, LOST_TICK.qos.reader(), raw=True
             )
         self._recorder_tick = -1
         self._held: RobotState | None = None
@@ -74,15 +79,17 @@ class PlantNode(LocoNode):
         self._silent = self._unreadable = False
         self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
         self._estop = EmergencyStop(self, self._on_estop)
+        self._heartbeat = Heartbeat(self, self.tick.heartbeat, self._estop.engage)
         self._make_safety()
         self.input("events", self._on_event)
         self.input("recorder_status", self._on_recorder)
 
     def _make_safety(self) -> None:
-        """Limits of the robot that is simulated; a plant without a robot has none."""
+        """Limits and safe state of the robot that is simulated."""
         robot = getattr(self.sim, "robot", None)
         wanted = robot is not None and self._limits.enabled
         self._safety = Safety(robot, self._limits, 1.0 / self.rate) if wanted else None
+        self._fallback = Fallback(robot, self._stages, 1.0 / self.rate)
 
     def send(self, state: RobotState) -> None:
         """Publish the state of a tick and what goes with it."""
@@ -98,9 +105,9 @@ class PlantNode(LocoNode):
         """Hear commands; those that are stale or cannot be used are counted.
 
         Args:
-            readers: As for `join_by`.
-            step: As for `join_by`.
-            tick_of: As for `join_by`; `newest` has the same unit.
+            readers: Readers, as `join_by` takes them.
+            step: Step, as `join_by` takes it.
+            tick_of: Tick of a message, as `join_by` takes it; `newest` has the same unit.
         """
         self._join = self.join_by(readers, step, tick_of, self.newest, self._refuse)
 
@@ -126,6 +133,7 @@ class PlantNode(LocoNode):
         self._began = self._paced_at = time.perf_counter()
         self.event("started", f"clock {self.tick.clock}", 0, 0.0)
         self._patient_until = time.monotonic() + PATIENCE
+        self._heartbeat.begin()
         self._publish(self.state)
 
     def _resume(self, node: str) -> None:
@@ -145,7 +153,7 @@ class PlantNode(LocoNode):
             self._nudges = None
         elif self._held is None:
             self._stuck_at = self.state.tick
-            self._advance(*self._damping())
+            self._fall_back()
 
     # ---- one tick
 
@@ -208,32 +216,28 @@ class PlantNode(LocoNode):
             text = "no command since tick" if silent else "commands are back at tick"
             self.event("timeout", f"{text} {last}", *self.now())
         self._silent = silent
-        self._advance(*(self._damping() if silent or not self._commands else self._commands))
+        if self._estop.reason or silent or not self._commands:
+            self._fall_back()
+            return
+        self._fallback.reset()
+        command, trunk = self._commands
+        self._advance(*(self._safety.limit(command, trunk) if self._safety else (command, trunk)))
 
-    def _damping(self) -> tuple[MotionCommand, TrunkTorque]:
-        """Safe state: hold the measured position with no velocity wanted."""
-        s = self.state
-        zero = s.q * 0.0
-        return (
-            MotionCommand(s.tick, s.t, s.q, zero),
-            TrunkTorque(s.tick, s.t, zero, zero[:6], s.contact),
-        )
+    def _fall_back(self) -> None:
+        """One tick in the safe state; the first command after it is limited in rate."""
+        if self._safety:
+            self._safety.resume(self.state)
+        self._advance(*self.safe_command())
+
+    def safe_command(self) -> tuple[Any, Any]:
+        """Arguments of `advance` in the safe state."""
+        return self._fallback.command(self.state)
 
     def _on_estop(self, kind: str, text: str) -> None:
         self.event(kind, text, *self.now())
 
-    def _kept_safe(
-        self, command: MotionCommand, trunk: TrunkTorque | None
-    ) -> tuple[MotionCommand, TrunkTorque | None]:
-        """The command within the limits, or the safe state after an emergency stop."""
-        if not self._estop.reason:
-            return self._safety.limit(command, trunk) if self._safety else (command, trunk)
-        if self._safety:
-            self._safety.resume(self.state)
-        return self._damping()
-
     def _advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
-        self.state = self.advance(*self._kept_safe(command, trunk))
+        self.state = self.advance(command, trunk)
         if self._safety and (reason := self._safety.trip(self.state)):
             self._estop.engage(reason)
         if self._over():
@@ -255,7 +259,7 @@ class PlantNode(LocoNode):
         return self._finished
 
     def ending(self) -> str:
-        """What a run that came to its end says of itself."""
+        """Text of a run that came to its end."""
         return f"{self.state.t:.1f} s simulated"
 
     def _on_recorder(self, status: RecorderStatus) -> None:

@@ -8,18 +8,19 @@ import sys
 
 from std_msgs.msg import String
 
-from loco_control.gait import GaitParams, standing_pose
-from loco_control.impedance import ImpedanceParams
-from loco_control.ros.convert import Converter
+from loco_control.gait.generator import GaitParams, standing_pose
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.convert import Converter
+from loco_control.ros.messages.topics import NODES
 from loco_control.ros.parameters import declare
-from loco_control.ros.spin import run_nodes
-from loco_control.ros.topics import NODES
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
-from loco_sim import effects
-from loco_sim.params import SimParams
-from loco_sim.ros.plant_node import CLOCKS, PlantNode, TickParams
-from loco_sim.ros.tools import ToolTopics
-from loco_sim.simulation import Simulation
+
+from .. import effects
+from ..params import SimParams
+from ..plant.simulation import Simulation
+from ..robot import robot as robots
+from .plant_node import CLOCKS, PlantNode, TickParams
+from .tools import ToolTopics
 
 __all__ = ["CLOCKS", "RobotSimNode", "TickParams"]
 
@@ -33,16 +34,16 @@ class RobotSimNode(PlantNode):
         super().__init__(250.0)
         seed = self.declare_parameter("seed", 0).value
         listed = json.loads(self.declare_parameter("effects", "[]").value)
-        robot = self.declare_parameter("robot", "hyq").value
+        overrides = json.loads(self.declare_parameter("overrides", "{}").value)
+        robot = robots.load(self.declare_parameter("robot", "hyq").value, overrides)
         origin = self.declare_parameter("standing_feet", list(GaitParams().origin)).value
         self.sim = Simulation(
             declare(self, SimParams(), "sim."),
-            declare(self, ImpedanceParams(), "impedance."),
             effects.from_list(listed),
             seed,
             1.0 / self.rate,
             robot,
-            standing_pose(tuple(origin)),
+            standing_pose(tuple(origin), robot.legs),
         )
         self._state_topic, self._pack = self.raw_output("robot_state"), Converter(RobotState).pack
         self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""loco in a notebook or a script: bags, robots, rollouts, gaps and reports, without ROS.
+
+::
+
+    import loco
+
+    found = loco.find_gap(["logs/swing.csv"], "robots/my_leg", hold_out=["logs/chirp.csv"])
+    print(found)                          # what the model lacks, where, and how much of it
+    log = loco.rollout("tigrillo_walk", {"robot": found.model_file, "duration": 5.0})
+    log.q                                 # joint angles [rad], (T, n)
+
+Every mistake in what is given raises a `LocoError` whose message says what to do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from loco_bringup import __version__
+from loco_bringup.bag.reader import Bag
+from loco_control.exceptions import LocoError
+from loco_learning.runs.experiment import Experiment
+from loco_learning.runs.experiment import load as load_experiment
+from loco_learning.runs.log import Log
+from loco_sim import lazy
+from loco_sim.plant.model import Model, load_any
+from loco_sim.robot.robot import Robot
+
+# Compiled kernels and figures take seconds to load: only what is used is.
+_gap = lazy.module("loco_bringup.gap.run")
+_text = lazy.module("loco_bringup.gap.text")
+_report = lazy.module("loco_bringup.report.report")
+_rollout = lazy.module("loco_learning.runs.rollout")
+
+__all__ = [
+    "Bag", "Experiment", "Gap", "Log", "LocoError", "Model", "Page", "Robot", "__version__",
+    "find_gap", "load_bag", "report", "robot", "rollout",
+]  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Page:
+    """An HTML page on disk; a notebook shows it in place.
+
+    Attributes:
+        path: The file.
+    """
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def _repr_html_(self) -> str:
+        text = escape(self.path.read_text(encoding="utf-8"), quote=True)
+        return f'<iframe srcdoc="{text}" style="width: 100%; height: 40em; border: 0"></iframe>'
+
+
+@dataclasses.dataclass(frozen=True)
+class Gap:
+    """Result of `find_gap`: the effects that a model lacks; printed, it says so in words.
+
+    Attributes:
+        folder: Folder of all results.
+        result: Contents of ``gap.json``.
+    """
+
+    folder: Path
+    result: Mapping[str, Any] = dataclasses.field(repr=False)
+
+    @property
+    def verdict(self) -> str:
+        """``named``, ``ambiguous``, ``unknown`` or ``no gap``."""
+        return self.result["verdict"]
+
+    @property
+    def terms(self) -> list[dict[str, Any]]:
+        """Effects that were added: name, place, parameters with intervals and units, odds."""
+        return list(self.result.get("terms") or ())
+
+    @property
+    def model(self) -> Model:
+        """The model with what was found."""
+        return _gap.patched(self.result)
+
+    @property
+    def model_file(self) -> Path:
+        """The same as a file, for ``robot:`` in experiments and for the commands."""
+        return self.folder / _gap.MODEL
+
+    @property
+    def page(self) -> Page:
+        """The page about it."""
+        return Page(self.folder / _gap.PAGE)
+
+    def __str__(self) -> str:
+        lines = [_text.headline(self.result), *_text.term_lines(self.result)]
+        return "\n  ".join([*lines, _text.gap_line(self.result)]).rstrip()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
+
+
+def load_bag(path: str | Path) -> Bag:
+    """Open a rosbag2 bag (MCAP) for reading; the message packages need not be installed.
+
+    ``bag.records("joint_states")`` gives a topic as a NumPy record array,
+    ``bag.messages("events")`` as objects.
+
+    Args:
+        path: Folder of the bag, or its ``.mcap`` file.
+
+    Raises:
+        MissingFileError: There is no such bag.
+        BagError: The bag is damaged.
+    """
+    return Bag(path)
+
+
+def robot(name_or_path: str | Path) -> Robot:
+    """Read a robot: its joints, limits, drives, springs and masses, checked against its URDF.
+
+    Args:
+        name_or_path: Name of a robot of loco, a folder with a ``robot.yaml``, or a ``model.yaml``.
+
+    Raises:
+        LocoError: There is no such robot, or its files do not fit together.
+    """
+    return load_any(name_or_path).make_robot()
+
+
+def rollout(
+    experiment: str | Path | Experiment,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    seed: int | None = None,
+    on_progress: Callable[[float], Any] | None = None,
+) -> Log:
+    """Simulate an experiment in this process, at the speed of the machine.
+
+    Args:
+        experiment: Name of an experiment of loco, path of a YAML file, or an experiment.
+        overrides: Values by dotted name, such as ``{"duration": 2.0, "gait.speed": 0.3}``; only
+            where `experiment` is a name or a path.
+        seed: Seed in place of that of the experiment.
+        on_progress: Called with the simulated time [s] after each tick.
+
+    Returns:
+        Columns over ticks: ``log.t`` [s], ``log.q`` [rad], ``log.tau`` [N·m] and more.
+
+    Raises:
+        LocoError: There is no such experiment, or a value is wrong.
+    """
+    if not isinstance(experiment, Experiment):
+        values = {k: str(v) if isinstance(v, Path) else v for k, v in (overrides or {}).items()}
+        experiment = load_experiment(experiment, values)
+    tell = None if on_progress is None else lambda tick, loop: on_progress(tick * experiment.dt)
+    return _rollout.rollout(experiment, seed, tell)
+
+
+def find_gap(
+    recordings: Sequence[str | Path] | str | Path,
+    robot: str | Path,
+    *,
+    hold_out: Sequence[str | Path] = (),
+    mapping: str | Path | None = None,
+    out: str | Path | None = None,
+    workers: int = 2,
+    on_progress: Callable[[float, str, str], Any] | None = None,
+    **options: Any,
+) -> Gap:
+    """Find where a model and recordings differ, name the cause, and add it to the model.
+
+    Args:
+        recordings: Bags, or tables (CSV, JSON) with a mapping.
+        robot: Name of a robot, a folder with a ``robot.yaml``, or a ``model.yaml``.
+        hold_out: Recordings that judge the model and are never fitted; default the last one.
+        mapping: File that says what the columns are; default ``mapping.yaml`` beside the recording.
+        out: Folder of the results; default below ``results``.
+        workers: Processes; the result is the same for any number.
+        on_progress: Called with the share of the work done, the stage, and the best name so far.
+        options: Values of ``loco gap --set``, such as ``effects=["*_friction"]`` or ``seed=3``.
+
+    Raises:
+        LocoError: A recording, the robot or an option is of no use.
+    """
+    bags = [recordings] if isinstance(recordings, (str, Path)) else recordings
+    job = _gap.Job(
+        str(robot), tuple(map(str, bags)), tuple(map(str, hold_out)), str(mapping or ""), options,
+        workers,
+    )  # fmt: skip
+    folder = Path(out) if out is not None else job.default_folder()
+    return Gap(folder, _gap.run(job, folder, on_progress))
+
+
+def report(bag: str | Path | Bag, out: str | Path | None = None, *, gif: bool = True) -> Page:
+    """Write one self-contained HTML page about a recorded run: gait, forces, metrics, animation.
+
+    Args:
+        bag: The recording.
+        out: HTML file; default ``report.html`` in the folder of the bag.
+        gif: Draw the animation, which takes most of the time.
+
+    Raises:
+        LocoError: The bag is not a run of loco, or the page cannot be written.
+    """
+    return Page(_report.write_report(bag, out, gif))

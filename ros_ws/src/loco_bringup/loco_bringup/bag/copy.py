@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco extract`: some topics of a bag, each at a fraction of its rate, as a smaller bag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from loco_control.exceptions import BagError, ParameterError
+from loco_control.reading import parse_yaml
+
+from .reader import Bag
+from .writer import BagWriter
+
+DECIDES = "experiment.yaml"  # what is inside a bag besides: parameters of nodes and weights
+
+
+def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Path:
+    """Copy topics and the experiment; stamps and bytes of messages stay.
+
+    Args:
+        bag: Bag folder or ``.mcap`` file.
+        out: New bag folder.
+        topics: Names; ``NAME:N`` keeps each N-th message.
+
+    Returns:
+        Folder of the new bag.
+
+    Raises:
+        BagError: `out` holds a bag already, or there is no room for all of it.
+        NameUnknownError: The bag has no such topic.
+        ParameterError: N is not a whole number from 1.
+    """
+    bag, out = bag if isinstance(bag, Bag) else Bag(bag), Path(out)
+    periods = {bag.resolve(name): every for name, every in map(_parsed, topics)}
+    if not periods:
+        raise BagError("no topic to copy; name at least one")
+    files = {name: bag.attachment(name) for name in bag.attachments() if name == DECIDES}
+    messages = []
+    for name, every in periods.items():
+        times, data = bag.raw(name)
+        rows = zip(times.tolist(), data, strict=True)
+        messages += [(t, name, d) for i, (t, d) in enumerate(rows) if i % every == 0]
+    writer = BagWriter(out, bag.metadata)
+    try:
+        _announce(bag, writer, periods)
+        for t, name, data in sorted(messages, key=lambda m: m[0]):
+            writer.write(name, data, t)
+        for name, data in files.items():
+            writer.attach(name, data)
+    finally:
+        writer.close()
+    if writer.failed:
+        raise BagError(f"the new bag is not complete: {writer.failed}")
+    return out
+
+
+def _parsed(text: str) -> tuple[str, int]:
+    name, _, every = text.partition(":")
+    if every and not (every.isdigit() and int(every) > 0):
+        raise ParameterError(f"topic {text!r} must be NAME or NAME:N with N a whole number from 1")
+    return name, int(every or 1)
+
+
+def _announce(bag: Bag, writer: BagWriter, names: Sequence[str] | dict[str, int]) -> None:
+    for channel in bag.summary.channels.values():
+        if channel.topic in names:
+            schema = bag.summary.schemas[channel.schema_id]
+            qos = parse_yaml(channel.metadata.get("offered_qos_profiles", "[]"), bag.path)
+            hash_ = channel.metadata.get("topic_type_hash", "")
+            writer.add_topic(channel.topic, schema.name, schema.data.decode(), hash_, qos)

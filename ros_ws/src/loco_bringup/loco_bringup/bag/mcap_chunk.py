@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chunks of an MCAP file: unpacked, checked, and their messages found by one compiled pass."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from functools import cached_property
+from typing import NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from numba import njit
+
+from loco_control.exceptions import BagError
+
+from .mcap_scan import Piece
+
+_HEAD = struct.Struct("<QQQI")  # start and end time [ns], unpacked size, CRC
+_MAX_SIZE = 1 << 31  # an unpacked chunk beyond 2 GiB is a damaged length
+MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("publish", "<i8")])
+
+
+class ChunkHead(NamedTuple):
+    """The head of a chunk: times [ns], unpacked size, and the place of its packed bytes."""
+
+    first: int
+    last: int
+    size: int
+    crc: int
+    compression: str
+    start: int
+    stop: int
+
+
+def chunk_head(data: bytes, piece: Piece) -> ChunkHead:
+    """Head of a chunk; `piece` may be cut off behind it."""
+    first, last, size, crc = _HEAD.unpack_from(data, piece.start)
+    at = piece.start + _HEAD.size
+    length = int.from_bytes(data[at : at + 4], "little")
+    name = bytes(data[at + 4 : at + 4 + length]).decode("ascii", "replace")
+    return ChunkHead(first, last, size, crc, name, at + 12 + length, piece.stop)
+
+
+def unpack(data: bytes, piece: Piece) -> bytes:
+    """Records inside a chunk.
+
+    Raises:
+        BagError: It is damaged, or packed by a method that is not known.
+    """
+    head = chunk_head(data, piece)
+    packed = data[head.start : head.stop]
+    try:
+        records = _unpacked(head, packed)
+    except BagError:
+        raise
+    except Exception as error:  # each library has its own
+        raise BagError(f"chunk at byte {piece.start} is damaged: {error}") from None
+    if len(records) != head.size:
+        raise BagError(f"chunk at byte {piece.start} is damaged: its length is wrong")
+    if head.crc and zlib.crc32(records) != head.crc:
+        raise BagError(f"chunk at byte {piece.start} is damaged: its check sum is wrong")
+    return records
+
+
+def _unpacked(head: ChunkHead, packed: bytes) -> bytes:
+    if head.size > _MAX_SIZE:
+        raise BagError(f"chunk says it has {head.size} bytes; at most {_MAX_SIZE} are believed")
+    if head.compression == "":
+        return bytes(packed)
+    if head.compression == "lz4":
+        return lz4.frame.decompress(packed)
+    if head.compression == "zstd":
+        size = zstandard.get_frame_parameters(packed).content_size
+        if size not in (head.size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise BagError("its length is wrong")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=head.size)
+    raise BagError(f"chunks packed with {head.compression!r} cannot be read: only zstd, lz4, none")
+
+
+class Records:
+    """Records of one unpacked chunk.
+
+    Args:
+        data: Bytes of the unpacked chunk.
+
+    Attributes:
+        starts: First byte of each message, after its head.
+        stops: End of each message.
+        channels: Channel of each message.
+        times: Log time of each message [ns].
+
+    Raises:
+        BagError: The lengths of the records do not add up.
+    """
+
+    def __init__(self, data: bytes):
+        self.data = data
+        self.bytes = np.frombuffer(data, np.uint8)
+        ok, others, messages = _find(self.bytes)
+        if not ok:
+            raise BagError("records in a chunk do not add up")
+        self._others = others
+        self.starts, self.stops, self.channels, self.times = np.ascontiguousarray(messages.T)
+
+    def pieces(self, opcode: int) -> list[Piece]:
+        """Records of one kind."""
+        return [Piece(*row) for row in self._others.tolist() if row[0] == opcode]
+
+    @cached_property
+    def heads(self) -> np.ndarray:
+        """Channel, sequence and times of each message, dtype `MESSAGE`."""
+        rows = np.empty((len(self.starts), MESSAGE.itemsize), np.uint8)
+        gather(self.bytes, self.starts - MESSAGE.itemsize, rows)
+        return rows.view(MESSAGE).reshape(-1)
+
+
+@njit(cache=True)
+def _number(data, at, size):
+    value = np.int64(0)
+    for k in range(size - 1, -1, -1):
+        value = (value << 8) | data[at + k]
+    return value
+
+
+@njit(cache=True)
+def _find(data):
+    """Messages (first byte, end, channel, time) and other records (opcode, first byte, end)."""
+    size, at, many, few = len(data), 0, 0, 0
+    ok = True
+    while at < size:
+        length = _number(data, at + 1, 8) if size - at >= 9 else np.int64(-1)
+        message = data[at] == 5
+        if length < 0 or length > size - at - 9 or (message and length < 22):
+            ok = False
+            break
+        at += 9 + length
+        many += message
+        few += not message
+    messages, others = np.empty((many, 4), np.int64), np.empty((few, 3), np.int64)
+    at, i, k = 0, 0, 0
+    while i + k < many + few:
+        stop = at + 9 + _number(data, at + 1, 8)
+        if data[at] == 5:
+            messages[i, 0], messages[i, 1] = at + 31, stop
+            messages[i, 2] = _number(data, at + 9, 2)
+            messages[i, 3] = _number(data, at + 15, 8)
+            i += 1
+        else:
+            others[k, 0], others[k, 1], others[k, 2] = data[at], at + 9, stop
+            k += 1
+        at = stop
+    return ok, others, messages
+
+
+@njit(cache=True)
+def gather(data: np.ndarray, starts: np.ndarray, out: np.ndarray) -> None:
+    """Copy stretches of bytes from each start on into the rows of `out`."""
+    for i in range(len(starts)):
+        out[i] = data[starts[i] : starts[i] + out.shape[1]]

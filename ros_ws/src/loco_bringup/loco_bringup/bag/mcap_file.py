@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An MCAP file as a whole: its definitions, statistics, chunks, attachments and messages."""
+
+from __future__ import annotations
+
+import mmap
+import zlib
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statistics
+
+from loco_control.exceptions import BagError
+
+from .mcap_chunk import Records, unpack
+from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
+
+
+@dataclass
+class Summary:
+    """The definitions and statistics at the end of a file."""
+
+    statistics: Statistics
+    channels: dict[int, Channel]
+    schemas: dict[int, Schema]
+
+
+class Mcap:
+    """Bytes of an MCAP file, whole or not, and the records they consist of.
+
+    Args:
+        path: The file.
+
+    Attributes:
+        data: Bytes of the file, read when they are touched.
+    """
+
+    def __init__(self, path: Path):
+        with open(path, "rb") as stream:
+            full = path.stat().st_size > 0
+            self.data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if full else b""
+
+    @cached_property
+    def pieces(self) -> list[Piece]:
+        """Records of the file in its order, with the damage between them."""
+        return list(walk(self.data)) if len(self.data) > len(MAGIC) else []
+
+    def kind(self, opcode: int) -> list[Piece]:
+        """Records of one kind."""
+        return [p for p in self.pieces if p.opcode == opcode]
+
+    def records(self, chunk: Piece) -> Records:
+        """Messages of one chunk.
+
+        Raises:
+            BagError: The chunk is damaged.
+        """
+        return Records(unpack(self.data, chunk))
+
+    def loose(self) -> Records:
+        """Messages that stand in the file itself."""
+        pieces = self.kind(Opcode.MESSAGE)
+        return Records(b"".join(self.data[p.start - HEAD.size : p.stop] for p in pieces))
+
+
+class McapFile(Mcap):
+    """A complete MCAP file. Every check sum is checked when its bytes are read.
+
+    Args:
+        path: The file.
+
+    Raises:
+        BagError: It is cut short, damaged, or no MCAP file.
+    """
+
+    def __init__(self, path: Path):
+        super().__init__(path)
+        self.path = path
+        if bytes(self.data[: len(MAGIC)]) != MAGIC:
+            raise self._error("it does not begin as MCAP files do")
+        if len(self.data) < 2 * len(MAGIC) or bytes(self.data[-len(MAGIC) :]) != MAGIC:
+            raise self._error("cut short")
+        for damage in self.kind(DAMAGE):
+            raise self._error(f"bytes {damage.start} to {damage.stop} are damaged")
+        try:
+            self.summary = self._summary()
+        except BagError as error:
+            raise self._error(str(error)) from None
+
+    def _error(self, why: str) -> BagError:
+        return BagError(
+            f"{self.path} is not a readable MCAP file: {why}; "
+            f"`loco recover {self.path}` restores what is whole"
+        )
+
+    def _summary(self) -> Summary:
+        footers = self.kind(Opcode.FOOTER)
+        if len(footers) != 1:
+            raise BagError("it has no footer")
+        footer = parsed(self.data, footers[0], Footer)
+        if not summary_whole(self.data, footers[0]):
+            raise BagError("the check sum of its summary is wrong")
+        last = [p for p in self.pieces if p.start > footer.summary_start > 0]
+        statistics = [p for p in last if p.opcode == Opcode.STATISTICS]
+        if not statistics:
+            raise BagError("it has no summary")
+        channels = [parsed(self.data, p, Channel) for p in last if p.opcode == Opcode.CHANNEL]
+        schemas = [parsed(self.data, p, Schema) for p in last if p.opcode == Opcode.SCHEMA]
+        summary = Summary(
+            parsed(self.data, statistics[0], Statistics),
+            {c.id: c for c in channels},
+            {s.id: s for s in schemas},
+        )
+        count, there = summary.statistics.chunk_count, len(self.chunks)
+        if count != there:
+            raise BagError(f"{there} chunks of {count} are there")
+        missing = {c.schema_id for c in channels} - set(summary.schemas) - {0}
+        if missing:
+            raise BagError(f"schema {min(missing)} is missing")
+        return summary
+
+    def attachments(self) -> Iterator[Attachment]:
+        """Files inside the file.
+
+        Raises:
+            BagError: An attachment is damaged.
+        """
+        for piece in self.kind(Opcode.ATTACHMENT):
+            if not attachment_whole(self.data, piece):
+                raise self._error(f"the attachment at byte {piece.start} is damaged")
+            yield parsed(self.data, piece, Attachment)
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """Metadata record of a name; empty if there is none."""
+        for piece in self.kind(Opcode.METADATA):
+            record = parsed(self.data, piece, Metadata)
+            if record.name == name:
+                return dict(record.metadata)
+        return {}
+
+    @property
+    def chunks(self) -> list[Piece]:
+        """Places of the chunks."""
+        return self.kind(Opcode.CHUNK)
+
+    def blocks(self) -> Iterator[Records]:
+        """All messages, a chunk at a time, as they stand in the file.
+
+        A second thread unpacks the next chunk meanwhile.
+
+        Raises:
+            BagError: A chunk is damaged.
+        """
+        chunks = self.chunks
+        if not chunks and self.kind(Opcode.MESSAGE):
+            yield self.loose()
+        with ThreadPoolExecutor(1) as pool:
+            ahead = [pool.submit(unpack, self.data, chunk) for chunk in chunks[:1]]
+            for i in range(len(chunks)):
+                ahead += [pool.submit(unpack, self.data, c) for c in chunks[i + 1 : i + 2]]
+                try:
+                    records = Records(ahead.pop(0).result())
+                except BagError as error:
+                    raise self._error(str(error)) from None
+                yield records
+
+
+def attachment_whole(data: bytes, piece: Piece) -> bool:
+    """The check sum of an attachment is right, or it has none."""
+    check = int.from_bytes(data[piece.stop - 4 : piece.stop], "little")
+    return check in (0, zlib.crc32(data[piece.start : piece.stop - 4]))
+
+
+def summary_whole(data: bytes, footer: Piece) -> bool:
+    """The check sum of summary and footer is right, or there is none."""
+    record = parsed(data, footer, Footer)
+    begin = record.summary_start or footer.start - HEAD.size
+    check = record.summary_crc
+    return begin < footer.stop and check in (0, zlib.crc32(data[begin : footer.stop - 4]))
+
+
+def of_channels(records: Records, channels: list[int]) -> np.ndarray:
+    """Numbers of the messages that are of some channels."""
+    chosen = records.channels == channels[0]
+    for channel in channels[1:]:
+        chosen |= records.channels == channel
+    return np.flatnonzero(chosen)

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walks an MCAP file record by record; after damage it finds the next whole record.
+
+The lengths inside a record must add up to its own length, which is what tells a
+record from bytes that only look like one (https://mcap.dev/spec).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from io import BytesIO
+from typing import NamedTuple, TypeVar
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import McapRecord
+
+from loco_control.exceptions import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")  # opcode and length in front of every record
+DAMAGE = 0  # opcode of a `Piece` that is no record
+
+# How a record is built: fixed bytes (a number), text or block with its length in 4 bytes
+# ("s"), and block with its length in 8 bytes ("b").
+_SHAPES = {
+    Opcode.HEADER: ("s", "s"),
+    Opcode.FOOTER: (20,),
+    Opcode.SCHEMA: (2, "s", "s", "s"),
+    Opcode.CHANNEL: (4, "s", "s", "s"),
+    Opcode.CHUNK: (28, "s", "b"),
+    Opcode.MESSAGE_INDEX: (2, "s"),
+    Opcode.CHUNK_INDEX: (32, "s", 8, "s", 16),
+    Opcode.ATTACHMENT: (16, "s", "s", "b", 4),
+    Opcode.ATTACHMENT_INDEX: (40, "s", "s"),
+    Opcode.STATISTICS: (42, "s"),
+    Opcode.METADATA: ("s", "s"),
+    Opcode.METADATA_INDEX: (16, "s"),
+    Opcode.SUMMARY_OFFSET: (17,),
+    Opcode.DATA_END: (4,),
+}
+_MESSAGE_HEAD = 22
+PRIVATE = 0x80  # opcodes from here on are anyone's own: skipped if a record follows
+# A record shorter than 4 GiB: opcode, and a length whose upper half is zero.
+_CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\s\S]{4}\x00{4})")
+
+R = TypeVar("R", bound=McapRecord)
+
+
+class Piece(NamedTuple):
+    """A record in a file: its opcode and the bytes [start, stop) after its head.
+
+    With the opcode `DAMAGE` it is a stretch of bytes that is no whole record.
+    """
+
+    opcode: int
+    start: int
+    stop: int
+
+
+def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
+    """Pieces of a file from `start` on, without gaps, to its last byte or closing magic."""
+    at, end = start, len(data)
+    if bytes(data[end - len(MAGIC) : end]) == MAGIC and end >= start + len(MAGIC):
+        end -= len(MAGIC)
+    while at < end:
+        piece = piece_at(data, at, end)
+        if piece is None:
+            piece = Piece(DAMAGE, at, _next(data, at + 1, end))
+        yield piece
+        at = piece.stop
+
+
+def piece_at(data: bytes, at: int, end: int) -> Piece | None:
+    """The record that begins at `at`; None if no whole one does."""
+    if end - at < HEAD.size:
+        return None
+    opcode, length = HEAD.unpack_from(data, at)
+    start, stop = at + HEAD.size, at + HEAD.size + length
+    if stop > end:
+        return None
+    if opcode == Opcode.MESSAGE:
+        return Piece(opcode, start, stop) if length >= _MESSAGE_HEAD else None
+    if opcode >= PRIVATE:
+        following = data[stop] if stop < end else Opcode.DATA_END
+        known = following in _SHAPES or following == Opcode.MESSAGE or following >= PRIVATE
+        return Piece(opcode, start, stop) if known else None
+    shape = _SHAPES.get(opcode)
+    if shape is None or not _adds_up(data, shape, start, stop):
+        return None
+    return Piece(opcode, start, stop)
+
+
+def _adds_up(data: bytes, shape: tuple, at: int, stop: int) -> bool:
+    for part in shape:
+        if part == "s" or part == "b":
+            size = 4 if part == "s" else 8
+            if at + size > stop:
+                return False
+            at += size + int.from_bytes(data[at : at + size], "little")
+        else:
+            at += part
+        if at > stop:
+            return False
+    return at == stop
+
+
+def _next(data: bytes, at: int, end: int) -> int:
+    """Begin of the next whole record, or the end."""
+    for candidate in _CANDIDATE.finditer(data, at, end):
+        # A message has no inner lengths, so bytes look like one by chance.
+        piece = piece_at(data, candidate.start(), end)
+        if piece and piece.opcode != Opcode.MESSAGE:
+            return candidate.start()
+    return end
+
+
+def parsed(data: bytes, piece: Piece, kind: type[R]) -> R:
+    """A record as an object of the mcap library.
+
+    Raises:
+        BagError: The bytes do not make a record of this kind.
+    """
+    try:
+        return kind.read(ReadDataStream(BytesIO(data[piece.start : piece.stop])))
+    except Exception as error:  # the library raises whatever the bytes lead to
+        raise BagError(f"{kind.__name__} at byte {piece.start} is damaged: {error}") from None

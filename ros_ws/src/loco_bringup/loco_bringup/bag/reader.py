@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads a recorded bag: topics as NumPy record arrays, attachments, metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import BagError, MissingFileError, NameUnknownError, ParameterError
+from loco_control.reading import as_text, parse_yaml
+from loco_control.ros.messages.codec import Codec
+from loco_control.ros.messages.plain import Message, deserialize, message_class
+
+from .mcap_chunk import Records, gather
+from .mcap_file import McapFile, of_channels
+from .writer import LIBRARY
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a bag."""
+
+    name: str
+    type: str
+    count: int
+
+
+class Bag:
+    """A recorded bag, given as its folder or as its ``.mcap`` file.
+
+    Args:
+        path: Folder that holds one ``*.mcap``, or the file itself.
+
+    Attributes:
+        topics: Topics by name.
+        channels: Numbers that the file uses for each topic.
+
+    Raises:
+        MissingFileError: There is no such folder or file.
+        BagError: The file is not a complete MCAP file.
+    """
+
+    def __init__(self, path: str | Path):
+        self.path = mcap_path(Path(path))
+        self.folder = self.path.parent
+        self.file = McapFile(self.path)
+        self.summary = self.file.summary
+        counts = self.summary.statistics.channel_message_counts
+        self.channels: dict[str, list[int]] = {}
+        self._kinds: dict[str, type[Message]] = {}
+        self.topics: dict[str, TopicInfo] = {}
+        for i, c in sorted(self.summary.channels.items()):
+            self.channels.setdefault(c.topic, []).append(i)
+            kind = self.summary.schemas[c.schema_id].name if c.schema_id else c.message_encoding
+            count = sum(counts.get(k, 0) for k in self.channels[c.topic])
+            self.topics[c.topic] = TopicInfo(c.topic, kind, count)
+
+    @property
+    def start(self) -> float:
+        """Simulated time of the first message [s]."""
+        return self.summary.statistics.message_start_time / 1e9
+
+    @property
+    def end(self) -> float:
+        """Simulated time of the last message [s]."""
+        return self.summary.statistics.message_end_time / 1e9
+
+    @cached_property
+    def metadata(self) -> dict[str, str]:
+        """Metadata of the run: experiment, seed, versions, drops."""
+        return self.file.metadata(LIBRARY)
+
+    def attachment(self, name: str) -> bytes:
+        """Content of a file inside the bag.
+
+        Raises:
+            NameUnknownError: The bag has no attachment of that name.
+        """
+        names = []
+        for record in self.file.attachments():
+            names.append(record.name)
+            if record.name == name:
+                return record.data
+        raise NameUnknownError(f"attachment in {self.path.name}", name, names)
+
+    def yaml(self, name: str) -> Any:
+        """Values of a YAML file inside the bag.
+
+        Raises:
+            NameUnknownError: The bag has no attachment of that name.
+            ParameterError: The file is not YAML.
+        """
+        source = f"{name} in {self.path}"
+        return parse_yaml(as_text(self.attachment(name), source), source)
+
+    def attachments(self) -> dict[str, int]:
+        """Names and sizes [bytes] of the files inside the bag."""
+        return {record.name: len(record.data) for record in self.file.attachments()}
+
+    def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
+        """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived."""
+        times, data = [np.empty(0, np.int64)], []
+        for records, rows in self._blocks(self.resolve(topic)):
+            times.append(records.times[rows])
+            starts, stops = records.starts[rows].tolist(), records.stops[rows].tolist()
+            data += [records.data[a:b] for a, b in zip(starts, stops, strict=True)]
+        return np.concatenate(times), data
+
+    def times(self, topic: str) -> np.ndarray:
+        """Log times [ns] of a topic, shape (n,), as its messages arrived."""
+        blocks = self._blocks(self.resolve(topic))
+        return np.concatenate([np.empty(0, np.int64), *(r.times[i] for r, i in blocks)])
+
+    def offered(self, topic: str) -> str:
+        """YAML text of the QoS profiles that the writers of a topic offered."""
+        channel = self.summary.channels[self.channels[self.resolve(topic)][0]]
+        return channel.metadata.get("offered_qos_profiles", "[]")
+
+    def _blocks(self, name: str) -> Iterator[tuple[Records, np.ndarray]]:
+        """The chunks, and which of their messages are of a topic."""
+        for records in self.file.blocks():
+            yield records, of_channels(records, self.channels[name])
+
+    def records(self, topic: str) -> np.ndarray:
+        """Messages of a topic of constant layout as records, shape (n,), fields by path.
+
+        Raises:
+            BagError: The topic is empty or its messages differ in layout.
+        """
+        return self.records_of([topic])[topic]
+
+    def records_of(self, topics: Iterable[str]) -> dict[str, np.ndarray]:
+        """Records of several topics, by the names given, in one pass over the file.
+
+        Raises:
+            BagError: A topic is empty or its messages differ in layout.
+        """
+        names = {topic: self.resolve(topic) for topic in topics}
+        columns = {name: _Columns(self, name) for name in names.values()}
+        for records in self.file.blocks():
+            for name, column in columns.items():
+                column.add(records, of_channels(records, self.channels[name]))
+        return {topic: columns[name].joined() for topic, name in names.items()}
+
+    def messages(self, topic: str) -> list[Message]:
+        """Messages of a topic as objects with the fields of its type, in log order.
+
+        Raises:
+            NameUnknownError: The bag has no such topic.
+            BagError: A message is not of the type that the bag says.
+        """
+        name = self.resolve(topic)
+        return [self.message(name, data) for data in self.raw(name)[1]]
+
+    def message(self, name: str, data: bytes) -> Message:
+        """Object of the bytes of a message on the topic that was recorded as `name`.
+
+        Raises:
+            BagError: They are not of the type that the bag says.
+        """
+        try:
+            return deserialize(data, self._kind(name))
+        except ParameterError as error:
+            raise BagError(f"{self.path}: a message on {name}: {error}") from None
+
+    def _kind(self, name: str) -> type[Message]:
+        """Class of the messages of a topic, by the definition that the bag carries."""
+        if name not in self._kinds:
+            info, channel = self.topics[name], self.summary.channels[self.channels[name][0]]
+            schema = self.summary.schemas.get(channel.schema_id)
+            carried = schema is not None and schema.encoding == "ros2msg"
+            text = schema.data.decode("utf-8", "replace") if carried else ""
+            self._kinds[name] = message_class(info.type, text)
+        return self._kinds[name]
+
+    def resolve(self, topic: str) -> str:
+        """Recorded name of a topic; leading slash and namespace may be left out.
+
+        Raises:
+            NameUnknownError: The bag has no such topic, or several namespaces have it.
+        """
+        if topic in self.topics:
+            return topic
+        names = [name for name in self.topics if name.endswith("/" + topic.lstrip("/"))]
+        if len(names) != 1:
+            raise NameUnknownError(f"topic in {self.path.name}", topic, self.topics)
+        return names[0]
+
+
+class _Columns:
+    """Messages of one topic, all of one layout, gathered chunk by chunk."""
+
+    def __init__(self, bag: Bag, name: str):
+        self._bag, self._name = bag, name
+        self._codec: Codec | None = None
+        self._filled = 0
+
+    def add(self, records: Records, rows: np.ndarray) -> None:
+        """Copy these messages of a chunk."""
+        if not len(rows):
+            return
+        starts = records.starts[rows]
+        if self._codec is None:
+            self._codec = self._layout(records.data[starts[0] : records.stops[rows[0]]])
+            count = self._bag.topics[self._name].count
+            self._data = np.empty((count, self._codec.dtype.itemsize), np.uint8)
+        size = self._codec.dtype.itemsize
+        wrong = np.flatnonzero(records.stops[rows] - starts != size)
+        if len(wrong):
+            other = int((records.stops[rows] - starts)[wrong[0]])
+            raise BagError(
+                f"{self._bag.path.name}: messages on {self._name} differ in layout: "
+                f"{size} bytes, then {other}"
+            )
+        end = self._filled + len(rows)
+        if end > len(self._data):
+            raise BagError(
+                f"{self._bag.path.name}: more messages on {self._name} than its summary says, "
+                f"{len(self._data)}"
+            )
+        gather(records.bytes, starts, self._data[self._filled : end])
+        self._filled = end
+
+    def _layout(self, first: bytes) -> Codec:
+        return Codec(self._bag.message(self._name, first), len(first))
+
+    def joined(self) -> np.ndarray:
+        """Records, shape (n,)."""
+        if self._codec is None:
+            raise BagError(f"{self._bag.path.name} has no message on {self._name}")
+        return self._data[: self._filled].view(self._codec.dtype).reshape(-1)
+
+
+def mcap_path(path: Path) -> Path:
+    """The ``.mcap`` file of a bag folder, or the file itself.
+
+    Raises:
+        MissingFileError: There is no such folder or file.
+    """
+    if path.is_dir():
+        files = sorted(path.glob("*.mcap"))
+        if len(files) != 1:
+            raise MissingFileError(f"{path} holds {len(files)} .mcap files, expected one bag")
+        return files[0]
+    if not path.is_file():
+        raise MissingFileError(f"no bag at {path}; `loco list bags` shows those that are there")
+    return path

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco recover`: makes a whole bag of a damaged one and says what is lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import BagError, LocoError, ParameterError
+from loco_control.reading import parse_yaml, read_yaml
+
+from . import progress as bag_progress
+from .mcap_chunk import Records
+from .mcap_file import McapFile
+from .reader import mcap_path
+from .salvage import Salvage, Salvager
+from .writer import LIBRARY, BagWriter
+
+_BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files that a run leaves in its folder
+
+
+@dataclass
+class Recovery:
+    """The parts of a bag that came back, and those that did not.
+
+    Attributes:
+        folder: The new bag; None if the old one is whole.
+        messages: Recovered.
+        chunks: Whole ones.
+        seconds: Simulated time from the first recovered message to the last [s].
+        lost: Messages lost; None if nothing tells.
+        lost_seconds: Simulated time without messages [s]; None if nothing tells.
+        at_least: More may be lost: nothing tells where the recording ended.
+        notes: Places of the damage, a line each.
+    """
+
+    folder: Path | None
+    messages: int = 0
+    chunks: int = 0
+    seconds: float = 0.0
+    lost: int | None = 0
+    lost_seconds: float | None = 0.0
+    at_least: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        if self.folder is None:
+            return f"whole: {self.messages} messages in {self.chunks} chunks, nothing to recover"
+        content = f"{self.messages} messages in {self.chunks} chunks, {self.seconds:.3f} s"
+        more = "at least " if self.at_least else ""
+        lost = "an unknown number of" if self.lost is None else f"{more}{self.lost}"
+        time = "unknown" if self.lost_seconds is None else f"{more}{self.lost_seconds:.3f} s"
+        return f"recovered {content}: {self.folder}; lost {lost} messages, {time}"
+
+
+def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
+    """Copy every whole chunk of a bag into a new bag.
+
+    The new folder appears at once, when it is complete.
+
+    Args:
+        path: Bag folder or ``.mcap`` file.
+        out: New folder; default the old one's name with ``_recovered``.
+
+    Raises:
+        MissingFileError: There is no such bag.
+        BagError: Nothing in it is whole, or there is no room for the new one.
+        ParameterError: `out` exists.
+    """
+    file = mcap_path(Path(path))
+    salvager = Salvager(file)
+    salvage = salvager.found
+    if _is_whole(salvage, file):
+        messages = salvage.statistics.message_count if salvage.statistics else 0
+        return Recovery(None, messages, len(salvage.blocks))
+    old = Path(path) if Path(path).is_dir() else file.with_suffix("")
+    target = Path(out) if out else old.with_name(f"{old.resolve().name}_recovered")
+    if target.exists():
+        raise ParameterError(f"{target} exists already; name another folder with --out")
+    if not salvage.blocks and not salvage.loose:
+        raise BagError(f"{file}: no whole chunk among {salvage.size} bytes; nothing to recover")
+    return _Copy(salvager, file, target).run()
+
+
+def _is_whole(salvage: Salvage, file: Path) -> bool:
+    if salvage.lost or salvage.statistics is None:
+        return False
+    try:
+        McapFile(file)
+    except BagError:
+        return False
+    return (file.parent / "metadata.yaml").is_file()
+
+
+class _Copy:
+    """Writes the new bag and counts."""
+
+    def __init__(self, salvager: Salvager, file: Path, target: Path):
+        self._salvager, self._found = salvager, salvager.found
+        self._file, self._target = file, target
+        self._spans: list[tuple[int, int]] = []  # times of each chunk [ns]
+        self._foreign: Counter[int] = Counter()  # messages of channels that nothing describes
+        self._written = 0
+
+    def run(self) -> Recovery:
+        """Write beside the target, then put it in place."""
+        try:
+            self._target.parent.mkdir(parents=True, exist_ok=True)
+            work = tempfile.mkdtemp(prefix=".recover-", dir=self._target.parent)
+        except OSError as error:
+            raise BagError(f"no bag can be written at {self._target}: {error}") from None
+        try:
+            folder = Path(work) / self._target.name
+            self._write(folder)
+            os.rename(folder, self._target)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+        return self._recovery()
+
+    def _write(self, folder: Path) -> None:
+        old = _old_metadata(self._file)
+        custom = dict(self._found.metadata.get(LIBRARY) or old.get("custom_data") or {})
+        writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
+        topics = self._announce(writer)
+        for chunk in self._found.blocks:
+            self._copy(self._salvager.records(chunk), topics, writer)
+        if self._found.loose and not self._found.blocks:
+            self._copy(self._salvager.loose(), topics, writer)
+        for file in self._found.attachments:
+            writer.attach(file.name, file.data, file.media_type)
+        inside = {file.name for file in self._found.attachments}
+        for path in (self._file.parent / name for name in _BESIDE):
+            if path.is_file() and path.name not in inside:
+                writer.attach(path.name, path.read_bytes(), "application/octet-stream")
+        writer.custom["recovered_from"] = self._file.name
+        writer.close()
+        if writer.failed:
+            raise BagError(f"the recovered bag could not be written: {writer.failed}")
+
+    def _announce(self, writer: BagWriter) -> dict[int, str]:
+        """Topic by channel, of those whose message type is known."""
+        topics: dict[int, str] = {}
+        for number, channel in sorted(self._found.channels.items()):
+            schema = self._found.schemas.get(channel.schema_id)
+            if schema is None:
+                continue
+            if channel.topic not in topics.values():
+                hash_ = channel.metadata.get("topic_type_hash", "")
+                qos = _profiles(channel.metadata.get("offered_qos_profiles", ""))
+                text = schema.data.decode(errors="replace")
+                writer.add_topic(channel.topic, schema.name, text, hash_, qos)
+            topics[number] = channel.topic
+        return topics
+
+    def _copy(self, records: Records, topics: dict[int, str], writer: BagWriter) -> None:
+        heads = records.heads
+        if len(heads):
+            self._spans.append((int(heads["time"].min()), int(heads["time"].max())))
+        rows = zip(heads.tolist(), records.starts.tolist(), records.stops.tolist(), strict=True)
+        for (channel, sequence, time, publish), start, stop in rows:
+            if channel in topics:
+                data = records.data[start:stop]
+                writer.write(topics[channel], data, time, sequence, publish)
+                self._written += 1
+            else:
+                self._foreign[channel] += 1
+
+    def _recovery(self) -> Recovery:
+        spans = np.array(self._spans or [(0, 0)], dtype=np.int64)
+        seconds = (spans[:, 1].max() - spans[:, 0].min()) / 1e9
+        lost, lost_seconds = self._losses(int(spans[:, 0].min()), int(spans[:, 1].max()))
+        notes = [str(item) for item in self._found.lost]
+        notes += [f"{n} messages of channel {c}, which nothing describes"
+                  for c, n in self._foreign.items()]  # fmt: skip
+        chunks = len(self._found.blocks)
+        cut = any(item.stop == self._found.size for item in self._found.lost)
+        at_least = cut and self._expected() is None
+        return Recovery(
+            self._target, self._written, chunks, seconds, lost, lost_seconds, at_least, notes
+        )
+
+    def _losses(self, first: int, last: int) -> tuple[int | None, float | None]:
+        """Messages lost and time without any [s], by whoever knows of them."""
+        gone = [item for item in self._found.lost if item.content]
+        counted = [item.messages for item in gone]
+        expected = self._expected()
+        if expected:
+            count, begin, end = expected
+            lost: int | None = max(0, count - self._written)
+        else:
+            begin, end = first, last
+            lost = None if None in counted else sum(c for c in counted if c is not None)
+            lost = lost if lost is None else lost + sum(self._foreign.values())
+        spans = [item.times for item in gone]
+        if not expected and (None in spans or not gone):
+            return lost, None if gone or self._found.statistics is None else 0.0
+        inner = sum(s[1] - s[0] for s in spans if s and first <= s[0] and s[1] <= last)
+        ends = [s for s in spans if s] + [(begin, end)]
+        outer = max(0, first - min(s[0] for s in ends)) + max(0, max(s[1] for s in ends) - last)
+        return lost, (inner + outer) / 1e9
+
+    def _expected(self) -> tuple[int, int, int] | None:
+        """Messages that there were, and times of the first and last [ns], if something tells."""
+        if self._found.statistics:
+            s = self._found.statistics
+            return s.message_count, s.message_start_time, s.message_end_time
+        first = min((s[0] for s in self._spans), default=0)
+        state = bag_progress.read(self._file.parent)
+        if state:
+            return state[0], first, state[1]
+        old = _old_metadata(self._file)
+        count = old.get("message_count", 0)
+        if not count:
+            return None
+        try:
+            begin = int(old["starting_time"]["nanoseconds_since_epoch"])
+            return int(count), begin, begin + int(old["duration"]["nanoseconds"])
+        except (KeyError, TypeError, ValueError):
+            return None
+
+
+def _old_metadata(file: Path) -> dict[str, Any]:
+    """Contents of ``metadata.yaml``; none if it cannot be read or is of another file."""
+    try:
+        content = read_yaml(file.parent / "metadata.yaml")
+        information = content["rosbag2_bagfile_information"]
+        return information if file.name in information["relative_file_paths"] else {}
+    except (LocoError, ValueError, TypeError, KeyError):
+        return {}
+
+
+def _profiles(text: str) -> list[dict]:
+    try:
+        qos = parse_yaml(text, "offered QoS")
+    except LocoError:
+        return []
+    return qos if isinstance(qos, list) else []

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag, of standard messages or of the HyQ graph, as the `Recording` of a calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import BagError, NameUnknownError
+from loco_learning.calibration.recording import Recording, align
+from loco_sim.robot.robot import Robot
+
+from ..bag.reader import Bag
+
+STATES, COMMANDS = "joint_states", "joint_command"
+TYPE = "sensor_msgs/msg/JointState"
+OWN_STATE, OWN_COMMAND, TRUNK = "robot_state", "motion_command", "trunk_torque"
+
+
+def read_recording(
+    bag: Bag | str | Path, rate: float, namespace: str = "", robot: Robot | None = None
+) -> Recording:
+    """Commands and joint angles of a recorded robot.
+
+    Args:
+        bag: Bag folder or ``.mcap`` file with `STATES` and `COMMANDS`, or with `OWN_STATE` and
+            `OWN_COMMAND` of the HyQ graph.
+        rate: Samples per second of the result.
+        namespace: Namespace of the robot, where the bag holds several.
+        robot: Robot that was measured; the messages of the HyQ graph do not name its joints.
+
+    Raises:
+        MissingFileError: There is no such bag.
+        BagError: It lacks a topic or the topic's messages are not of use.
+        ParameterError: States and commands do not fit together.
+    """
+    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    prefix = f"/{namespace.strip('/')}/" if namespace else "/"
+    if robot is not None and {prefix + OWN_STATE, prefix + OWN_COMMAND} <= bag.topics.keys():
+        return _own(bag, prefix, robot, rate)
+    names = _topics(bag, namespace)
+    return align(bag.folder.name, *(_joints(bag, name) for name in names), rate)
+
+
+def _topics(bag: Bag, namespace: str) -> list[str]:
+    """Recorded names of the two topics."""
+    prefix = f"/{namespace.strip('/')}/" if namespace else ""
+    names, missing = [], []
+    for topic in (STATES, COMMANDS):
+        try:
+            names.append(bag.resolve(prefix + topic))
+        except NameUnknownError:
+            missing.append(prefix + topic)
+    if missing:
+        several = [n for n in bag.topics if n.rsplit("/", 1)[-1] == missing[0].rsplit("/", 1)[-1]]
+        hint = " (name one robot by its namespace)" if len(several) > 1 else ""
+        raise BagError(
+            f"{bag.path.name} has no topic {' and no topic '.join(missing)}{hint}; a calibration "
+            f"needs {STATES} and {COMMANDS}; it has {', '.join(sorted(bag.topics)) or 'none'}"
+        )
+    for name in names:
+        info = bag.topics[name]
+        if info.type != TYPE or not info.count:
+            raise BagError(f"{bag.path.name}: {name} has {info.count} messages of {info.type}, "
+                           f"wanted are some of {TYPE}")  # fmt: skip
+    return names
+
+
+def _joints(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Stamps [s], positions [rad] and joint names of a topic, in the order of the stamps."""
+    messages = bag.messages(topic)
+    names = list(messages[0].name)
+    for message in messages:
+        if list(message.name) != names or len(message.position) != len(names):
+            raise BagError(
+                f"{bag.path.name}: messages of {topic} differ in their joints, or lack positions"
+            )
+    t = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages])
+    q = np.array([m.position for m in messages], dtype=float)
+    order = np.argsort(t, kind="stable")
+    return t[order], q[order], names
+
+
+def _own(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
+    """Joints in the robot's order; the trunk controller's torque and stance go with the command."""
+    state, command = bag.records(prefix + OWN_STATE), bag.records(prefix + OWN_COMMAND)
+    count = len(robot.joints)
+    if state["q"].shape[1] != count:
+        raise BagError(
+            f"{bag.path.name} has {state['q'].shape[1]} joints on {prefix}{OWN_STATE}, the robot "
+            f"has {count}: another robot was measured (choose it with --robot)"
+        )
+    others = {"velocity": command["dq"]}
+    if prefix + TRUNK in bag.topics:
+        trunk = bag.records(prefix + TRUNK)
+        row = np.searchsorted(_stamps(trunk), _stamps(command), side="right") - 1
+        others |= {"torque": trunk["tau"][np.maximum(row, 0)]}
+        others |= {"stance": trunk["stance"][np.maximum(row, 0)]}
+    return align(
+        bag.folder.name,
+        (_stamps(state), state["q"], robot.joints),
+        (_stamps(command), command["q"], robot.joints),
+        rate,
+        others,
+    )
+
+
+def _stamps(records: np.ndarray) -> np.ndarray:
+    return records["stamp.sec"] + 1e-9 * records["stamp.nanosec"]

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of a calibration from the command line."""
+
+from __future__ import annotations
+
+import argparse
+
+from loco_control.params import from_dict
+from loco_learning.calibration.params import CalibrationParams
+
+
+def options(a: argparse.Namespace) -> CalibrationParams:
+    """Settings that the command line gives.
+
+    Raises:
+        LocoError: A value out of range, or a name that is not known.
+    """
+    given = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
+    if a.generations is not None:
+        given["generations"] = a.generations
+    return from_dict(CalibrationParams, given, "calibrate")

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco calibrate`: bags in; calibrated model, tables, figures and a page out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.files import write_whole
+from loco_control.params import to_dict
+from loco_control.reading import read_json
+from loco_learning.calibration import figures, results
+from loco_learning.calibration.fit import Calibration
+from loco_learning.calibration.objective import Reference
+from loco_learning.calibration.parameters import parameter_set
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.calibration.progress import Fit, Generation
+from loco_learning.calibration.recording import Recording
+from loco_sim.plant import model as models
+from loco_sim.plant.model import Model
+
+from ..bag.reader import Bag
+from .bag import read_recording
+from .page import write_page
+
+log = logging.getLogger(__name__)
+
+SETTINGS = "settings.json"
+FORMAT = 1
+VALIDATION_SKIP = 4.0  # start of a gait, until it is even [s]
+WHOLE = 1e6  # periods: as many as there are before the first that is compared
+
+Tell = Callable[[int, Generation], None]  # seed and state of its search
+
+
+@dataclass(frozen=True)
+class Job:
+    """A calibration to be done, read and checked.
+
+    Attributes:
+        robot: Name or path as given.
+        recording: Recording to fit.
+        validation: Recordings to compare with alone.
+        options: Settings; the seed is that of the first search.
+        seeds: Seeds of the searches.
+        folder: Folder of the results.
+        surrogate: A recording was made by a simulated robot.
+        workers: Processes that evaluate.
+        scheduler: Address of a dask cluster instead; empty for none.
+    """
+
+    robot: str
+    recording: Recording
+    validation: tuple[Recording, ...]
+    options: CalibrationParams
+    seeds: tuple[int, ...]
+    folder: Path
+    surrogate: bool
+    workers: int = 2
+    scheduler: str = ""
+
+
+def prepare(
+    bag: str | Path,
+    robot: str = "tigrillo",
+    options: CalibrationParams | None = None,
+    validate: Sequence[str | Path] = (),
+    seeds: int = 5,
+    folder: str | Path | None = None,
+    workers: int = 2,
+    scheduler: str = "",
+) -> Job:
+    """Read and check everything before anything is written.
+
+    Raises:
+        LocoError: Unknown robot, a bag that is not of use, a folder with other results.
+    """
+    for what, value, least in (("seeds", seeds, 1), ("workers", workers, 0)):
+        if value < least:
+            raise ParameterError(f"{what} must be at least {least}, got {value}")
+    options = options or CalibrationParams()
+    base = models.load_any(robot)
+    measured = base.make_robot()
+    bags = [Bag(path) for path in (bag, *validate)]
+    recordings = [read_recording(each, measured.control_rate, robot=measured) for each in bags]
+    for recording, chosen in zip(recordings, _options(options, len(recordings)), strict=True):
+        Reference(recording, base, chosen).check()
+    folder = Path(folder or Path("results") / f"calibration_{recordings[0].name}")
+    job = Job(
+        str(robot), recordings[0], tuple(recordings[1:]), options,
+        tuple(range(options.seed, options.seed + seeds)), folder,
+        any("experiment.yaml" in each.attachments() for each in bags), workers, scheduler,
+    )  # fmt: skip
+    _check_folder(job)
+    return job
+
+
+def calibrate(job: Job, tell: Tell | None = None) -> results.Result:
+    """Search with every seed, compare the best body with all recordings, write everything."""
+    began = time.perf_counter()
+    _claim(job)
+    fits = [search(job, seed, tell) for seed in job.seeds]
+    best = min(fits, key=lambda fit: fit.error)
+    reference = Reference(job.recording, models.load_any(job.robot), job.options)
+    model = reference.with_body(best.values)
+    result = results.Result(
+        job.robot, job.surrogate, to_dict(job.options), tuple(reference.joints), tuple(fits),
+        tuple(compare(job, model)), time.perf_counter() - began, job.workers,
+    )  # fmt: skip
+    write(result, model, job.folder)
+    return result
+
+
+def search(job: Job, seed: int, tell: Tell | None) -> Fit:
+    """One search; what its folder records is not evaluated again."""
+    calibration = Calibration(job.recording, job.robot, job.options.replace(seed=seed))
+    return calibration.run(
+        lambda generation: tell(seed, generation) if tell else None,
+        job.folder / f"seed_{seed}",
+        job.workers,
+        job.scheduler,
+    )
+
+
+def compare(job: Job, model: Model) -> list[results.Comparison]:
+    """Default and calibrated model beside every recording, over all its periods."""
+    rows, base = [], models.load_any(job.robot)
+    recordings = (job.recording, *job.validation)
+    for recording, options in zip(recordings, _options(job.options, len(recordings)), strict=True):
+        reference = Reference(recording, base, options)
+        before = reference.evaluate(_default(options))
+        after = reference.compare(model)
+        rows.append(results.comparison(recording.name, not rows, before, after))
+    return rows
+
+
+def write(result: results.Result, model: Model, folder: Path) -> None:
+    """Model, result, tables, figures and page."""
+    for name, draw in figures.FIGURES.items():
+        draw(result).savefig(folder / f"{name}.png")
+    text = "\n".join(
+        results.markdown(*figure)
+        for figure in (
+            results.body_table(result), results.recording_table(result), results.seed_table(result)
+        )
+    )  # fmt: skip
+    (folder / "tables.md").write_text(text, encoding="utf-8")
+    model.save(folder / "model.yaml")
+    write_page(result, model, folder / "calibration.html")
+    result.save(folder)
+
+
+def _default(options: CalibrationParams) -> dict[str, float]:
+    return parameter_set(options.parameters).default
+
+
+def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:
+    """Settings for the fitted recording, then for validation: from first to last step."""
+    whole = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
+    return [options, *[whole] * (count - 1)]
+
+
+# ---- the folder of results
+
+
+def _fingerprint(job: Job) -> dict:
+    digest = hashlib.sha256()
+    for array in (job.recording.t, job.recording.command, job.recording.q):
+        digest.update(array.tobytes())
+    options = job.options.deciding()
+    return {"robot": job.robot, "recording": digest.hexdigest(), "options": options}
+
+
+def _check_folder(job: Job) -> None:
+    """A folder that holds another calibration is not touched.
+
+    Raises:
+        ParameterError: The folder holds another calibration.
+        MissingFileError: The path is a file.
+    """
+    if job.folder.exists() and not job.folder.is_dir():
+        raise MissingFileError(f"{job.folder} is a file, wanted is a folder")
+    path = job.folder / SETTINGS
+    if not path.is_file():
+        return
+    recorded = read_json(path)
+    if not isinstance(recorded, dict) or "format" not in recorded:
+        raise ParameterError(f"{path} is not the settings of a calibration (it has no format)")
+    version = recorded.pop("format")
+    if version != FORMAT:
+        raise ParameterError(
+            f"{path} is of format {version}, this version reads {FORMAT}; choose another folder"
+        )
+    fingerprint = _fingerprint(job)
+    for key, value in fingerprint.items():
+        if recorded.get(key) != value:
+            raise ParameterError(
+                f"{job.folder} holds a calibration with another {key}; choose another --out"
+            )
+
+
+def _claim(job: Job) -> None:
+    text = json.dumps({"format": FORMAT, **_fingerprint(job)}) + "\n"
+    write_whole(job.folder / SETTINGS, text)

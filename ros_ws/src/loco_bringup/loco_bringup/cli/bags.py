@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco info`, `recover`, `export` and `extract`: commands that read a bag and start no robot."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..bag.copy import extract as extract_topics
+from ..bag.export import export as export_topics
+from ..bag.mcap_chunk import chunk_head
+from ..bag.reader import Bag
+from ..bag.recover import recover as recover_bag
+from ..terminal import console, table
+
+
+def recover(a: argparse.Namespace) -> int:
+    """`loco recover`: says what is lost."""
+    recovery = recover_bag(a.bag, a.out)
+    sys.stdout.write(f"{recovery}\n" + "".join(f"  {note}\n" for note in recovery.notes))
+    return 0
+
+
+def export(a: argparse.Namespace) -> int:
+    """`loco export`: prints the files that it wrote."""
+    for path in export_topics(a.bag, a.out, a.format, a.topics):
+        sys.stdout.write(f"{path}\n")
+    return 0
+
+
+def extract(a: argparse.Namespace) -> int:
+    """`loco extract`: prints the folder that it wrote."""
+    sys.stdout.write(f"{extract_topics(a.bag, a.out, a.topics)}\n")
+    return 0
+
+
+def info(a: argparse.Namespace) -> int:
+    """`loco info`."""
+    show_bag(a.bag, a.check, a.json)
+    return 0
+
+
+def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
+    """Print the topics, files and metadata of a bag.
+
+    Args:
+        path: Bag folder or ``.mcap`` file.
+        check: Read every chunk and check every sum.
+        as_json: Print JSON instead.
+
+    Raises:
+        BagError: The bag is damaged.
+    """
+    bag = Bag(path)
+    if check:
+        for _ in bag.file.blocks():
+            pass
+        list(bag.file.attachments())
+    if as_json:
+        console.print_json(json.dumps(_about(bag)))
+        return
+    length = bag.end - bag.start
+    console.print(f"{bag.path}: {length:.2f} s, {bag.path.stat().st_size / 1e6:.1f} MB")
+    chunks, size, packed = _packing(bag)
+    console.print(
+        f"  {chunks} chunks of {size / max(chunks, 1) / 1e3:.0f} kB, packed to {packed} %"
+    )
+    if check:
+        console.print("  every chunk and file is whole")
+    for key, value in bag.metadata.items():
+        if key == "versions":
+            value = ", ".join(f"{name} {v}" for name, v in json.loads(value).items())
+        console.print(f"  {key}: {value}")
+    rows = [
+        (t.name, t.type, str(t.count), f"{t.count / length:.1f} Hz" if length else "")
+        for t in bag.topics.values()
+    ]
+    console.print(table("Topics", ("name", "type", "messages", "rate"), rows))
+    files = [(name, f"{size} bytes") for name, size in bag.attachments().items()]
+    console.print(table("Files inside", ("name", "size"), files))
+
+
+def _packing(bag: Bag) -> tuple[int, int, int]:
+    """Number of chunks, their unpacked size [bytes] and packed share [%]."""
+    heads = [chunk_head(bag.file.data, chunk) for chunk in bag.file.chunks]
+    size = sum(head.size for head in heads)
+    packed = sum(head.stop - head.start for head in heads)
+    return len(heads), size, round(100 * packed / max(size, 1))
+
+
+def _about(bag: Bag) -> dict[str, Any]:
+    """The same as data: times [s], sizes [bytes]."""
+    return {
+        "path": str(bag.path),
+        "start": bag.start,
+        "end": bag.end,
+        "size": bag.path.stat().st_size,
+        "metadata": bag.metadata,
+        "topics": [dataclasses.asdict(t) for t in bag.topics.values()],
+        "files": bag.attachments(),
+    }

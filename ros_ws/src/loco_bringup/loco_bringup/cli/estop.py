@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco estop`: the emergency stop from the terminal, once or by keys."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import termios
+import time
+import tty
+from collections.abc import Iterator
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool
+
+from loco_control.exceptions import GraphError, ParameterError
+from loco_control.ros.messages.topics import topic
+
+_SERVICE = "set_estop"
+_PATIENCE = 5.0  # wall time to find robots, and for each to answer [s]
+_KEYS = "space stops, r resets, q quits\n"
+
+
+def show_estop(a: argparse.Namespace) -> int:
+    """`loco estop`: stop or reset robots, once or at each key.
+
+    Returns:
+        0 if every robot did it, else 1.
+
+    Raises:
+        GraphError: No robot runs.
+        ParameterError: The rate of the heartbeat is out of range.
+    """
+    if not 0.0 <= a.heartbeat <= 1000.0:
+        raise ParameterError(f"--heartbeat must be 0 to 1000 Hz, got {a.heartbeat:g}")
+    if a.heartbeat:
+        return _beat(a.namespace or "", a.heartbeat)
+    with _Stopper(a.namespace) as stopper:
+        if not a.keys:
+            return int(not stopper.send(not a.reset))
+        sys.stdout.write(_KEYS)
+        sys.stdout.flush()
+        for key in _keys():
+            if key == "q":
+                break
+            if key in " r":
+                stopper.send(key == " ")
+    return 0
+
+
+def _beat(namespace: str, rate: float) -> int:
+    """Say that the operator is there, until the user ends it."""
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    row = topic("heartbeat")
+    try:
+        node = rclpy.create_node(f"heartbeat_{os.getpid()}", context=context, namespace=namespace)
+        publisher = node.create_publisher(row.type, row.name, row.qos.writer())
+        sys.stdout.write(f"{rate:g} beats a second on {publisher.topic_name}; Ctrl-C ends them\n")
+        sys.stdout.flush()
+        with contextlib.suppress(KeyboardInterrupt):
+            while True:
+                publisher.publish(row.type())
+                time.sleep(1.0 / rate)
+    finally:
+        context.try_shutdown()
+    return 0
+
+
+class _Stopper:
+    """Clients of the services of all plants that are meant."""
+
+    def __init__(self, namespace: str | None):
+        self._wanted = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
+
+    def __enter__(self) -> _Stopper:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(f"estop_{os.getpid()}", context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        try:
+            self._clients = {n: self._node.create_client(SetBool, n) for n in self._find()}
+        except GraphError:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _find(self) -> list[str]:
+        end = time.monotonic() + _PATIENCE
+        while time.monotonic() < end:
+            names = [n for n, _ in self._node.get_service_names_and_types()]
+            found = [n for n in names if n == self._wanted or self._wanted is None]
+            found = [n for n in found if n.rpartition("/")[2] == _SERVICE]
+            if found:
+                return sorted(found)
+            self._executor.spin_once(timeout_sec=0.05)
+        where = "" if self._wanted is None else f" {self._wanted}"
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        raise GraphError(f"no robot offers the service{where or ' ' + _SERVICE} on domain {domain}")
+
+    def send(self, stop: bool) -> bool:
+        """Stop or reset all; says what each answered."""
+        done = []
+        for name, client in self._clients.items():
+            client.wait_for_service(timeout_sec=_PATIENCE)
+            future: Any = client.call_async(SetBool.Request(data=stop))
+            self._executor.spin_until_future_complete(future, timeout_sec=_PATIENCE)
+            answer = future.result() if future.done() else None
+            text = answer.message if answer else f"no answer within {_PATIENCE:g} s"
+            sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
+            sys.stdout.flush()
+            done.append(bool(answer and answer.success))
+        return all(done)
+
+
+def _keys() -> Iterator[str]:
+    """Keys as they are pressed, until the end of the input."""
+    with _unbuffered():
+        while key := sys.stdin.read(1):
+            yield key
+
+
+@contextlib.contextmanager
+def _unbuffered() -> Iterator[None]:
+    """A terminal gives each key at once, not each line."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

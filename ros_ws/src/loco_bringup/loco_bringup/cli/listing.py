@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco list`: what there is to run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from loco_control.exceptions import LocoError, NameUnknownError
+from loco_control.ros.messages.joint_topics import TABLES
+from loco_learning.runs import experiment
+from loco_learning.study import study
+from loco_sim import effects
+
+from ..bag.reader import Bag
+from ..robot.terminal import robot_table
+from ..terminal import console, table
+from .table import COMMANDS, parser
+
+
+def show(a: argparse.Namespace) -> int:
+    """`loco list`: print one list, or all of them.
+
+    Raises:
+        NameUnknownError: There is no such list.
+    """
+    if a.what is not None and a.what not in _LISTS:
+        raise NameUnknownError("list", a.what, _LISTS)
+    for name in [a.what] if a.what else _LISTS:
+        title, columns, rows = _LISTS[name]()
+        console.print(table(title, columns, rows))
+    return 0
+
+
+def _experiments() -> tuple[str, tuple, list]:
+    rows = []
+    for name in experiment.names():
+        e = experiment.load(name)
+        rows.append((name, f"{e.ticks / e.control_rate:.0f} s", e.description))
+    return "Experiments (loco run NAME)", ("name", "length", "what it shows"), rows
+
+
+def _studies() -> tuple[str, tuple, list]:
+    rows = [(name, study.load(name).description) for name in study.names()]
+    return "Studies (loco study NAME)", ("name", "what it shows"), rows
+
+
+def _effects() -> tuple[str, tuple, list]:
+    rows = [(name, _first_line(effects.EFFECTS[name])) for name in effects.names()]
+    return "Effects (effects: [{name: ...}] in an experiment)", ("name", "what it does"), rows
+
+
+def _topics() -> tuple[str, tuple, list]:
+    rows = [
+        (
+            t.name,
+            graph,
+            t.message,
+            f"{t.rate:g} Hz" if t.rate else "event",
+            t.writer,
+            t.doc,
+        )
+        for graph, table in TABLES.items()
+        for t in table.values()
+    ]
+    return "Topics", ("name", "graph", "type", "rate", "writer", "what it says"), rows
+
+
+def _bags() -> tuple[str, tuple, list]:
+    rows = []
+    for folder in sorted(p.parent for p in Path("bags").glob("*/*.mcap")):
+        try:
+            bag = Bag(folder)
+            length = f"{bag.end - bag.start:.1f} s"
+            rows.append((str(folder), length, bag.metadata.get("experiment", "")))
+        except LocoError as error:
+            rows.append((str(folder), "?", str(error)))
+    return "Bags (loco info BAG, loco report BAG)", ("folder", "length", "experiment"), rows
+
+
+_LISTS: dict[str, Callable[[], tuple[str, tuple, list]]] = {
+    "experiments": _experiments,
+    "robots": robot_table,
+    "studies": _studies,
+    "effects": _effects,
+    "topics": _topics,
+    "bags": _bags,
+}
+
+
+def _first_line(thing: type) -> str:
+    return (thing.__doc__ or "").strip().splitlines()[0]
+
+
+def show_completion(a: argparse.Namespace) -> int:
+    """`loco completion`: the words after each command, as a function of the shell.
+
+    A word that is no option and follows no command completes to files, and for ``run``,
+    ``study`` and ``list`` to the names that these take.
+    """
+    names = {
+        "run": [*experiment.names()], "study": [*study.names()], "list": [*_LISTS],
+        "help": sorted({name.partition(" ")[0] for name in COMMANDS}),
+    }  # fmt: skip
+    for name, command in COMMANDS.items():
+        first, _, second = name.partition(" ")
+        words = names.setdefault(first, [])
+        if second and not second.startswith("-"):
+            words.append(second)
+        elif command.options:
+            words += [o for o in parser(name)._option_string_actions if o.startswith("--")]
+    cases = "\n".join(f"    {n}) words='{' '.join(dict.fromkeys(w))}' ;;" for n, w in names.items())
+    sys.stdout.write(_SCRIPT.format(first=" ".join(names), cases=cases, zsh=_ZSH[a.shell]))
+    return 0
+
+
+_ZSH = {"bash": "", "zsh": "autoload -U +X bashcompinit && bashcompinit\n"}
+_SCRIPT = """\
+{zsh}_loco_complete() {{
+  local word=${{COMP_WORDS[COMP_CWORD]}} words
+  if [ "$COMP_CWORD" -eq 1 ]; then words='{first}'; else case ${{COMP_WORDS[1]}} in
+{cases}
+  esac; fi
+  COMPREPLY=($(compgen -W "$words" -- "$word") $(compgen -f -- "$word"))
+}}
+complete -o filenames -F _loco_complete loco ./loco
+"""

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco record` and `loco replay`."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..record.record import record as record_topics
+from ..record.replayer import Cut, replay_bag
+
+
+def record(a: argparse.Namespace) -> int:
+    """`loco record`."""
+    return record_topics(a.topics, a.out, a.exclude, a.duration, a.stamps, a.messages)
+
+
+def replay(a: argparse.Namespace) -> int:
+    """`loco replay`."""
+    return replay_bag(
+        a.bag, a.speed, a.topics, Cut(a.start, a.end), a.loop, a.pause, tuple(a.remap)
+    )

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The `loco` command: its help, and one clear line for every mistake."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from loco_control.exceptions import GraphError, LocoError
+
+from .. import __version__
+from .table import COMMANDS, GROUPS, call, parser, split
+
+HEAD = """\
+usage: loco COMMAND [options]
+
+Runs compliant quadrupeds that walk by reflex over ROS 2 topics, and says why a simulation
+and a recording differ.
+"""
+FOOT = """\
+loco COMMAND --help   shows the options of a command; --version shows the version
+exit codes: 0 done, 1 a run failed (node died, not ready), 2 a mistake in the input,
+            3 the robot fell, 130 interrupted
+examples:
+  loco gap BAG... --robot tigrillo           why does my model not do what the robot did?
+  loco demo                                  run, record, report: the whole chain
+  loco run hyq_trot_open --layout processes --clock realtime
+  loco run my_experiment.yaml --seed 3 --set gait.speed=0.3
+  loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
+"""
+# What to do about an error of the operating system.
+REMEDIES = {
+    errno.ENOSPC: "free some space, or choose another place with --out",
+    errno.EDQUOT: "free some space, or choose another place with --out",
+    errno.EROFS: "choose a folder that can be written with --out",
+    errno.EACCES: "choose another place, or ask for the permission",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command line; every mistake becomes one line on stderr and an exit code."""
+    logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
+    os.environ.setdefault(
+        "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).parent.parent / "dds.xml")
+    )
+    try:
+        sys.exit(_run(sys.argv[1:] if argv is None else argv))
+    except LocoError as error:
+        _fail(str(error), 1 if isinstance(error, GraphError) else 2)
+    except BrokenPipeError:
+        os._exit(0)
+    except OSError as error:
+        _fail(describe(error), 2)
+    except ValueError as error:
+        if "null byte" not in str(error) and "null character" not in str(error):
+            raise
+        _fail("a name of a file holds a null byte; choose another name", 2)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+
+
+def _run(arguments: list[str]) -> int:
+    first = arguments[0] if arguments else "help"
+    if first == "--version":
+        sys.stdout.write(f"loco {__version__}\n")
+    elif first not in ("help", "--help", "-h"):
+        return call(*arguments)
+    elif len(arguments) > 1:
+        name, _ = split(arguments[1:])
+        command = COMMANDS[name]
+        sys.stdout.write(parser(name).format_help() if command.options else f"{command.text}\n")
+    else:
+        sys.stdout.write(summary())
+    return 0
+
+
+def summary() -> str:
+    """All commands by group, for ``loco --help``."""
+    width = max(map(len, COMMANDS)) + 2
+    parts = [HEAD]
+    for title, commands in GROUPS.items():
+        lines = [f"  {name:{width}}{command.text}\n" for name, command in commands.items()]
+        parts.append(f"{title}\n" + "".join(lines))
+    return "\n".join([*parts, FOOT])
+
+
+def describe(error: OSError) -> str:
+    """One line about an error of the operating system: what, where, and what to do."""
+    names = [str(name) for name in (error.filename, error.filename2) if name is not None]
+    text = ": ".join([error.strerror or str(error) or type(error).__name__, *names[:1]])
+    if len(text) > 300:  # a name that is too long is no help in full
+        text = f"{text[:140]} … {text[-100:]}"
+    remedy = REMEDIES.get(error.errno or 0)
+    return " ".join(text.split()) + (f"; {remedy}" if remedy else "")
+
+
+def _fail(text: str, code: int) -> NoReturn:
+    sys.stderr.write(f"loco: {text}\n")
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco optimise`: gaits from several seeds, with a live line, and what they came to."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gaits import figures as gait_figures
+from loco_learning.gaits import search as gait_search
+from loco_learning.gaits.legged import problem_of
+from loco_learning.gaits.search import GaitSearchParams
+from loco_learning.runs import gait_file
+from loco_learning.search.population import PopulationParams, Progress
+
+from ..terminal import bar, console
+
+
+def optimise_gait(
+    params: GaitSearchParams,
+    options: PopulationParams,
+    seeds: int,
+    out: Path | None = None,
+    start: Path | None = None,
+    gif: bool = False,
+) -> int:
+    """Search a gait from several seeds; resumes what the folder holds.
+
+    Writes ``seed_N/evaluations.jsonl`` and ``seed_N/gait.yaml`` per seed, and the best as
+    ``gait.yaml`` beside ``convergence.png`` and, if asked for, ``gait.gif``.
+
+    Returns:
+        0 when the best gait walks, 3 when even the best falls.
+
+    Raises:
+        ParameterError: `seeds` is below 1, or what the search refuses.
+    """
+    if seeds < 1:
+        raise ParameterError(f"seeds must be at least 1, got {seeds}")
+    folder = out or Path("results") / params.gait
+    first = gait_file.load(start).parameters if start else None
+    found = []
+    for seed in range(options.seed, options.seed + seeds):
+        place = folder / f"seed_{seed}"
+
+        def one(tell: Callable[[Progress], Any], seed: int = seed, place: Path = place) -> Any:
+            each = options.replace(seed=seed)
+            return gait_search.search(params, each, place, first, tell, problem_of(params.gait))
+
+        gait, optimum = show_search(f"{params.gait} seed {seed}", options.evaluations, one)
+        gait.save(place / "gait.yaml")
+        found.append((gait, optimum, place))
+    best, optimum, _ = min(found, key=lambda item: item[1].value)
+    best.save(folder / "gait.yaml")
+    figure = gait_figures.convergence([place for *_, place in found], params.gait)
+    figure.savefig(folder / "convergence.png")
+    if gif:
+        gait_figures.animate(best, folder / "gait.gif")
+    console.print(_table(found))
+    for path in sorted(p for p in folder.iterdir() if p.is_file()):
+        console.print(f"  {path}")
+    if optimum.reason:
+        console.print(f"  even the best gait failed: {optimum.reason}")
+    return 3 if optimum.reason else 0
+
+
+def show_search(name: str, budget: int, run: Callable[[Callable[[Progress], Any]], Any]) -> Any:
+    """Run something that reports `Progress`, with a live line; returns what it returns."""
+    columns = "{task.completed}/{task.total} evaluations", "{task.fields[now]}"
+    with bar(*columns) as progress:
+        task = progress.add_task(name, total=budget, now="starting")
+
+        def tell(p: Progress) -> None:
+            progress.update(task, completed=min(p.evaluations, budget), now=line(p))
+
+        return run(tell)
+
+
+def line(p: Progress) -> str:
+    """State of a search in one line."""
+    text = f"generation {p.generation}, best {p.best:.4g}, step {p.sigma:.3g}"
+    if not math.isnan(p.rate):
+        text += f", {p.rate:.2f} evaluations/s, {p.eta / 60.0:.1f} min left"
+    if p.failures:
+        text += f", {p.failures} failed ({p.reason})"
+    return text
+
+
+def _table(found: list[tuple]) -> Table:
+    table = Table(box=None)
+    for column in ("seed", "speed [m/s]", "distance [m]", "on other bodies", "falls", "end"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for gait, optimum, _ in found:
+        c = gait.check
+        table.add_row(
+            str(gait.seed),
+            f"{gait.speed:.4f}",
+            f"{gait.distance:.3f}",
+            f"{c['speed_mean']:.4f}",
+            f"{c['falls']:.0f} of {c['bodies']:.0f}",
+            optimum.ended,
+        )
+    return table
+
+
+def run(a: argparse.Namespace) -> int:
+    """`loco optimise`."""
+    params = GaitSearchParams(
+        **{key: getattr(a, key) for key in ("gait", "frequency", "duration", "randomise")},
+        robot=a.robot or a.gait.split("_")[0],
+        samples=a.samples,
+    )
+    keys = ("seed", "sigma", "population", "evaluations", "plateau", "workers", "scheduler")
+    options = PopulationParams(**{key: getattr(a, key) for key in keys})
+    return optimise_gait(params, options, a.seeds, a.out, a.start, a.gif)

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the commands that learn from many runs: calibrate, study, optimise, reproduce."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+
+from .run import engine
+
+GRID = """
+
+A study file names variants of experiments, seeds, metrics and figures; with axes it is a grid:
+
+  variants: {open: {experiment: hyq_trot_open}}
+  axes:
+    gait.speed: [0.1, 0.2, 0.3]                     a parameter by its dotted name
+    kp: {logspace: [1, 3, 20], unit: N·m/rad, sets: [overrides.drives.*_kfe_joint.kp]}
+  map: {legal: {speed_ratio: [0.7, 1.3]}}           two axes or more: map.html
+
+Stop it and start it again: it goes on. The cost of the rest is told after three cases.
+cases.npz holds the columns of cases.csv for NumPy. Seeds repeat only what is random.
+"""
+SCHEDULER = "dask scheduler to use instead of processes here, tcp://HOST:PORT"
+
+
+def calibrate(p: ArgumentParser) -> None:
+    """Options of `loco calibrate`."""
+    engine(p)
+    p.description += (
+        "\n\nThe bag holds joint_states and joint_command of a robot whose driven joints were\n"
+        "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page."
+    )
+    p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
+    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
+    p.add_argument(
+        "--parameters", default="seven", help="seven (eq. 5.1), ten (author's) or legs (HyQ)"
+    )
+    p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
+    p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
+    p.add_argument("--seed", type=int, default=0, help="seed of the first search")
+    p.add_argument("--generations", type=int, help="most generations of a search")
+    p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
+                   help="recordings that are compared but not fitted")  # fmt: skip
+    p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help=SCHEDULER)
+    p.add_argument("--live", action="store_true",
+                   help="no bag: start a surrogate robot and a model, fit over topics")  # fmt: skip
+    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
+                   help="--live: the robot that stands for the real one")  # fmt: skip
+    p.add_argument("--speed", type=float, default=1.0,
+                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
+
+
+def study(p: ArgumentParser) -> None:
+    """Options of `loco study`."""
+    engine(p)
+    p.description += GRID
+    p.add_argument("study", help="name (see `loco list studies`) or path of a YAML file")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--out", type=Path, help="results folder (default results/NAME)")
+    p.add_argument("--seeds", type=int, help="only the first N seeds")
+    p.add_argument("--points", type=int, help="points on each spaced axis of a grid, fewer or more")
+    p.add_argument("--cost", action="store_true",
+                   help="run three cases, tell the core-hours of the rest, and stop")  # fmt: skip
+    p.add_argument("--scheduler", default="", help=SCHEDULER)
+
+
+def optimise(p: ArgumentParser) -> None:
+    """Options of `loco optimise`."""
+    engine(p)
+    p.description += (
+        "\n\nThe oscillators' amplitudes, duty factors, offsets and phase for the highest forward\n"
+        "speed over a rollout; a fall is worse than standing. Stop it and start it again with\n"
+        "the same arguments: it goes on to the same end."
+    )
+    p.add_argument("gait", help="tigrillo_bound, tigrillo_walk, hyq_trot or hyq_walk")
+    p.add_argument("--robot", default="", help="robot, robot.yaml or model.yaml")
+    p.add_argument("--seeds", type=int, default=1, help="searches, each from its own seed")
+    p.add_argument("--seed", type=int, default=0, help="first seed")
+    p.add_argument("--evaluations", type=int, default=600, help="rollouts per seed (default 600)")
+    p.add_argument("--population", type=int, default=10, help="rollouts per generation")
+    p.add_argument("--sigma", type=float, default=0.2, help="first step size, share of the ranges")
+    p.add_argument("--plateau", type=int, default=0,
+                   help="stop after so many generations without improvement")  # fmt: skip
+    p.add_argument("--duration", type=float, default=15.0, help="length of a rollout [s]")
+    p.add_argument("--frequency", type=float, default=1.0, help="strides per second [Hz]")
+    p.add_argument("--randomise", type=float, default=0.0, metavar="SHARE",
+                   help="spread of stiffness, friction and masses, e.g. 0.1")  # fmt: skip
+    p.add_argument("--samples", type=int, default=1, help="bodies per evaluation")
+    p.add_argument("--from", dest="start", type=Path, metavar="GAIT.yaml",
+                   help="start from the parameters of a gait")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help=SCHEDULER)
+    p.add_argument("--out", type=Path, help="folder (default results/GAIT)")
+    p.add_argument("--gif", action="store_true", help="draw the best gait, too")
+
+
+def reproduce(p: ArgumentParser) -> None:
+    """Options of `loco reproduce`."""
+    p.description += """
+
+tigrillo: chapter 5; msd: chapter 6; hyq: chapters 7 and 9; clock: chapter 8; all: every claim.
+The rules stand in loco_learning/thesis/claims.yaml, what each plan runs in plans.yaml beside it.
+Stop it and start it again: it goes on."""
+    p.add_argument("what", help="tigrillo, msd, hyq, clock or all")
+    p.add_argument("--quick", action="store_true", help="the plan quick: a few minutes")
+    p.add_argument("--plan", default="full", help="quick, medium or full (default)")
+    p.add_argument("--cost", action="store_true",
+                   help="time three cases of each study, tell its core-hours, stop")  # fmt: skip
+    p.add_argument("--preset", default="thesis", help="msd alone: thesis or author_code")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--scheduler", default="", help=SCHEDULER)
+    p.add_argument("--out", type=Path, metavar="DIR",
+                   help="results (default results/thesis_PLAN or msd_PRESET_PLAN)")  # fmt: skip

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options of `loco gap` and of the commands under it."""
+
+from __future__ import annotations
+
+from argparse import SUPPRESS, ArgumentParser
+from pathlib import Path
+
+from .run import engine
+
+MORE = """
+
+  loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
+  loco gap DIR --add BAG...     search again with more recordings
+  loco gap --live --robot R     the same with two robots that run, over topics
+  loco gap check BAG... --robot R   before a search: what these recordings can tell
+  loco gap next DIR             write the experiment that would tell most as a file
+  loco gap experiments ROBOT    write experiments that excite a robot, as files
+  loco gap battery              many hidden effects: how often the name is right
+
+Verdicts: named, ambiguous, unknown, no gap."""
+
+
+def add_out(p: ArgumentParser, text: str) -> None:
+    """Add ``--out`` and its older name ``--output``, which the help leaves out."""
+    p.add_argument("--out", type=Path, metavar="DIR", help=text)
+    p.add_argument("--output", dest="out", type=Path, help=SUPPRESS)
+
+
+def search(p: ArgumentParser) -> None:
+    """Options of `loco gap BAG...`."""
+    p.description += MORE
+    engine(p)
+    p.add_argument("bags", nargs="*", metavar="BAG", help="bag folder, .mcap, CSV or JSON file; or "
+                   "a folder of results, with --add")  # fmt: skip
+    p.add_argument("--robot", help="robot, robot.yaml or model.yaml to begin with")
+    p.add_argument("--mapping", type=Path, metavar="YAML",
+                   help="role and unit of each column, for files that are no bags")  # fmt: skip
+    p.add_argument("--hold-out", nargs="+", default=[], metavar="BAG",
+                   help="recordings to judge on, never fitted (default: the last)")  # fmt: skip
+    p.add_argument("--add", nargs="+", default=[], metavar="BAG",
+                   help="more recordings for a folder of results")  # fmt: skip
+    add_out(p, "folder of the results (default results/gap_BAG)")
+    p.add_argument("--free", nargs="+", default=[], metavar="NAME",
+                   help="values of robot.yaml that may be wrong and are fitted along")  # fmt: skip
+    p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
+                   help="only these effects are offered as causes (default: all)")  # fmt: skip
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                   help="a setting of the search (repeatable), e.g. accuracy=0.1: an error below a "
+                   "tenth of a signal's deviation counts as explained")  # fmt: skip
+    p.add_argument("--seed", type=int, default=0, help="seed of everything drawn (default 0)")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--live", action="store_true",
+                   help="no bag: run a surrogate robot and a model, over topics")  # fmt: skip
+    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
+                   help="--live: the robot that stands for the real one")  # fmt: skip
+    p.add_argument("--speed", type=float, default=1.0,
+                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
+
+
+def check(p: ArgumentParser) -> None:
+    """Options of `loco gap check`."""
+    p.description += """
+
+Half a minute instead of a search: telemetry, units, timing, which effects would show in these
+recordings at which joint and from which size on, what is missing, and how long a search takes.
+Exit code 2 where a recording is refused."""
+    engine(p)
+    p.add_argument("bags", nargs="+", metavar="BAG", help="bag folder, .mcap, CSV or JSON file")
+    p.add_argument("--robot", help="robot, robot.yaml or model.yaml that was measured")
+    p.add_argument("--mapping", type=Path, metavar="YAML",
+                   help="role and unit of each column, for files that are no bags")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--json", action="store_true", help="print check.json instead of tables")
+    add_out(p, "folder of the page (default results/check_BAG)")
+
+
+def next_experiment(p: ArgumentParser) -> None:
+    """Options of `loco gap next`."""
+    p.add_argument("folder", type=Path, help="folder of results of `loco gap`")
+    p.add_argument("--rank", type=int, default=1, help="1 is the best, then the next (default 1)")
+    p.add_argument("--out", type=Path, help="YAML file (default DIR/next_EXPERIMENT.yaml)")
+
+
+def experiments(p: ArgumentParser) -> None:
+    """Options of `loco gap experiments`."""
+    p.add_argument("robot", help="robot, robot.yaml or model.yaml")
+    add_out(p, "folder of the experiments (default experiments/ROBOT)")
+
+
+def battery(p: ArgumentParser) -> None:
+    """Options of `loco gap battery`."""
+    p.description += "\n\nMakes cases with a hidden effect, runs the workflow on their bags, " \
+        "scores it."  # fmt: skip
+    p.add_argument("--cases", type=int, default=20, help="number of cases (default 20)")
+    p.add_argument("--seed", type=int, default=1, help="seed of everything drawn (default 1); "
+                   "below 1000 for development")  # fmt: skip
+    p.add_argument("--robots", nargs="+", default=[], metavar="NAME", help="default: all it has")
+    p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
+                   help="only single effects, of these names or patterns")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
+    p.add_argument("--baselines", nargs="*", metavar="NAME",
+                   help="everything, sparse, cma (default: all three)")  # fmt: skip
+    p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
+                   "experiment that it proposes on the robot, and look again")  # fmt: skip
+    p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")
+    add_out(p, "folder of the battery (default results/gap_battery_SEED)")

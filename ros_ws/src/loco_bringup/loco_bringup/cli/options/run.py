@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the commands that run robots and look at the running graph."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+
+from loco_sim.engines import ENGINES
+
+MORE = """
+
+Clocks: lockstep steps when every command has arrived and the recorder keeps up
+(deterministic); asap does not wait for the recorder; realtime follows the wall clock.
+Layouts: composed puts all nodes in one process, processes gives each its own,
+rollout calls the same objects without ROS and writes the same topics to a bag.
+
+Faults stand between the writer and the readers of a topic; any number, also on one topic:
+  --fault motion_command:drop:probability=0.1          every tenth command is lost
+  --fault robot_state:delay:messages=3:start=2:stop=4  three ticks late, from 2 s to 4 s
+kinds: drop, delay (messages), duplicate (times), reorder (messages), nan, freeze,
+       clock_jump (offset [s]), stuck; all have start and stop [s], probability and seed.
+Topics are those of docs/topics.md; docs/faults.md says what the robot does then.
+"""
+NEW = """
+
+The folder holds
+  NAME.urdf        the URDF with small faults mended; meshes stay where they are
+  robot.yaml       joints, feet, posture, gains, contacts; what is guessed is marked
+  experiment.yaml  the robot stands for 5 s, or swings for 10 s if its base is bolted
+  picture.png      how it stands
+
+Read from the URDF: joints, limits, masses, shapes. Guessed: what it stands on and which way
+is up, a posture with level feet and the mass over them, gains that carry the weight and are
+stable at the physics step, limits that are missing or 0, legs for the gait generator. The
+robot is then tried in the engine for 2 s, and nothing is written unless it stands or swings.
+
+  loco robot new go1.urdf --out go1
+  loco run go1/experiment.yaml
+  loco gap experiments go1      experiments that excite it, to compare with recordings
+
+docs/robots.md says what each line of robot.yaml means.
+"""
+
+
+def demo(p: ArgumentParser) -> None:
+    """Options of `loco demo`."""
+    p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
+
+
+def run(p: ArgumentParser) -> None:
+    """Options of `loco run`."""
+    p.description += MORE
+    p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
+    p.add_argument("--layout", default="composed", help="composed, processes or rollout")
+    p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
+    p.add_argument("--speed", type=float, default=0.0, help="lockstep: at most this x real time")
+    p.add_argument("--duration", type=float, help="length [s], instead of the experiment's")
+    p.add_argument("--seed", type=int, help="seed, instead of the experiment's")
+    engine(p)
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                   help="override one value, e.g. gait.speed=0.3 (repeatable)")  # fmt: skip
+    p.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
+    p.add_argument("--fault", action="append", default=[], metavar="TOPIC:KIND[:NAME=VALUE]",
+                   help="damage the messages of a topic (repeatable)")  # fmt: skip
+    p.add_argument("--tick", action="append", default=[], metavar="KEY=VALUE",
+                   help="a parameter of the plant's clock, e.g. late=safe-stop")  # fmt: skip
+    p.add_argument("--realtime", action="append", default=[], metavar="KEY=VALUE",
+                   help="ask the kernel, e.g. for fifo=80, cpus=1, lock_memory=true, "
+                   "timer_slack=1000")  # fmt: skip
+    p.add_argument("--namespace", default="", help="namespace of all nodes")
+    p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
+    p.add_argument("--report", action="store_true", help="write the report when it is done")
+
+
+def engine(p: ArgumentParser) -> None:
+    """Option of all commands that simulate."""
+    text = "physics engine (default the experiment's, or the first one installed)"
+    p.add_argument("--engine", choices=ENGINES, help=text)
+
+
+def list_(p: ArgumentParser) -> None:
+    """Options of `loco list`."""
+    p.add_argument("what", nargs="?", help="experiments, robots, studies, effects, topics or bags")
+
+
+def robot(p: ArgumentParser) -> None:
+    """Options of `loco robot`."""
+    p.description += "\n\nloco robot new URDF writes a folder for a robot of your own."
+
+
+def robot_new(p: ArgumentParser) -> None:
+    """Options of `loco robot new`."""
+    p.description += NEW
+    p.add_argument("urdf", type=Path, help="URDF file, as it is in a ROS package or a download")
+    p.add_argument("--out", type=Path, metavar="DIR",
+                   help="new folder (default: the name of the URDF)")  # fmt: skip
+
+
+def top(p: ArgumentParser) -> None:
+    """Options of `loco top`."""
+    p.add_argument("--once", action="store_true", help="print once, for scripts")
+    p.add_argument("--interval", type=float, default=1.0, help="seconds between pictures")
+
+
+def doctor(p: ArgumentParser) -> None:
+    """Options of `loco doctor`."""
+    p.add_argument("--seconds", type=float, default=5.0, help="how long to listen (default 5)")
+    p.add_argument("--json", action="store_true", help="print JSON")
+    p.add_argument("--clean", action="store_true", help="remove shared memory of dead processes")
+
+
+def estop(p: ArgumentParser) -> None:
+    """Options of `loco estop`."""
+    p.description += "\n\nStops every robot on the ROS domain, or that of a namespace."
+    p.add_argument("--reset", action="store_true", help="let them move again")
+    p.add_argument("--keys", action="store_true",
+                   help="stay: space stops, r resets, q quits")  # fmt: skip
+    p.add_argument("--heartbeat", type=float, default=0.0, metavar="HZ",
+                   help="say this often that you are there, until Ctrl-C (for plants with "
+                   "the parameter heartbeat)")  # fmt: skip
+    p.add_argument("--namespace", default=None, help="only the robot in this namespace")

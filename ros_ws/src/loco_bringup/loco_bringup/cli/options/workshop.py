@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options of the commands that work on loco itself."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+
+
+def bench(p: ArgumentParser) -> None:
+    """Options of `loco bench`."""
+    p.add_argument("what", help="rls, graph, messages, bag, damage, msd, population, realtime, "
+                   "effects, bolted or ground")  # fmt: skip
+    p.add_argument("--json", type=Path, help="write the rows to this file too")
+    p.add_argument("--seconds", type=float, help="realtime: length of a measurement (default 60)")
+    p.add_argument("--rate", type=float, help="realtime: ticks per second (default 250)")
+    p.add_argument("--layout", help="realtime: composed (default) or processes")
+
+
+def completion(p: ArgumentParser) -> None:
+    """Options of `loco completion`."""
+    p.description += """
+
+  echo 'eval "$(loco completion bash)"' >> ~/.bashrc
+  echo 'eval "$(loco completion zsh)"' >> ~/.zshrc
+"""
+    p.add_argument("shell", choices=("bash", "zsh"), help="shell that reads it")
+
+
+def chaos(p: ArgumentParser) -> None:
+    """Options of `loco chaos`."""
+    p.description += """
+
+Signals: SIGSTOP and SIGKILL to each process of the HyQ graph, at random moments.
+Faults: every kind of `loco run --fault`, and pairs of them, on every topic.
+docs/faults.md says what has to happen each time. Stop it and start it again: it goes on.
+  loco chaos --repeats 1 --only SIGKILL       a quick look at some of it
+  loco chaos --only faults_motion_command
+"""
+    p.add_argument("--repeats", type=int, default=20, help="runs of each cell (default 20)")
+    p.add_argument("--seed", type=int, default=0, help="seed of moments and draws")
+    p.add_argument("--only", default="", metavar="TEXT",
+                   help="cells whose name has it, e.g. SIGSTOP, faults_stance")  # fmt: skip
+    p.add_argument("--out", type=Path, default=Path("results/chaos"), help="results folder")
+
+
+def fuzz(p: ArgumentParser) -> None:
+    """Options of `loco fuzz`."""
+    p.description += (
+        "\n\nA find is an input whose answer is not one error of ours: a traceback, an end of the"
+        "\nprocess, or none within 10 s of processor time. Each is kept as a file with what it did."
+    )
+    p.add_argument("target", nargs="?", default="all",
+                   help="experiment, robot, model, gait, study, node_set, mapping, csv, json, npz, "
+                   "messages or all (default)")  # fmt: skip
+    p.add_argument("--minutes", type=float, default=2.0, help="wall time in all (default 2)")
+    p.add_argument("--seed", type=int, default=0, help="seed of all damage")
+    p.add_argument("--out", type=Path, default=Path("results/fuzz"), help="folder of the finds")
+
+
+def mutants(p: ArgumentParser) -> None:
+    """Options of `loco mutants`."""
+    p.description += (
+        "\n\nEach mutant is one small change (a comparison, a sign, a number, a call left out) in a"
+        "\ncopy of the sources, on which the tests of that module run. Those that no test notices"
+        "\nare listed."
+    )
+    p.add_argument("--only", default="", metavar="TEXT",
+                   help="modules whose path has it, e.g. safety")  # fmt: skip
+    p.add_argument("--limit", type=int, default=0, metavar="N",
+                   help="mutants of each module, drawn at random (default all)")  # fmt: skip
+    p.add_argument("--seed", type=int, default=0, help="seed of the draw")
+    p.add_argument("--workers", type=int, default=2, help="mutants tested at a time (default 2)")
+    p.add_argument("--out", type=Path, default=Path("results/mutants"), help="results folder")
+
+
+def soak(p: ArgumentParser) -> None:
+    """Options of `loco soak`."""
+    p.description += (
+        "\n\nIn lockstep; memory, descriptors, threads and /dev/shm of each process, once a second."
+        "\nOnly events and diagnostics are recorded, and the bag is removed at the end."
+    )
+    p.add_argument("experiment", nargs="?", default="hyq_trot_reflex", help="as in `loco run`")
+    p.add_argument("--ticks", type=int, default=1_000_000, help="how long (default 1,000,000)")
+    p.add_argument("--layout", default="composed", help="composed or processes")
+    p.add_argument("--out", type=Path, help="folder of table and picture (default results/soak)")
+
+
+def docs(p: ArgumentParser) -> None:
+    """Options of `loco docs`."""
+    p.add_argument("--write", action="store_true", help="write them into docs/")
+    p.add_argument("--figures", action="store_true", help="draw the pictures of the effects anew")

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco run --layout rollout`: an experiment without ROS, into the same bag."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from loco_control.exceptions import ParameterError
+from loco_learning.runs.experiment import Experiment, load
+
+from ..logs.rollout_bag import run_rollout
+from ..outcome import Outcome, Progress, default_folder, duration_of
+from ..settings import overrides
+from ..terminal import bar, console
+from .table import call
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run an experiment in this process; returns the exit code.
+
+    Raises:
+        ParameterError: There is an option of topics, clocks or the kernel.
+    """
+    experiment = load(a.experiment, overrides(a.set, a.seed, a.engine, a.duration))
+    for name in ("fault", "tick", "realtime"):
+        if getattr(a, name):
+            raise ParameterError(f"layout rollout has no nodes, so no --{name}; take composed")
+    folder = a.out or default_folder(experiment)
+    outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell))
+    return finish(outcome, a.report)
+
+
+def finish(outcome: Outcome, report: bool) -> int:
+    """Write the report of a run if it is wanted; returns the exit code of the run."""
+    if report and not outcome.interrupted:
+        console.print("report:", end=" ")
+        call("report", outcome.folder)
+    return outcome.exit_code
+
+
+def show_run(
+    experiment: Experiment, start: Callable[[Callable[[Progress], None]], Outcome]
+) -> Outcome:
+    """Run something that reports `Progress`, with a live line, and print its summary."""
+    duration = duration_of(experiment)
+    columns = "{task.completed:6.1f}/{task.total:.0f} s", "{task.fields[rtf]:.1f} x real time"
+    with bar(*columns, "{task.fields[phase]}") as progress:
+        task = progress.add_task(experiment.name, total=duration, rtf=0.0, phase="starting")
+
+        def tell(p: Progress) -> None:
+            progress.update(task, completed=p.sim_time, rtf=p.real_time_factor, phase=p.phase)
+
+        outcome = start(tell)
+    state = "interrupted" if outcome.interrupted else "fell" if outcome.fallen else "done"
+    console.print(f"{experiment.name}: {state}, {outcome.text}")
+    console.print(
+        f"  {outcome.real_time_factor:.1f} x real time, {outcome.dropped} messages dropped"
+    )
+    for line in _punctual(outcome):
+        console.print(f"  {line}")
+    console.print(f"  bag: {outcome.folder}")
+    return outcome
+
+
+def _punctual(outcome: Outcome) -> list[str]:
+    """Lateness of the ticks of a realtime run, and the requests that the kernel granted."""
+    t = outcome.timing
+    lines = [] if not t else [
+        f"ticks began {t['lateness_p50_ms']:.2f} ms late (median), {t['lateness_p99_ms']:.2f} ms "
+        f"(99 %), {t['lateness_max_ms']:.1f} ms (worst); {t['missed_ticks']:.0f} missed, "
+        f"{t['dropped_ticks']:.0f} of them dropped; {t['late_ticks']:.0f} commands late"
+    ]  # fmt: skip
+    return lines + outcome.granted

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco run`: an experiment as a graph, with a live line and a summary."""
+
+from __future__ import annotations
+
+import argparse
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import from_dict
+from loco_learning.runs.experiment import load
+from loco_sim.params import TickParams
+
+from ..graph import run as runner
+from ..settings import overrides, values_of
+from .rollout import finish, show_run
+
+
+def run(a: argparse.Namespace) -> int:
+    """`loco run`: an experiment as a ROS graph; returns the exit code.
+
+    Raises:
+        LocoError: An option is wrong, or the graph does not run.
+    """
+    experiment = load(a.experiment, overrides(a.set, a.seed, a.engine, a.duration))
+    tick = values_of("--tick", a.tick, "late=safe-stop")
+    for key in {"clock", "speed", "duration"} & tick.keys():
+        raise ParameterError(f"{key} is not for --tick; take --{key}")
+    from_dict(TickParams, tick, "tick")
+    realtime = values_of("--realtime", a.realtime, "fifo=80")
+    if "cpus" in realtime:
+        realtime["cpus"] = str(realtime["cpus"])  # one alone is a number
+    folder = a.out or runner.default_folder(experiment)
+    outcome = show_run(
+        experiment,
+        lambda tell: runner.run(
+            experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace,
+            a.fault, realtime=realtime, **tick,
+        ),
+    )  # fmt: skip
+    return finish(outcome, a.report)

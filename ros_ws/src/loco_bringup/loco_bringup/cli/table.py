@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of commands, and the only place that imports a module when it is needed.
+
+A command is two functions, each written ``module:function``, with modules named from this
+package (`loco_bringup`): one adds its options to a parser and imports nothing heavy, so
+that help and mistakes answer at once; the other takes the parsed options and returns the
+exit code. Importing the second loads all that the command uses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple, NoReturn
+
+from loco_control.exceptions import MissingPackageError, NameUnknownError, ParameterError
+
+PACKAGE = __name__.partition(".")[0]
+
+
+class Command(NamedTuple):
+    """One command.
+
+    Attributes:
+        text: One line of help.
+        options: Function that adds the options to a parser; empty for a command whose
+            arguments are passed on as a list of texts.
+        run: Function that takes the parsed options and returns the exit code.
+    """
+
+    text: str
+    options: str
+    run: str
+
+
+ROS = ("rclpy", "builtin_interfaces", "rcl_interfaces", "ament_index_python")
+# Packages that only some commands need, and where they come from.
+EXTRAS: dict[tuple[str, ...], str] = {
+    ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
+    "there are gap, report, export, calibrate, optimise, study, robot, list, and "
+    "`run --layout rollout`",
+    ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
+}
+# Titles of the groups, in the order of the help, and the commands of each.
+GROUPS: dict[str, dict[str, Command]] = {
+    "Find out why a model and a robot differ": {
+        "gap": Command(
+            "find where a model and recordings differ, and name the cause",
+            "cli.options.gap:search", "gap.terminal:show_gap",
+        ),
+        "gap --live": Command(
+            "the same with two robots that run, over topics",
+            "cli.options.gap:search", "live.gap_terminal:show_live",
+        ),
+        "gap check": Command(
+            "say what recordings can tell before a search, in half a minute",
+            "cli.options.gap:check", "gap.check:show_check",
+        ),
+        "gap next": Command(
+            "write the experiment that would tell the leading explanations apart",
+            "cli.options.gap:next_experiment", "gap.terminal:show_next",
+        ),
+        "gap experiments": Command(
+            "write experiments that excite a robot, within its limits",
+            "cli.options.gap:experiments", "gap.terminal:show_library",
+        ),
+        "calibrate": Command(
+            "fit a robot's body to a recorded bag (thesis chapter 5, resumable)",
+            "cli.options.fit:calibrate", "calibrate.terminal:show_calibration",
+        ),
+        "calibrate --live": Command(
+            "the same with a running model and a running robot",
+            "cli.options.fit:calibrate", "live.terminal:show_live",
+        ),
+    },
+    "Run robots": {
+        "demo": Command(
+            "run hyq_trot_reflex, replay its bag, write its report",
+            "cli.options.run:demo", "cli.demo:run_demo",
+        ),
+        "run": Command(
+            "run an experiment as a ROS 2 graph and record it",
+            "cli.options.run:run", "cli.run:run",
+        ),
+        "run --layout rollout": Command(
+            "the same objects without ROS, into the same bag",
+            "cli.options.run:run", "cli.rollout:run",
+        ),
+        "robot": Command(
+            "show the robots of loco and those in folders here",
+            "cli.options.run:robot", "robot.terminal:show_robots",
+        ),
+        "robot new": Command(
+            "write a first robot folder from any URDF, and say what is guessed",
+            "cli.options.run:robot_new", "robot.terminal:show_new",
+        ),
+        "list": Command(
+            "show experiments, robots, studies, effects, topics and bags",
+            "cli.options.run:list_", "cli.listing:show",
+        ),
+        "top": Command(
+            "show the running graph: rates, lateness, drops, CPU, phase",
+            "cli.options.run:top", "doctor.top:show_top",
+        ),
+        "doctor": Command(
+            "say why nothing moves (exit code 1: it has found a fault)",
+            "cli.options.run:doctor", "doctor.terminal:show_doctor",
+        ),
+        "ros2": Command(
+            "topic, node, param, service, action and run, as ros2 has them, without apt",
+            "", "ros2.main:run",
+        ),
+        "estop": Command(
+            "stop the robots that run: their joints are damped until a reset",
+            "cli.options.run:estop", "cli.estop:show_estop",
+        ),
+    },
+    "Record and read bags": {
+        "record": Command(
+            "record topics of any running graph to a bag",
+            "cli.options.bags:record", "cli.logs:record",
+        ),
+        "replay": Command(
+            "publish a bag's topics again, or test live controllers with it",
+            "cli.options.bags:replay", "cli.logs:replay",
+        ),
+        "replay --verify": Command(
+            "compare what live controllers answer with the bag, byte for byte",
+            "cli.options.bags:replay", "record.verify_terminal:verify_bag",
+        ),
+        "info": Command(
+            "show what a bag holds", "cli.options.bags:info", "cli.bags:info"
+        ),
+        "report": Command(
+            "write one self-contained HTML page about a bag",
+            "cli.options.bags:report", "report.terminal:show_report",
+        ),
+        "recover": Command(
+            "make a whole bag of a damaged or unfinished one",
+            "cli.options.bags:recover", "cli.bags:recover",
+        ),
+        "export": Command(
+            "write topics of a bag as CSV or NumPy files",
+            "cli.options.bags:export", "cli.bags:export",
+        ),
+        "extract": Command(
+            "copy some topics of a bag into a smaller bag",
+            "cli.options.bags:extract", "cli.bags:extract",
+        ),
+    },
+    "Learn from many runs": {
+        "study": Command(
+            "run a study: variants x grid x seeds, tables and maps (resumable)",
+            "cli.options.fit:study", "study.terminal:show_study",
+        ),
+        "optimise": Command(
+            "search a gait by CMA-ES over rollouts (resumable)",
+            "cli.options.fit:optimise", "cli.optimise:run",
+        ),
+        "reproduce": Command(
+            "run experiments of the thesis again, claim by claim (resumable)",
+            "cli.options.fit:reproduce", "reproduce.terminal:run",
+        ),
+    },
+    "Work on loco itself": {
+        "completion": Command(
+            "print what makes a shell complete loco: eval \"$(loco completion bash)\" or zsh",
+            "cli.options.workshop:completion", "cli.listing:show_completion",
+        ),
+        "test": Command(
+            "run the tests (arguments go to pytest)", "", "workshop.tests:run_tests"
+        ),
+        "bench": Command(
+            "measure speed beside named baselines",
+            "cli.options.workshop:bench", "workshop.bench.bench:show_bench",
+        ),
+        "gap battery": Command(
+            "many hidden effects: how often `loco gap` names the right one",
+            "cli.options.gap:battery", "workshop.battery.terminal:show_battery",
+        ),
+        "chaos": Command(
+            "stop, kill and damage everything, and judge the robot (resumable)",
+            "cli.options.workshop:chaos", "workshop.stress.chaos_terminal:show_chaos",
+        ),
+        "fuzz": Command(
+            "damage input for the parsers of files, texts and messages (exit code 1: a find)",
+            "cli.options.workshop:fuzz", "workshop.fuzz.terminal:show_fuzz",
+        ),
+        "mutants": Command(
+            "change the code that protects, and see whether tests notice (exit code 1: too few)",
+            "cli.options.workshop:mutants", "workshop.mutants.terminal:show_mutants",
+        ),
+        "soak": Command(
+            "run a graph for long and see whether anything grows (exit code 1: it does)",
+            "cli.options.workshop:soak", "workshop.stress.soak_terminal:show_soak",
+        ),
+        "docs": Command(
+            "print the generated tables of docs/ (topics, parameters)",
+            "cli.options.workshop:docs", "workshop.docs.reference:show_docs",
+        ),
+    },
+}  # fmt: skip
+
+COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
+
+
+class Parser(argparse.ArgumentParser):
+    """Options of one command; a mistake is an exception, as any other wrong input is."""
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line; argparse calls this."""
+        raise ParameterError(f"{message}; see `{self.prog} --help`")
+
+
+def load(target: str) -> Callable[..., Any]:
+    """Function that a table names as ``module:function``; imports its module.
+
+    Raises:
+        MissingPackageError: It needs a package that `EXTRAS` names and that is not installed.
+    """
+    module, _, function = target.partition(":")
+    try:
+        return getattr(importlib.import_module(f"{PACKAGE}.{module}"), function)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        for names, text in EXTRAS.items():
+            if missing in names or (names == ROS and missing.endswith(("_msgs", "_srvs"))):
+                raise MissingPackageError(f"{missing} is not installed; {text}") from None
+        raise
+
+
+def split(arguments: list[str]) -> tuple[str, list[str]]:
+    """Name of the command and what follows it.
+
+    A name is a word (``gap``), a word and a sub-command (``gap next``), or a word and an option
+    that stands anywhere among the arguments (``gap --live``) and stays there.
+
+    Raises:
+        NameUnknownError: There is no such command.
+    """
+    first, rest = arguments[0], arguments[1:]
+    if first not in COMMANDS:
+        known = {name.partition(" ")[0] for name in COMMANDS} | {"help"}
+        raise NameUnknownError("command", first, known)
+    if rest and f"{first} {rest[0]}" in COMMANDS and not rest[0].startswith("-"):
+        return f"{first} {rest[0]}", rest[1:]
+    line = " ".join(["", *rest, ""]).replace("=", " ")
+    options = (name for name in COMMANDS if name.startswith(f"{first} --"))
+    return next((name for name in options if f"{name[len(first) :]} " in line), first), rest
+
+
+def parser(name: str) -> Parser:
+    """Parser of the options of a command."""
+    command = COMMANDS[name]
+    p = Parser(
+        prog=f"loco {name.partition(' --')[0]}",
+        allow_abbrev=False,
+        description=command.text,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    load(command.options)(p)
+    return p
+
+
+def parse(arguments: list[str]) -> tuple[str, argparse.Namespace | list[str]]:
+    """Name of a command and its options, or its arguments where they are passed on.
+
+    Args:
+        arguments: The command line after ``loco``, at least one word.
+
+    Raises:
+        NameUnknownError: There is no such command.
+        ParameterError: It has no such option, or a value is missing or wrong.
+    """
+    name, rest = split(arguments)
+    return name, parser(name).parse_args(rest) if COMMANDS[name].options else rest
+
+
+def call(*arguments: Any) -> int:
+    """Run a command line; returns the exit code.
+
+    Args:
+        arguments: Words after ``loco``; a command may so continue with another one.
+    """
+    name, options = parse([str(word) for word in arguments])
+    if getattr(options, "engine", None):
+        os.environ["LOCO_ENGINE"] = options.engine  # of all that names none, in workers too
+    return load(COMMANDS[name].run)(options)

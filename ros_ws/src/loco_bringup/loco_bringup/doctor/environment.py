@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The checks of `loco doctor` before it listens: environment, messages, other domains."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..graph import node_set, shm
+
+RANGES = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
+DOMAINS = range(102)  # above, the ports of Fast DDS meet those of the system
+_LOW = 64e6  # free shared memory below which runs fail [bytes]
+_PACKAGES = ("loco_msgs", "tf2_msgs")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that keeps a graph from moving.
+
+    ``fault`` names it in one or two words, ``grave`` is false for what may be intended.
+    """
+
+    fault: str
+    text: str
+    remedy: str
+    grave: bool = True
+
+
+def check_environment(env: Mapping[str, str]) -> list[Finding]:
+    """Variables of ROS that make a graph deaf."""
+    findings = []
+    domain = env.get("ROS_DOMAIN_ID", "0")
+    if not domain.isdigit() or int(domain) not in DOMAINS:
+        findings.append(
+            Finding("domain", f"ROS_DOMAIN_ID is {domain!r}", "set it to a number in 0 … 101")
+        )
+    scope = env.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if scope not in RANGES:
+        findings.append(
+            Finding(
+                "discovery range",
+                f"ROS_AUTOMATIC_DISCOVERY_RANGE is {scope!r}: nodes do not find each other",
+                f"set it to one of {', '.join(RANGES)}",
+            )
+        )
+    rmw = env.get("RMW_IMPLEMENTATION", "")
+    if rmw and not _has_library(rmw):
+        findings.append(
+            Finding(
+                "middleware",
+                f"RMW_IMPLEMENTATION is {rmw!r}, which is not installed here",
+                "unset RMW_IMPLEMENTATION",
+            )
+        )
+    distribution = env.get("ROS_DISTRO", "jazzy")
+    if distribution != "jazzy":
+        findings.append(
+            Finding(
+                "environment",
+                f"a ROS installation of {distribution} is sourced; ours is of jazzy",
+                "start loco from a shell without it, or by ./loco",
+            )
+        )
+    return findings
+
+
+def _has_library(rmw: str) -> bool:
+    folders = [
+        Path(sys.prefix) / "lib",
+        *map(Path, os.environ.get("LD_LIBRARY_PATH", "").split(":")),
+    ]
+    return any((folder / f"lib{rmw}.so").is_file() for folder in folders)
+
+
+def check_messages(
+    sources: Path | None = None, prefix: Path = Path(sys.prefix), path: list[str] | None = None
+) -> list[Finding]:
+    """Message packages: there, and built from the definitions of this clone.
+
+    Args:
+        sources: Folder with the source packages; None to find that of the clone, if any.
+        prefix: Folder into which packages are installed.
+        path: Folders in which Python looks for packages, default `sys.path`.
+    """
+    findings = []
+    sources = sources or Path(__file__).resolve().parents[5] / "src"
+    for package in _PACKAGES:
+        if not _importable(package, path):
+            text = f"the message package {package} is not built"
+            findings.append(Finding("messages not built", text, "run ./loco, which builds it"))
+            continue
+        old = [
+            file.name
+            for file in sorted((sources / package).glob("msg/*.msg"))
+            if not _same(file, prefix / "share" / package / "msg" / file.name)
+        ]
+        if old:
+            text = f"{package} was built from other definitions of {', '.join(old)}"
+            findings.append(
+                Finding("messages mismatched", text, "run ./loco, which builds it anew")
+            )
+    return findings
+
+
+def _importable(package: str, path: list[str] | None) -> bool:
+    if path is None:
+        return importlib.util.find_spec(package) is not None
+    return any((Path(folder) / package / "__init__.py").is_file() for folder in path)
+
+
+def _same(source: Path, installed: Path) -> bool:
+    return installed.is_file() and installed.read_bytes() == source.read_bytes()
+
+
+def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:
+    """Room in shared memory, and what killed processes left there."""
+    findings, leftovers = [], shm.leftovers(folder)
+    size = sum(path.stat().st_size for path in leftovers if path.exists())
+    free = shutil.disk_usage(folder).free
+    if free < _LOW:
+        text = f"{folder} has {free / 1e6:.0f} MB left; messages between processes need it"
+        findings.append(Finding("shared memory full", text, "loco doctor --clean, or enlarge it"))
+    if leftovers:
+        text = f"killed processes left {len(leftovers)} files, {size / 1e6:.0f} MB, in {folder}"
+        findings.append(Finding("shared memory left", text, "loco doctor --clean", grave=False))
+    return findings
+
+
+def check_elsewhere(env: Mapping[str, str]) -> list[Finding]:
+    """Graphs of this user on other domains; only told if none is on ours."""
+    here, others = env.get("ROS_DOMAIN_ID", "0") or "0", {}
+    for pid, domain, _ in node_processes():
+        if domain == here:
+            return []
+        others.setdefault(domain, []).append(pid)
+    return [
+        Finding(
+            "other domain",
+            f"a graph runs on ROS domain {domain} (processes {', '.join(map(str, sorted(pids)))}), "
+            f"and this shell looks at domain {here}",
+            f"set ROS_DOMAIN_ID={domain} to look there",
+            grave=False,
+        )
+        for domain, pids in sorted(others.items())
+    ]
+
+
+def node_processes() -> list[tuple[int, str, list[str]]]:
+    """Process, ROS domain and command line of every process of nodes of this user."""
+    nodes = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = path.read_bytes().decode(errors="replace").split("\0")
+            if "-m" not in words[:3] or not _is_nodes(words):
+                continue
+            pairs = (path.parent / "environ").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        domain = next((p[14:] for p in pairs if p.startswith(b"ROS_DOMAIN_ID=")), b"0")
+        nodes.append((int(path.parent.name), domain.decode(), words))
+    return nodes
+
+
+def nodes_here(domain: str) -> dict[str, int]:
+    """Process of every node on a domain, by its name with the namespace.
+
+    A process that is stopped does not tell DDS of its nodes; its command line does.
+    """
+    folder = Path(node_set.__file__).parent.parent / "node_sets"
+    specs = [s for file in sorted(folder.glob("*.yaml")) for s in node_set.load(str(file))]
+    names = {s.cls: s.name for s in specs} | {
+        "loco_bringup.record.recorder:RecorderNode": "recorder"
+    }
+    modules = {cls.partition(":")[0]: name for cls, name in names.items()}
+    nodes = {}
+    for pid, where, words in node_processes():
+        if where != domain:
+            continue
+        space = next((w.partition(":=/")[2] for w in words if w.startswith("__ns:=/")), "")
+        for word in words:
+            name = names.get(word) or modules.get(word)
+            if name:
+                nodes["/".join(filter(None, (space, name)))] = pid
+    return nodes
+
+
+def _is_nodes(words: list[str]) -> bool:
+    module = words[words.index("-m") + 1]
+    return module == "loco_bringup.graph.composed" or (module[:5] == "loco_" and ".ros." in module)

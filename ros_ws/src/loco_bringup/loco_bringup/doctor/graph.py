@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The checks of `loco doctor` on a running graph: each reads a `View` and names faults."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from loco_control.exceptions import LocoError
+from loco_control.ros.messages.definitions import type_hash
+from loco_control.ros.messages.joint_topics import TABLES
+from loco_control.ros.messages.topics import Topic
+
+from ..graph.view import Endpoint, View
+from .environment import Finding
+
+SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s]
+_STOPPED = {"T": "is stopped (SIGSTOP)", "t": "is held by a debugger", "Z": "is dead"}
+_SLOW = 0.95  # real-time factor below which the clock realtime is not met
+
+
+def check_graph(view: View) -> list[Finding]:
+    """All faults of the graphs that are seen, worst first."""
+    if not view.endpoints and not view.reports and not view.processes:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        text = f"nobody is on ROS domain {domain}"
+        return [Finding("no graph", text, "start one with loco run, or see the domain above")]
+    checks: list[Callable[[View], list[Finding]]] = [
+        check_types, check_qos, check_writers, check_endpoints, check_answers,
+        check_ticks, check_plants, check_reports, check_events,
+    ]  # fmt: skip
+    findings = [finding for check in checks for finding in check(view)]
+    if any(finding.fault == "ticks" for finding in findings):  # then all who wait say so
+        findings = [f for f in findings if f.fault != "warning" or ": silence" not in f.text]
+    return sorted(dict.fromkeys(findings), key=lambda finding: not finding.grave)
+
+
+# ---- which topics there should be
+
+
+def tables(view: View) -> dict[str, dict[str, Topic]]:
+    """Topic table of each namespace in which a graph runs: the one that fits best."""
+    result = {}
+    for space in view.namespaces():
+        endpoints = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
+        scores = {
+            name: sum((full(space, r.name), w) in endpoints for r in _paced(t) for w in _ends(r))
+            for name, t in TABLES.items()
+        }
+        best = max(scores, key=lambda name: scores[name])
+        if scores[best] >= 2:
+            result[space] = TABLES[best]
+    return result
+
+
+def full(space: str, name: str) -> str:
+    """Full name of a topic of a namespace."""
+    return name if name.startswith("/") else "/" + "/".join(filter(None, (space, name)))
+
+
+def _paced(table: dict[str, Topic]) -> list[Topic]:
+    """Topics that a tick waits for."""
+    return [row for row in table.values() if row.rate > 0 and row.qos.reliable]
+
+
+def _ends(row: Topic) -> tuple[str, ...]:
+    return (row.writer, *row.readers)
+
+
+# ---- the checks
+
+
+def check_types(view: View) -> list[Finding]:
+    """One topic with two types, or with another definition of ours."""
+    findings = []
+    for name in sorted({e.topic for e in view.endpoints}):
+        ends = [e for e in view.endpoints if e.topic == name]
+        kinds = sorted({e.type for e in ends})
+        if len(kinds) > 1:
+            who = "; ".join(f"{k}: {_names(e for e in ends if e.type == k)}" for k in kinds)
+            text = f"{name} has {len(kinds)} types, so its ends never meet: {who}"
+            findings.append(Finding("type", text, "use one type"))
+            continue
+        odd = [e for e in ends if not _known(e)]
+        if odd:
+            text = f"{_names(odd)} has another definition of {kinds[0]} on {name} than we have"
+            findings.append(Finding("messages mismatched", text, "build the same messages there"))
+    return findings
+
+
+def _known(end: Endpoint) -> bool:
+    if not end.type.startswith("loco_msgs/msg/"):
+        return True
+    try:
+        return end.hash == type_hash(end.type)
+    except LocoError:
+        return False
+
+
+def check_qos(view: View) -> list[Finding]:
+    """Writers that offer less than a reader asks for."""
+    findings = []
+    for reader in (e for e in view.endpoints if not e.writes):
+        for writer in view.of(reader.topic, True):
+            if writer.type != reader.type:
+                continue
+            lacks = []
+            if reader.reliable and not writer.reliable:
+                lacks.append("reliable, which it is not (best effort)")
+            if reader.latched and not writer.latched:
+                lacks.append("transient local, which it is not (volatile)")
+            if lacks:
+                text = f"{reader.topic}: {reader.node} wants {writer.node} to be {lacks[0]}"
+                findings.append(Finding("QoS", text, "give the writer the QoS of docs/topics.md"))
+    return findings
+
+
+def check_writers(view: View) -> list[Finding]:
+    """Two graphs on one domain and namespace."""
+    findings = []
+    for space, table in tables(view).items():
+        for row in _paced(table):
+            writers = view.of(full(space, row.name), True)
+            if len(writers) > 1:
+                who = ", ".join(f"{w.node} (pid {w.pid})" for w in writers)
+                text = f"{full(space, row.name)} has {len(writers)} writers: {who}"
+                remedy = "end one of them, or give it another ROS_DOMAIN_ID or namespace"
+                findings.append(Finding("domain clash", text, remedy))
+    return findings
+
+
+def check_endpoints(view: View) -> list[Finding]:
+    """Writers and readers of the table that are not there."""
+    missing: dict[str, list[str]] = {}
+    for space, table in tables(view).items():
+        nodes = {e.node for e in view.endpoints}
+        for row in _paced(table):
+            for node, writes in ((row.writer, True), *((r, False) for r in row.readers)):
+                who, name = "/".join(filter(None, (space, node))), full(space, row.name)
+                if node == "any" or any(e.node == who for e in view.of(name, writes)):
+                    continue
+                what = "does not write" if writes else "does not read"
+                if who not in nodes and who in view.processes:
+                    continue  # it is there and does not answer
+                key = f"{who} {what}" if who in nodes else f"{who} is missing: nobody"
+                verb = "" if who in nodes else ("writes " if writes else "reads ")
+                missing.setdefault(key, []).append(verb + name)
+    return [
+        Finding("missing endpoint", f"{key} {', '.join(names)}", "start the node, see its log")
+        for key, names in missing.items()
+    ]
+
+
+def check_answers(view: View) -> list[Finding]:
+    """Nodes that have endpoints and say nothing."""
+    findings = []
+    ours = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
+    for node in sorted(ours | view.reports.keys() | view.processes.keys()):
+        report = view.reports.get(node)
+        if report is not None and report.age < SILENT:
+            continue
+        pid = view.pid(node) or (int(report.number("pid")) if report else 0)
+        state = _state(pid)
+        since = f"for {report.age:.0f} s" if report else "at all"
+        text = f"{node} (pid {pid or 'unknown'}) {state}; it has not spoken {since}"
+        remedy = f"kill -CONT {pid}" if "SIGSTOP" in state else "see its log, start it again"
+        findings.append(Finding("node silent", text, remedy))
+    return findings
+
+
+def _state(pid: int) -> str:
+    try:
+        letter = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "is gone (killed or crashed)"
+    return _STOPPED.get(letter, "runs but does not answer")
+
+
+def check_ticks(view: View) -> list[Finding]:
+    """Plants that stand still, and who owes them what."""
+    findings = []
+    for name, report in view.reports.items():
+        if name.rpartition("/")[2] != "robot_sim" or report.age >= SILENT:
+            continue
+        waits = report.values.get("waiting for nodes")
+        if waits:
+            text = f"{name} has not begun: {waits} never said that it is ready"
+            findings.append(Finding("not ready", text, "see the logs of these nodes"))
+        elif report.number("silence") >= 2.0:
+            space = name.rpartition("/")[0]
+            culprit = _blame(view, space, tables(view).get(space, {}), name, set())
+            at = f"tick {report.values.get('tick', '?')}"
+            text = f"{name} has waited {report.number('silence'):.0f} s at {at}: {culprit}"
+            findings.append(Finding("ticks", text, "see the log of the last node named"))
+    return findings
+
+
+def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: set[str]) -> str:
+    """The node that keeps a node waiting, followed to the one that waits for nobody."""
+    visited.add(node)
+    missing = [m for m in view.reports[node].values.get("missing", "").split(", ") if m]
+    for name in missing:
+        row = table.get(name)
+        writer = "/".join(filter(None, (space, row.writer))) if row else ""
+        report = view.reports.get(writer)
+        if report is None or report.age >= SILENT:
+            pid = view.pid(writer) or (int(report.number("pid")) if report else 0)
+            return f"{name} does not come from {writer or 'its writer'}, which {_state(pid)}"
+        inputs = [r.name for r in _paced(table) if row.writer in r.readers]
+        waits = [m for m in report.values.get("missing", "").split(", ") if m]
+        if waits and set(waits) != set(inputs) and writer not in visited:
+            return (
+                f"{name} does not come from {writer}; {_blame(view, space, table, writer, visited)}"
+            )
+    return f"{', '.join(missing) or 'a command'} does not come, though its writer waits for nothing"
+
+
+def check_plants(view: View) -> list[Finding]:
+    """Time-outs, a latched emergency stop, and a clock that is not met."""
+    findings = []
+    for name, report in view.reports.items():
+        if name.rpartition("/")[2] != "robot_sim" or report.age >= SILENT:
+            continue
+        late, factor = report.number("late_share"), report.number("real_time_factor", 1.0)
+        if report.values.get("estop"):
+            text = f"{name} is in emergency stop: {report.values['estop']}"
+            findings.append(Finding("emergency stop", text, "loco estop --reset"))
+        if late >= 0.05:
+            text = f"{name} got no fresh command in {100 * late:.0f} % of its ticks"
+            remedy = "find the slow node in loco top, or lower the load"
+            findings.append(Finding("time-out", text, remedy))
+        if report.values.get("clock") == "realtime" and factor < _SLOW:
+            text = f"{name} runs at {factor:.2f} x real time with the clock realtime"
+            findings.append(Finding("real-time factor", text, "lower the load of the machine"))
+    return findings
+
+
+def check_reports(view: View) -> list[Finding]:
+    """Warnings of nodes about themselves."""
+    return [
+        Finding("warning", f"{name}: {report.message}", "see its log", grave=report.level > 1)
+        for name, report in view.reports.items()
+        if report.level and report.age < SILENT and report.message != "waiting for endpoints"
+    ]
+
+
+def check_events(view: View) -> list[Finding]:
+    """Errors, falls and refusals that were told once."""
+    kinds = {"error": "error", "fall": "fall", "model refused": "model refused"}
+    return [
+        Finding(
+            kinds[e.kind],
+            f"{'/'.join(filter(None, (e.namespace, e.node)))} at {e.time:.2f} s: {e.text}",
+            "start the run again",
+            grave=e.kind != "model refused",
+        )
+        for e in view.events
+        if e.kind in kinds
+    ]
+
+
+def _names(ends: object) -> str:
+    return ", ".join(sorted({e.node for e in ends}))

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco doctor` at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+
+from ..graph import shm
+from ..graph.view import Onlooker
+from .environment import (
+    Finding,
+    check_elsewhere,
+    check_environment,
+    check_messages,
+    check_shared_memory,
+)
+from .graph import check_graph
+
+
+def show_doctor(a: argparse.Namespace) -> int:
+    """`loco doctor`: examine environment and graph, and print what is wrong.
+
+    Returns:
+        0 if nothing grave was found, else 1.
+    """
+    if a.clean:
+        files, size = shm.clean()
+        sys.stderr.write(f"removed {files} files, {size / 1e6:.1f} MB\n")
+    findings = examine(a.seconds)
+    if a.json:
+        rows = [
+            {"fault": f.fault, "text": f.text, "remedy": f.remedy, "grave": f.grave}
+            for f in findings
+        ]
+        sys.stdout.write(json.dumps(rows, indent=1) + "\n")
+    for f in () if a.json else findings:
+        sys.stdout.write(f"{'FAULT' if f.grave else 'note '}  {f.fault}: {f.text}\n")
+        sys.stdout.write(f"       {f.remedy}\n")
+    if not findings and not a.json:
+        sys.stdout.write("nothing is wrong\n")
+    return int(any(f.grave for f in findings))
+
+
+def examine(seconds: float) -> list[Finding]:
+    """All findings. The graph is left out if the environment does not let us hear it."""
+    findings = check_environment(os.environ) + check_messages()
+    if findings:
+        return findings
+    with Onlooker() as onlooker:
+        view = onlooker.listen(seconds)
+    graph = check_graph(view)
+    elsewhere = check_elsewhere(os.environ) if not view.reports else []
+    return check_shared_memory() + elsewhere + graph

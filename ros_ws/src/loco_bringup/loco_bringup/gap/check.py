@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap check`: the worth of recordings before a search, on the terminal and as a page."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from loco_control.exceptions import LocoError, ParameterError
+from loco_control.files import write_whole
+from loco_learning.gap.preview import check as preview
+from loco_learning.gap.preview.visible import LARGE, NO, YES
+from loco_learning.gap.recordings.record import Record
+from loco_sim.plant import model as models
+
+from ..page import html
+from ..terminal import bar, console, table
+from . import run as runner
+from . import text
+from .importing import load
+
+PAGE, JSON = "check.html", "check.json"
+READY, WARNED, REFUSED = "ready", "usable, with warnings", "not usable as it is"
+MOST_ALIKE = 3  # names of look-alikes in a cell
+Checked = Mapping[str, Any]
+
+
+def show_check(a: argparse.Namespace) -> int:
+    """`loco gap check`: look, print, write the page.
+
+    Returns:
+        The exit code: 2 where a recording is refused.
+
+    Raises:
+        LocoError: An unknown robot, or no recording is of use.
+    """
+    if not a.robot:
+        raise ParameterError("loco gap check wants --robot: a robot, robot.yaml or model.yaml")
+    if a.workers < 1:
+        raise ParameterError(f"workers must be at least 1, got {a.workers}")
+    folder = a.out or Path("results") / f"check_{Path(a.bags[0]).name.split('.')[0]}"
+    claim(folder)
+    with bar("{task.percentage:3.0f} %") as progress:
+        task = progress.add_task("reading", total=1.0)
+
+        def tell(share: float, stage: str) -> None:
+            progress.update(task, completed=share, description=stage)
+
+        found = checked(a.robot, a.bags, a.mapping, a.workers, tell)
+    folder.mkdir(parents=True, exist_ok=True)
+    runner.write_json(folder / JSON, found)
+    write_whole(folder / PAGE, page(found))
+    if a.json:
+        sys.stdout.write(runner.dumps(found))
+    else:
+        show(found)
+        console.print(f"  page: {folder / PAGE}")
+    return 2 if found["refused"] else 0
+
+
+def claim(folder: Path) -> None:
+    """Refuse a folder that is a file or holds something else.
+
+    Raises:
+        ParameterError: The folder is a file or holds something else.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ParameterError(f"{folder} is a file, wanted is a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / JSON).is_file():
+        raise ParameterError(f"{folder} holds other files; choose another --out")
+
+
+def checked(
+    robot: str, bags: Sequence[str], mapping: Path | None, workers: int, tell: Any
+) -> dict[str, Any]:
+    """Contents of ``check.json``.
+
+    A recording that cannot be read is listed with the reason, and the others are looked at.
+
+    Args:
+        robot: Robot, robot.yaml or model.yaml.
+        bags: Recordings.
+        mapping: Mapping file, or None.
+        workers: Processes.
+        tell: Called with the share done and the stage.
+
+    Raises:
+        LocoError: An unknown robot, or no recording is of use: the reason of the first.
+    """
+    model = models.load_any(robot)
+    plant, records, refused = model.make_robot(), list[Record](), []
+    first: LocoError | None = None
+    for bag in bags:
+        try:
+            records += load(bag, plant, mapping)
+        except LocoError as error:
+            first = first or error
+            refused.append({"recording": str(bag), "reason": str(error)})
+    if not records and first:
+        raise first
+    found = preview.look(model, records, None, tell, workers)
+    return {**found, "refused": refused, "verdict": verdict(found, refused)}
+
+
+def verdict(found: Checked, refused: Sequence[Any]) -> str:
+    """One of `READY`, `WARNED` and `REFUSED`."""
+    warned = found["missing"] or any(r["warnings"] for r in found["recordings"])
+    return REFUSED if refused else WARNED if warned else READY
+
+
+def sentences(found: Checked) -> list[str]:
+    """Objections to the recordings, the worst first."""
+    lines = [f"{r['recording']} is refused: {r['reason']}" for r in found["refused"]]
+    lines += [f"{r['name']}: {w}" for r in found["recordings"] for w in r["warnings"]]
+    return lines + list(found["missing"])
+
+
+def counts(found: Checked) -> dict[str, int]:
+    """Number of effects at a place by whether they would show."""
+    seen: dict[tuple[str, str, str], str] = {}
+    for row in found["effects"]:
+        key = row["effect"], row["variant"], row["place"]
+        order = (YES, LARGE, NO)
+        seen[key] = min(seen.get(key, NO), row["seen"], key=order.index)
+    return {word: list(seen.values()).count(word) for word in (YES, LARGE, NO)}
+
+
+def by_effect(found: Checked) -> list[list[str]]:
+    """Rows of a table: effect, places where it shows, from which size on, and look-alikes."""
+    groups: dict[tuple[str, str], list[Any]] = {}
+    for row in found["effects"]:
+        groups.setdefault((row["effect"], row["parameter"]), []).append(row)
+    lines = []
+    for (effect, parameter), rows in sorted(groups.items()):
+        shown = [r for r in rows if r["seen"] != NO]
+        hidden = sorted({text.place_of(r["place"]) for r in rows if r["seen"] == NO})
+        sizes = sorted(r["smallest"] for r in shown)
+        alike = sorted({name for r in shown for name in r["alike"]})
+        more = f" and {len(alike) - MOST_ALIKE} more" if len(alike) > MOST_ALIKE else ""
+        several = len({p for e, p in groups if e == effect}) > 1
+        name = text.words(effect) + (f" ({text.words(parameter)})" if several else "")
+        unit = "" if rows[0]["unit"] == "-" else f" {rows[0]['unit']}"
+        least = f"{text.number(sizes[0])}{unit}" if sizes else "–"
+        if len(sizes) > 1 and sizes[-1] > 1.2 * sizes[0]:
+            least = f"{text.number(sizes[0])} to {text.number(sizes[-1])}{unit}"
+        lines.append([
+            name, f"{len(shown)} of {len(rows)}", least,
+            f"{text.number(rows[0]['typical'])}{unit}",
+            ", ".join(hidden[:4]) + (f" and {len(hidden) - 4} more" if len(hidden) > 4 else ""),
+            ", ".join(map(text.words, alike[:MOST_ALIKE])) + more,
+        ])  # fmt: skip
+    return lines
+
+
+HEAD = ("Effect", "Shows at", "From", "Usual size", "Not at", "Looks the same as")
+
+
+def recording_rows(found: Checked) -> list[list[str]]:
+    """Rows of a table: recording, length, rate, jitter, missing samples, lag, signals."""
+    rows = []
+    for r in found["recordings"]:
+        stamps = r["stamps"].get("q") or {}
+        lag = sorted(r["lag_ms"].values())
+        told = f"{text.number(lag[0])} to {text.number(lag[-1])} ms" if lag else "–"
+        rows.append([
+            r["name"], r["held"], f"{text.number(r['seconds'])} s", f"{text.number(r['rate'])} Hz",
+            f"{text.number(stamps.get('jitter_ms'))} ms" if stamps else "–",
+            f"{stamps['missing']:.0f}" if stamps else "–", told,
+        ])  # fmt: skip
+    return rows
+
+
+def signals(found: Checked) -> list[str]:
+    """Signals and commands, a line for each set of recordings that have the same."""
+    having: dict[str, list[str]] = {}
+    for r in found["recordings"]:
+        line = ", ".join([*r["signals"], *(f"command {c}" for c in r["commands"])])
+        having.setdefault(line, []).append(r["name"])
+    if len(having) == 1:
+        return [f"measured: {line}" for line in having]
+    return [f"{text.listed(names)}: {line}" for line, names in having.items()]
+
+
+RECORDING_HEAD = ("Recording", "Base", "Length", "Rate", "Jitter", "Missing", "Behind command")
+
+
+def search_line(found: Checked) -> str:
+    """Time that a search will take, in words."""
+    low, high = (_time(s) for s in found["search_seconds"])
+    return f"a search takes about {low}, up to {high} where much is missing"
+
+
+def _time(seconds: float) -> str:
+    return f"{max(1, round(seconds))} s" if seconds < 100.0 else f"{round(seconds / 60.0)} min"
+
+
+def headline(found: Checked) -> str:
+    """Verdict and counts in one line."""
+    n = counts(found)
+    return (
+        f"{found['verdict']}: of {sum(n.values())} effects at a place {n[YES]} show at their usual "
+        f"size, {n[LARGE]} only if they are large, {n[NO]} not at all"
+    )
+
+
+def show(found: Checked) -> None:
+    """Print the result."""
+    console.print(headline(found))
+    for line in sentences(found):
+        console.print(f"  {line}")
+    console.print(table("", RECORDING_HEAD, recording_rows(found)))
+    for line in signals(found):
+        console.print(f"  {line}")
+    console.print(table("", HEAD, by_effect(found)))
+    console.print(f"  {search_line(found)}")
+
+
+def page(found: Checked) -> str:
+    """HTML text of the page."""
+    head = html.join(
+        [
+            html.verdict(found["verdict"], found["verdict"] != REFUSED),
+            html.paragraph(html.strong(headline(found))),
+            *(html.missing(line) for line in sentences(found)),
+            html.paragraph(f"{search_line(found)[0].upper()}{search_line(found)[1:]}.", soft=True),
+        ]
+    )
+    parts = [
+        html.part("Recordings", lambda: _recordings(found)),
+        html.part("What would show", lambda: _effects(found), long=True),
+        html.part("Effect by joint", lambda: _matrix(found), long=True),
+        html.part("Not tried", lambda: _untried(found)),
+    ]
+    return html.document(f"Recordings of {Path(str(found['robot'])).name}", head, parts)
+
+
+def _recordings(found: Checked) -> Markup:
+    notes = signals(found)
+    notes += [f"{r['name']}: {note}" for r in found["recordings"] for note in r["notes"]]
+    return html.join([html.table(RECORDING_HEAD, recording_rows(found)), html.bullets(notes)])
+
+
+def _effects(found: Checked) -> Markup:
+    return html.join([html.paragraph(_SHOWS, soft=True), html.table(HEAD, by_effect(found))])
+
+
+def _matrix(found: Checked) -> Markup:
+    """Smallest size by effect and place, as many tables as there are units of places."""
+    places = list(dict.fromkeys(row["place"] for row in found["effects"]))
+    rows: dict[str, dict[str, Any]] = {}
+    for row in found["effects"]:
+        name = " ".join(filter(None, (text.words(row["effect"]), row["variant"], row["parameter"])))
+        rows.setdefault(f"{name} [{row['unit']}]", {})[row["place"]] = row
+    marks = {YES: "good", LARGE: "so", NO: "bad"}
+    cells = [
+        (name, [
+            (text.number(at[p]["smallest"]) if at[p]["seen"] != NO else "no", marks[at[p]["seen"]])
+            if p in at else ("", "")
+            for p in places
+        ])
+        for name, at in rows.items()
+    ]  # fmt: skip
+    note = html.paragraph(_MATRIX, soft=True)
+    return html.join([note, html.matrix([text.place_of(p) for p in places], cells)])
+
+
+def _untried(found: Checked) -> Markup:
+    return html.bullets(f"{text.words(n['effect'])}: {n['reason']}" for n in found["not_tried"])
+
+
+_SHOWS = (
+    "Size from which on an effect adds three quarters of the noise to some channel, as the model "
+    "predicts it under the recorded commands. Effects that look the same there change these "
+    "recordings in the same way (cosine above 0.95): only their kind can be told."
+)
+_MATRIX = "Smallest size that shows; green below what is usual, red where none does."

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings for `loco gap`: bags of our graphs, bags of standard messages, mapped tables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from loco_control.exceptions import BagError, MissingFileError, ParameterError
+from loco_learning.gap.recordings import align, importing, mapping, tables
+from loco_learning.gap.recordings.mapping import Mapping
+from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.tracks import Track
+from loco_sim.robot.robot import Robot
+
+from ..bag.reader import Bag
+from . import topics as gap_topics
+from .fields import FieldSource
+
+_KNOWN = ("fixed_base", "height")  # what a run's experiment may say of the robot that ran
+
+
+def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None) -> list[Record]:
+    """Records of a bag, a table, or a folder of tables.
+
+    Args:
+        path: Bag folder or ``.mcap`` file, CSV or JSON file (``.gz`` too), or a folder of them.
+        robot: Robot that was measured.
+        mapping_file: ``mapping.yaml``, or the folder with it; without it, one that lies with
+            the recording is used. A bag with our topics needs none.
+
+    Raises:
+        MissingFileError: There is no recording, or a table has no mapping.
+        LocoError: The recording cannot be what it is said to be.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingFileError(f"there is no recording at {path}")
+    rules = _mapping(path, mapping_file)
+    if _is_bag(path):
+        return _from_bag(Bag(path), robot, rules)
+    if path.is_file() and not tables.is_table(path):
+        raise ParameterError(
+            f"{path.name} is no recording: wanted are .mcap, {', '.join(tables.KINDS)}, and .gz "
+            "of the last ones"
+        )
+    if rules is None:
+        raise MissingFileError(
+            f"{path} needs a mapping that says what its columns are (--mapping, or a "
+            f"{mapping.FILE} beside it; docs/gap_import.md)"
+        )
+    return importing.load(path, robot, rules)
+
+
+def _mapping(path: Path, given: str | Path | None) -> Mapping | None:
+    if given is not None:
+        return mapping.load(given)
+    beside = (path if path.is_dir() else path.parent) / mapping.FILE
+    return mapping.load(beside) if beside.is_file() else None
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix == ".mcap" if path.is_file() else any(path.glob("*.mcap"))
+
+
+def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:
+    name = bag.folder.name
+    rules = rules or Mapping(bag.path)
+    if rules.columns:
+        source = FieldSource(bag, name)
+        return importing.records(source, robot, rules, bag.path.name)
+    found, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
+    known = _experiment(bag) | rules.overrides
+    chosen = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
+    if not chosen:
+        raise BagError(f"no record of {rules.path} fits {bag.path.name}; see its 'records'")
+    return [
+        align.record(
+            rule.name or (f"{name} {i + 1}" if len(chosen) > 1 else name),
+            [_cut(track, rule) for track in found],
+            robot,
+            rate=rules.rate,
+            role=rule.role,
+            overrides=known | rule.overrides,
+            notes=notes,
+            trust_units=rules.trust_units,
+        )
+        for i, rule in enumerate(chosen)
+    ]
+
+
+def _cut(track: Track, rule: mapping.Rule) -> Track:
+    """Part of a track within the times of a rule."""
+    if rule.rows != (None, None):
+        raise ParameterError(f"records of a bag are cut by from and to, not by rows {rule.rows}")
+    inside = (track.t >= rule.start) & (track.t <= rule.end)
+    return replace(track, t=track.t[inside], x=track.x[inside])
+
+
+def _experiment(bag: Bag) -> dict:
+    """Values that say how the robot was held, if the bag is a run of ours, without its effects."""
+    if "experiment.yaml" not in bag.attachments():
+        return {}
+    values = bag.yaml("experiment.yaml")
+    overrides = values.get("overrides") if isinstance(values, dict) else None
+    return {key: overrides[key] for key in _KNOWN if key in (overrides or {})}

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Experiments as files: the one that a gap proposes next, or the whole library of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.gait.oscillators import CpgParams
+from loco_control.params import to_dict
+from loco_learning.gap.proposals import pool
+from loco_learning.runs.experiment import Experiment
+from loco_sim.plant import model as models
+
+from . import run as runner
+from . import text
+
+HEAD = "# SPDX-License-Identifier: Apache-2.0\n"
+KEYS = ("name", "description", "robot", "duration", "overrides", "effects")
+ALWAYS = ("kind", "frequency", "amplitude", "offset", "phase", "start_time", "ramp")
+
+
+def write_next(
+    folder: str | Path, rank: int = 1, out: str | Path | None = None
+) -> tuple[Path, dict[str, Any]]:
+    """Write an experiment that results propose.
+
+    Args:
+        folder: Results of `loco gap`.
+        rank: 1 for the best.
+        out: YAML file; by default in the folder.
+
+    Returns:
+        The file, and the row of gap.json.
+
+    Raises:
+        LocoError: No such results or proposal, or a motion beyond the robot's limits.
+    """
+    folder = Path(folder)
+    rows = runner.read_json(folder / runner.RESULT).get("next") or []
+    if not 1 <= rank <= len(rows):
+        raise ParameterError(
+            f"{folder} proposes {len(rows)} experiments, rank {rank} is none of them"
+            + ("" if rows else ": nothing is left to tell apart")
+        )
+    row = rows[rank - 1]
+    given = models.load_any(runner.load_job(folder).robot)
+    chosen = pool.choose(pool.pool(given), str(row["experiment"]))
+    experiment = pool.within_limits(chosen)
+    path = Path(out) if out else folder / f"next_{experiment.name}.yaml"
+    return write(experiment, path, f"Proposed by loco gap: {text.next_line(row)}."), row
+
+
+def write_library(robot: str, folder: str | Path) -> list[Path]:
+    """Write every experiment for a robot, each within its limits.
+
+    Raises:
+        LocoError: No such robot, or the folder cannot be written.
+    """
+    made = []
+    for experiment in pool.pool(models.load_any(robot)):
+        made.append(write(pool.within_limits(experiment), Path(folder) / f"{experiment.name}.yaml"))
+    return made
+
+
+def write(experiment: Experiment, path: Path, comment: str = "") -> Path:
+    """Write an experiment as short as it can be said.
+
+    Raises:
+        MissingFileError: The file cannot be written.
+    """
+    values = {k: v for k, v in to_dict(experiment).items() if k in KEYS and v}
+    values["target"] = _target(to_dict(experiment.target))
+    body = yaml.safe_dump(
+        runner.plain(values),
+        sort_keys=False,
+        default_flow_style=None,
+        width=100,
+        allow_unicode=True,
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(HEAD + (f"# {comment}\n" if comment else "") + body, encoding="utf-8")
+    except OSError as error:
+        raise MissingFileError(f"cannot write {path}: {error.strerror}") from None
+    return path
+
+
+def _target(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a target that say something: the usual ones, and what is not the default."""
+    default = to_dict(CpgParams())
+    return {k: v for k, v in values.items() if k in ALWAYS or v != default[k]}

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the page of `loco gap` as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from loco_learning.gap.localisation.curves import Curves
+from loco_learning.gap.localisation.errors import error_rows
+
+from ..page import html
+from ..page.html import table
+from . import text
+
+Result = Mapping[str, Any]
+MOST = 12  # rows of a table of cells
+
+
+def plain(value: Any) -> str:
+    """Any value of gap.json as text of a cell."""
+    if value is None or value == "":
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return str(value) if isinstance(value, int) else text.number(value)
+    if isinstance(value, Mapping):
+        if {"mean", "low", "high"} <= set(value):
+            low, high = text.number(value["low"]), text.number(value["high"])
+            return f"{text.number(value['mean'])} ({low} to {high})"
+        return ", ".join(f"{k} {plain(v)}" for k, v in value.items())
+    if isinstance(value, (list, tuple)):
+        return ", ".join(plain(v) for v in value)
+    return str(value)
+
+
+def rows_of(items: Sequence[Mapping[str, Any]], keys: Sequence[str] = ()) -> Markup:
+    """Table of mappings; columns are the keys that any of them has, in the order given first."""
+    found = list(dict.fromkeys([*keys, *(k for item in items for k in item)]))
+    used = [k for k in found if any(item.get(k) not in (None, "", [], {}) for item in items)]
+    numeric = [
+        i for i, k in enumerate(used)
+        if all(isinstance(item.get(k), (int, float, type(None))) for item in items)
+    ]  # fmt: skip
+    body = [[plain(item.get(k)) for k in used] for item in items]
+    return table([text.words(k) for k in used], body, numeric)
+
+
+def cells(result: Result) -> Markup:
+    """Cells of the gap map, the largest first."""
+    items = result["where"][:MOST]
+    if not items:
+        return Markup()
+    return html.paragraph(_CELLS, soft=True) + rows_of(items)
+
+
+def terms(result: Result) -> Markup:
+    """Table of the effects found, one row per term."""
+    items = result["terms"]
+    if not items:
+        return Markup()
+    head = ["Effect", "Place", "Size (interval)", "Verdict", "Gain (interval)", "Odds", "Closed",
+            "Looks like"]  # fmt: skip
+    body = [
+        [
+            text.words(t["effect"]),
+            text.place_of(t.get("place")),
+            "; ".join(text.sizes(t)),
+            plain(t.get("verdict")),
+            plain(t.get("gain")),
+            text.odds_text(t.get("odds")),
+            _share(t.get("closed")),
+            ", ".join(text.words(plain(x)) for x in t.get("look_alikes") or ()),
+        ]
+        for t in items
+    ]
+    return table(head, body, (6,))
+
+
+def rivals(result: Result) -> Markup:
+    """Explanations of other names, the best first."""
+    items = result["rivals"]
+    if not items:
+        return html.paragraph("No other effect came near.", soft=True)
+    body = [
+        [
+            ", ".join(text.words(str(n)) for n in r.get("names") or ()),
+            "; ".join(text.place_of(p) for p in r.get("places") or ()),
+            plain(r.get("gain")),
+            text.odds_text(r.get("odds")),
+            _share(r.get("closed")),
+        ]
+        for r in items
+    ]
+    head = ["Rival", "Place", "Gain over it (interval)", "Odds against it", "It closes"]
+    return html.paragraph(_RIVALS, soft=True) + table(head, body, (4,))
+
+
+def _share(value: Any) -> str:
+    return f"{round(100.0 * value):d} %" if isinstance(value, (int, float)) else "–"
+
+
+def errors(curves: Curves) -> Markup:
+    """Normalised errors of every record with intervals."""
+    head = ["Record", "Role", "Channel", "NRMSE before", "NRMSE after", "Windowed before",
+            "Windowed after"]  # fmt: skip
+    body = [
+        [_with_interval(cell) if i > 2 else cell for i, cell in enumerate(row)]
+        for row in error_rows(curves)
+    ]
+    return html.paragraph(_ERRORS, soft=True) + table(head, body, (3, 4, 5, 6))
+
+
+def _with_interval(cell: str) -> Markup | str:
+    """A number and below it the interval that follows it in brackets."""
+    value, bracket, interval = cell.partition(" (")
+    if not bracket:
+        return cell
+    return Markup("{}<br>{}").format(value, html.note(interval.rstrip(")")))
+
+
+def identifiability(result: Result) -> Markup:
+    """Table of how well the data determine each parameter."""
+    found = result.get("identifiability") or {}
+    if not found:
+        return html.paragraph("Nothing was fitted.", soft=True)
+    parts = []
+    for key, value in found.items():
+        title = html.paragraph(html.strong(text.words(str(key)).capitalize()))
+        if isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
+            parts.append(title + rows_of(value))
+        elif isinstance(value, Mapping) and value:
+            rows = [[text.words(str(k)), plain(v)] for k, v in value.items()]
+            parts.append(title + table(["", ""], rows))
+        elif value not in (None, [], {}, ""):
+            parts.append(title + html.paragraph(plain(value)))
+    return html.join(parts)
+
+
+def proposals(result: Result) -> Markup:
+    """Experiments that would tell most."""
+    items, lines = result.get("next") or [], text.at_the_robot(result)
+    by_hand = html.bullets(f"To tell {line}." for line in lines)
+    by_hand = html.paragraph(_BY_HAND) + by_hand if lines else Markup()
+    if not items:
+        none = "none of the library" if lines else "nothing is left to tell apart"
+        return html.paragraph(f"None: {none}.", soft=True) + by_hand
+    rows = [
+        [
+            text.words(str(r["experiment"])),
+            text.listed(text.separated(r), "from"),
+            text.odds_text(r.get("odds")),
+        ]
+        for r in items
+    ]
+    listed = table(["Experiment", "Tells", "Odds expected"], rows)
+    return html.join([html.paragraph(_NEXT), listed, by_hand])
+
+
+def correction(result: Result) -> Markup:
+    """The fallback of an unknown gap."""
+    found = result.get("correction")
+    if not found:
+        return Markup()
+    channels = [c for c in found.get("channels") or () if isinstance(c, Mapping)]
+    shown = [{k: v for k, v in c.items() if k != "weights"} for c in channels]
+    kind = str(found.get("kind") or "Correction, not an explanation").capitalize()
+    text_of_it = [html.paragraph(html.strong(kind)), html.paragraph(_CORRECTION, soft=True)]
+    rows = [rows_of(shown, ("signal", "name", "unit"))] if shown else []
+    return html.join([*text_of_it, *rows])
+
+
+def notes(result: Result) -> Markup:
+    """The gap of each record, notes of aligning and searching, and effects not tried."""
+    told = [*(result.get("align") or ()), *(result.get("notes") or ())]
+    told += [f"Not tried: {text.words(str(r['effect']))}, since {r['reason']}"
+             for r in result.get("not_tried") or ()]  # fmt: skip
+    rows = result["gap"].get("records") or []
+    listed = html.bullets(str(n) for n in told)
+    return (rows_of(rows, ("name", "role")) if rows else Markup()) + listed
+
+
+def settings(result: Result) -> Markup:
+    """Settings and refitted nominal values."""
+    rows = [
+        [text.words(str(k)), plain(v)]
+        for part in ("settings", "nuisance")
+        for k, v in (result.get(part) or {}).items()
+    ]
+    return table(["Setting", "Value"], rows)
+
+
+_CELLS = (
+    "The parts of the data that hold most of the gap before. Share: of the whole gap, beyond the "
+    "noise."
+)
+_RIVALS = (
+    "The best explanations of another name, fitted in the same way. Gain: how much better what "
+    "was found explains the data than the rival does, in log-likelihood, with its interval."
+)
+_ERRORS = (
+    "NRMSE: rms of the error over the standard deviation of the measurement. Windowed: mean "
+    "absolute error, where the model may be early or late by a little, as thesis eq. (5.4). "
+    "Intervals: 90 %, bootstrap over blocks. The channels with the largest gap."
+)
+_CORRECTION = (
+    "A ridge regression of what the model misses on angles, speeds and commands: it says how much "
+    "of the gap depends on them, and nothing about the cause. Its weights are in gap.json."
+)
+_BY_HAND = "At the robot:"
+_NEXT = Markup(
+    "<code>loco gap next DIR</code> writes the first as a file, <code>loco run</code> executes it, "
+    "<code>loco gap DIR --add BAG</code> takes the new recording in."
+)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap` at the terminal: live progress, verdict, where the files lie."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import ParameterError
+
+from ..settings import overrides
+from ..terminal import bar, console
+from . import run as runner
+from . import text
+from .next import write_library, write_next
+
+
+def show_gap(a: argparse.Namespace) -> int:
+    """`loco gap`: search with live progress.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ParameterError: There is no recording, or no process to work with.
+    """
+    if not a.bags:
+        raise ParameterError("loco gap takes at least one recording; see `loco gap --help`")
+    if a.workers < 1:
+        raise ParameterError(f"workers must be at least 1, got {a.workers}")
+    job, folder = job_of(a)
+    with bar("{task.percentage:3.0f} %", "{task.fields[best]}") as progress:
+        task, told = progress.add_task("reading", total=1.0, best=""), [0]
+
+        def tell(share: float, stage: str, best: str) -> None:
+            progress.update(task, completed=share, description=stage, best=best)
+            if progress.disable and int(10.0 * share) > told[0]:  # no terminal: a line per tenth
+                told[0] = int(10.0 * share)
+                sys.stderr.write(f"{10 * told[0]:3d} % {stage} {best}".rstrip() + "\n")
+
+        result = runner.run(job, folder, tell)
+    show(result, folder)
+    return 0
+
+
+def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
+    """The job that the options describe, and the folder of the results.
+
+    Raises:
+        LocoError: They do not fit together.
+    """
+    options: dict[str, Any] = {"seed": a.seed}
+    options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}
+    options |= overrides(a.set, None)
+    if a.add:
+        return _more(a, options)
+    if not a.robot:
+        raise ParameterError("loco gap wants --robot: a robot, robot.yaml or model.yaml")
+    mapping = str(a.mapping) if a.mapping else ""
+    job = runner.Job(a.robot, tuple(a.bags), tuple(a.hold_out), mapping, options, workers=a.workers)
+    return job, a.out or job.default_folder()
+
+
+def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, Path]:
+    """The job of a folder of results, with more recordings."""
+    if len(a.bags) != 1:
+        raise ParameterError("--add takes one folder of results: loco gap DIR --add BAG...")
+    old = runner.load_job(a.bags[0])
+    job = runner.Job(
+        a.robot or old.robot, (*old.bags, *a.add), (*old.hold_out, *a.hold_out),
+        str(a.mapping) if a.mapping else old.mapping, {**options, **old.options}, a.workers,
+    )  # fmt: skip
+    return job, a.out or Path(a.bags[0])
+
+
+def show(result: Mapping[str, Any], folder: Path) -> None:
+    """Print the verdict and where everything lies."""
+    console.print(f"{text.headline(result)}")
+    for line in text.term_lines(result):
+        console.print(f"  {line}")
+    gap = text.gap_line(result)
+    if gap:
+        console.print(f"  {gap}")
+    if result["verdict"] == "no gap" and result.get("evidence"):
+        console.print(f"  {result['evidence']}")
+    for alarm in result.get("alarms") or ():
+        console.print(f"  alarm: {alarm}")
+    for line in text.at_the_robot(result):
+        console.print(f"  to tell {line}")
+    if result.get("next"):
+        console.print(f"  next: loco gap next {folder}")
+    console.print(f"  page: {folder / runner.PAGE}")
+    console.print(f"  model: {folder / runner.MODEL}")
+
+
+def show_next(a: argparse.Namespace) -> int:
+    """`loco gap next`: write the proposed experiment and say how to go on."""
+    path, row = write_next(a.folder, a.rank, a.out)
+    console.print(f"{text.next_line(row)}")
+    console.print(f"  written: {path}")
+    console.print(f"  run it:  loco run {path} --out bags/{path.stem}")
+    console.print(f"  then:    loco gap {a.folder} --add bags/{path.stem}")
+    return 0
+
+
+def show_library(a: argparse.Namespace) -> int:
+    """`loco gap experiments`: write the experiments of a robot."""
+    folder = a.out or Path("experiments") / Path(a.robot).stem
+    for path in write_library(a.robot, folder):
+        console.print(f"  {path}")
+    return 0

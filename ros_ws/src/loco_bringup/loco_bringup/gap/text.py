@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The contents of gap.json in words, for terminal, page and ROS action alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from loco_sim.effects.base import EFFECTS
+
+Result = Mapping[str, Any]
+
+
+def words(name: str) -> str:
+    """An effect or experiment for people: ``coulomb_friction`` is "coulomb friction"."""
+    return name.replace("_", " ")
+
+
+def number(value: Any) -> str:
+    """Three digits; a dash where there is none."""
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "–"
+    return f"{value:.3g}".replace("e-0", "e-").replace("e+0", "e")
+
+
+NAMED = ("named", "named, and more is missing")
+
+
+def place_of(place: Any) -> str:
+    """Place of a term in words."""
+    if not place or place == "*":
+        return "the whole robot"
+    if isinstance(place, (list, tuple)):
+        return listed([place_of(p) for p in place])
+    return str(place).replace("*_", "all ").replace("_joint", "").replace("_", " ")
+
+
+def listed(items: Sequence[str], word: str = "and") -> str:
+    """a, b and c."""
+    items = list(items)
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {word} {items[-1]}"
+
+
+def term_name(term: Mapping[str, Any]) -> str:
+    """Name and place of a term."""
+    return f"{words(term['effect'])} in {place_of(term.get('place'))}"
+
+
+def sizes(term: Mapping[str, Any]) -> list[str]:
+    """Each parameter with its interval and unit."""
+    out = []
+    for name, p in (term.get("parameters") or {}).items():
+        unit = "" if p.get("unit") in (None, "", "-") else f" {p['unit']}"
+        out.append(
+            f"{words(name)} {number(p.get('value'))}{unit} "
+            f"({number(p.get('low'))} to {number(p.get('high'))})"
+        )
+    return out
+
+
+def headline(result: Result) -> str:
+    """The verdict in one sentence."""
+    verdict, terms = result["verdict"], result.get("terms") or []
+    if verdict == "no gap":
+        return "No gap: nothing needs to be added to the model."
+    if verdict in NAMED:
+        more = " More is missing." if verdict != "named" else ""
+        return f"Named: {listed([term_name(t) for t in terms if _named(t)] or ['-'])}.{more}"
+    if verdict == "ambiguous":
+        groups = [listed([_alternative(n) for n in group], "or") for group in ambiguous(result)]
+        known = [term_name(t) for t in terms if t.get("verdict") == "named"]
+        known += [f"{k['kind']} in {place_of(k['places'])}, by what law is not told"
+                  for k in result.get("kinds") or ()]  # fmt: skip
+        more = f" Named: {'; '.join(known)}." if known else ""
+        return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{more}"
+    return "Unknown: the model lacks something that none of the known effects explains."
+
+
+def _named(term: Mapping[str, Any]) -> bool:
+    return term.get("verdict", "named") == "named"
+
+
+def ambiguous(result: Result) -> list[list[Any]]:
+    """Groups of explanations that cannot be told apart; the terms themselves if none is listed."""
+    groups = [list(g) for g in result.get("ambiguous") or () if g]
+    return groups or [list(result.get("names") or ["-"])]
+
+
+def _alternative(item: Any) -> str:
+    if isinstance(item, Mapping):
+        return term_name(item)
+    return words(str(item))
+
+
+def term_lines(result: Result) -> list[str]:
+    """One line per term: what, where, how big, how sure."""
+    lines = []
+    for term in result.get("terms") or ():
+        odds = f"; odds {odds_text(term.get('odds'))} against the next" if term.get("odds") else ""
+        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}{odds}")
+    return lines
+
+
+def odds_text(odds: Any) -> str:
+    """Odds as people say them."""
+    if not isinstance(odds, (int, float)):
+        return "–"
+    return "over 1000 : 1" if odds > 1e3 else f"{number(odds)} : 1"
+
+
+def gap_line(result: Result) -> str:
+    """Distance of model and measurement, before and after, on held-out data."""
+    gap = result.get("gap") or {}
+    if gap.get("before") is None:
+        return ""
+    numbers = [f"{number(gap[key])} {key}" for key in told(result)]
+    line = f"gap on held-out data: {', '.join(numbers)} times the noise"
+    if told(result, ("after",)) == ["after"] and result["verdict"] != "no gap":
+        line += f"; {closed_rms(gap)} of the rms is closed"
+    return line
+
+
+def closed_rms(gap: Mapping[str, Any]) -> str:
+    """Share of the rms on held-out data that is closed."""
+    return f"{round(100.0 * (1.0 - gap['after'] / max(gap['before'], 1e-12))):d} %"
+
+
+def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:
+    """Figures of the gap that there are; where nothing is added to the model, only before."""
+    known = [key for key in keys if result["gap"].get(key) is not None]
+    return [key for key in known if result["verdict"] != "unknown" or key == "before"]
+
+
+def at_the_robot(result: Result) -> list[str]:
+    """Tests that tell ambiguous effects apart at the robot, from the registry, a line a pair."""
+    tests: dict[frozenset[str], list[str]] = {}
+    for group in ambiguous(result) if result["verdict"] == "ambiguous" else ():
+        names = {str(item).split(" ")[0] for item in group}
+        for name in sorted(names & set(EFFECTS)):
+            for alike in EFFECTS[name].identity.look_alikes:
+                if alike.name in names:
+                    tests.setdefault(frozenset((name, alike.name)), []).append(alike.experiment)
+    return [
+        f"{listed([words(n) for n in sorted(pair)], 'from')}: {'; or '.join(dict.fromkeys(found))}"
+        for pair, found in tests.items()
+    ]
+
+
+def next_line(row: Mapping[str, Any]) -> str:
+    """Benefit of an experiment in words."""
+    parts = separated(row)
+    apart = f" tells {listed(parts, 'from')} apart" if len(parts) > 1 else ""
+    odds = f", odds expected {odds_text(row['odds'])}" if row.get("odds") else ""
+    return f"{words(str(row['experiment']))}{apart}{odds}"
+
+
+def separated(row: Mapping[str, Any]) -> list[str]:
+    """The explanations that an experiment would tell apart."""
+    found = row.get("separates") or []
+    return [found] if isinstance(found, str) else [_alternative(x) for x in found]

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of our graphs as tracks: standard messages, and those of the HyQ graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_control.exceptions import BagError, LocoError
+from loco_control.ros.messages.joint_codec import JointCodec
+from loco_learning.gap.recordings.tracks import AXES, Track
+from loco_sim.robot.robot import Robot
+
+from ..bag.reader import Bag
+
+STATES, COMMAND = "joint_states", "joint_command"
+ROBOT_STATE, MOTION, TRUNK = "robot_state", "motion_command", "trunk_torque"
+IMU, ODOMETRY = "imu/data", "ground_truth/odom"
+KINDS = {"position": "q", "velocity": "dq", "effort": "tau"}
+COMMANDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
+_JOINTS, _STATE = "sensor_msgs/msg/JointState", "loco_msgs/msg/RobotState"
+
+
+def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[Track], list[str]]:
+    """Signals and commands of one robot in a bag, and notes on their clocks.
+
+    Args:
+        bag: The recording.
+        robot: Robot that was measured; of several namespaces, the one with its joints is read.
+        namespace: Namespace of the robot; empty finds it.
+        base_pose: Take the pose of the base from `ODOMETRY`.
+
+    Raises:
+        BagError: A topic is missing, or several namespaces would do.
+        LocoError: Messages are not of use.
+    """
+    prefix = _prefix(bag, robot, namespace)
+    if _has(bag, prefix + ROBOT_STATE, _STATE):
+        found, notes = _own_messages(bag, prefix, robot), []
+    else:
+        found, notes = _standard(bag, prefix)
+    if base_pose:
+        if not _has(bag, prefix + ODOMETRY, "nav_msgs/msg/Odometry"):
+            raise BagError(f"{bag.path.name} has no {prefix}{ODOMETRY}, asked for by base_pose")
+        found += _pose(bag, prefix + ODOMETRY)
+    return found, notes
+
+
+def _has(bag: Bag, topic: str, kind: str) -> bool:
+    info = bag.topics.get(topic)
+    return info is not None and info.type == kind and info.count > 0
+
+
+def _prefix(bag: Bag, robot: Robot, namespace: str) -> str:
+    """Namespace of the robot with slashes, from the topics and their joints."""
+    wanted = {STATES: _JOINTS, ROBOT_STATE: _STATE}
+    spaces = {
+        topic[: -len(name)]
+        for name, kind in wanted.items()
+        for topic in bag.topics
+        if topic.endswith("/" + name) and _has(bag, topic, kind)
+    }
+    if namespace:
+        spaces &= {f"/{namespace.strip('/')}/"}
+    if not spaces:
+        raise BagError(
+            f"{bag.path.name} has no messages on {namespace.strip('/')}{'/' if namespace else ''}"
+            f"{STATES} or {ROBOT_STATE}; it has {', '.join(sorted(bag.topics)) or 'no topics'} "
+            "(a mapping can name other topics)"
+        )
+    if len(spaces) > 1:
+        spaces = {space for space in spaces if _joints_fit(bag, space, robot)} or spaces
+    if len(spaces) > 1:
+        raise BagError(
+            f"{bag.path.name} holds several robots ({', '.join(sorted(spaces))}); name one with "
+            "namespace: in a mapping"
+        )
+    return spaces.pop()
+
+
+def _joints_fit(bag: Bag, space: str, robot: Robot) -> bool:
+    if not _has(bag, space + STATES, _JOINTS):
+        return False
+    first = bag.message(space + STATES, bag.raw(space + STATES)[1][0])
+    return set(first.name) == set(robot.joints)
+
+
+def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
+    if not _has(bag, prefix + COMMAND, _JOINTS):
+        raise BagError(
+            f"{bag.path.name} has no messages on {prefix}{COMMAND}, role command is missing; it "
+            f"has {', '.join(sorted(bag.topics))} (a mapping can name another topic)"
+        )
+    notes: list[str] = []
+    found = _joint_tracks(bag, prefix + STATES, KINDS, notes)
+    commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
+    found += _joint_tracks(bag, prefix + COMMAND, commands, notes)
+    if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
+        found += _imu(bag, prefix + IMU)
+    return found, notes
+
+
+def _joint_tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> list[Track]:
+    """Tracks of a JointState topic, of the fields that its first message has."""
+    logged, data = bag.raw(topic)
+    first = bag.message(topic, data[0])
+    fields = [f for f in KINDS if len(getattr(first, f)) == len(first.name)]
+    codec = JointCodec(first.name, topic, fields, first.header.frame_id)
+    try:
+        rows = [codec.read(d) for d in data]
+    except LocoError as error:
+        raise BagError(f"{bag.path.name}: {error}") from None
+    t = _clock(np.array([row.time for row in rows]), logged, topic, notes)
+    values = dict(
+        zip(KINDS, map(np.array, zip(*(row[1:] for row in rows), strict=True)), strict=True)
+    )
+    return [
+        Track(roles[field], joint, t, values[field][:, i], topic)
+        for field in fields
+        if roles[field] in ("q", "command_position") or np.any(values[field] != 0.0)
+        for i, joint in enumerate(first.name)
+    ]
+
+
+def _clock(stamps: np.ndarray, logged: np.ndarray, topic: str, notes: list[str]) -> np.ndarray:
+    """Stamps [s], or times of logging where messages have none; notes how they differ."""
+    if not np.any(stamps):
+        notes.append(f"{topic} has no stamps: the times of logging were taken")
+        return logged / 1e9
+    late = 1e-6 * np.median(logged - stamps)  # [ms]
+    if abs(late) > 1.0:
+        notes.append(f"{topic} was logged {late:.1f} ms after its stamps")
+    return stamps / 1e9
+
+
+def _imu(bag: Bag, topic: str) -> list[Track]:
+    """IMU; an orientation that the message marks as unknown is left out."""
+    records = bag.records(topic)
+    found = _blocks(
+        records, topic, {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
+    )
+    turned = _blocks(records, topic, {"orientation": "orientation"})
+    known = np.any(np.stack([track.x for track in turned]) != 0.0)
+    return found + turned if known else found
+
+
+def _pose(bag: Bag, topic: str) -> list[Track]:
+    fields = {"base_position": "pose.pose.position", "base_orientation": "pose.pose.orientation"}
+    return _blocks(bag.records(topic), topic, fields)
+
+
+def _blocks(records: np.ndarray, topic: str, fields: dict[str, str]) -> list[Track]:
+    """Tracks of vectors and quaternions, by role and path."""
+    t = _seconds(records, "header.stamp")
+    return [
+        Track(role, axis, t, records[f"{path}.{axis}"].astype(float), topic)
+        for role, path in fields.items()
+        for axis in AXES[role]
+    ]
+
+
+def _seconds(records: np.ndarray, path: str) -> np.ndarray:
+    whole = records[f"{path}.sec"].astype(np.int64) * 1_000_000_000
+    return (whole + records[f"{path}.nanosec"]) / 1e9
+
+
+def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
+    """The HyQ graph: joints and feet in the robot's order, trunk torque as feed-forward.
+
+    The legs that the trunk controller has in stance are under the gains of stance.
+    """
+    if not _has(bag, prefix + MOTION, "loco_msgs/msg/MotionCommand"):
+        raise BagError(
+            f"{bag.path.name} has no messages on {prefix}{MOTION}, role command is missing; it has "
+            f"{', '.join(sorted(bag.topics))}"
+        )
+    wanted = {
+        ROBOT_STATE: {"q": "q", "dq": "dq", "tau": "tau"},
+        MOTION: {"command_position": "q", "command_velocity": "dq"},
+        TRUNK: {"command_torque": "tau"},
+    }
+    found: list[Track] = []
+    for name, roles in wanted.items():
+        if name == TRUNK and not bag.topics.get(prefix + TRUNK):
+            continue
+        records = bag.records(prefix + name)
+        t = _seconds(records, "stamp")
+        for role, field in roles.items():
+            found += _side_by_side(role, robot.joints, t, records[field], prefix + name)
+        if name == TRUNK:
+            found += _side_by_side("stance", robot.feet, t, records["stance"], prefix + name)
+    records = bag.records(prefix + ROBOT_STATE)
+    t = _seconds(records, "stamp")
+    force = records["grf"].reshape(len(t), -1, 3)[:, :, 2]
+    found += _side_by_side("grf", robot.feet, t, force, prefix + ROBOT_STATE)
+    imu = {"orientation": "orientation", "gyro": "angular_velocity"}
+    for role, field in (imu | {"acceleration": "linear_acceleration"}).items():
+        found += _side_by_side(role, AXES[role], t, records[field], prefix + ROBOT_STATE)
+    return found
+
+
+def _side_by_side(
+    role: str, places: Sequence[str], t: np.ndarray, values: np.ndarray, topic: str
+) -> list[Track]:
+    if values.shape[1] != len(places):
+        raise BagError(
+            f"{topic} has {values.shape[1]} values of {role}, the robot has {len(places)} "
+            f"({', '.join(places)}): another robot was measured"
+        )
+    columns = zip(places, values.T.astype(float), strict=True)
+    return [Track(role, place, t, column, topic) for place, column in columns]

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node sets (YAML) and the ROS parameter file that an experiment becomes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.params import to_dict
+from loco_control.reading import read_yaml, understood
+from loco_control.ros.messages.joint_topics import TABLES  # loads ROS
+from loco_learning.runs.experiment import Experiment
+
+from .processes import NEVER, Restart
+
+if TYPE_CHECKING:
+    from loco_learning.runs.experiment import Experiment
+
+_FOLDER = "node_sets"
+_PARTS = ("robot", "sim", "effects", "seed", "tick", "gait", "learner", "stance",
+          "trunk", "legs", "weights", "plant", "joints", "target", "network", "loop",
+          "faults")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node of a set: its name, its class and the experiment parts it needs."""
+
+    name: str
+    cls: str
+    parameters: tuple[str, ...]
+    executable: str  # for ``ros2 run``, in the package of the class
+    restart: Restart = NEVER  # what happens when its process dies
+
+
+FAULTS = NodeSpec("faults", "loco_control.ros.fault_node:FaultNode", ("faults",), "faults")
+
+
+def load(name: str) -> list[NodeSpec]:
+    """Node set by name or path.
+
+    Raises:
+        NameUnknownError: No such set, or a part that experiments do not have.
+        ParameterError: The file is not a node set.
+    """
+    return _read(name)[1]
+
+
+def table_of(name: str) -> str:
+    """Topic table of a node set, by name or path: a key of `joint_topics.TABLES`."""
+    return _read(name)[0]
+
+
+@understood("whole node set")
+def _read(name: str) -> tuple[str, list[NodeSpec]]:
+    path = Path(name)
+    if path.suffix != ".yaml":
+        folder = resources.files("loco_bringup") / _FOLDER
+        path = Path(str(folder / f"{name}.yaml"))
+        if not path.is_file():
+            names = [p.stem for p in Path(str(folder)).glob("*.yaml")]
+            raise NameUnknownError("node set", name, names)
+    try:
+        content = read_yaml(path, "node set")
+        rows, table = content["nodes"], content.get("table", "hyq")
+        specs = [
+            NodeSpec(
+                r["name"],
+                r["class"],
+                tuple(r.get("parameters", ())),
+                r.get("executable", r["name"]),
+                _restart(r["name"], r.get("restart", "never"), r.get("restarts_per_minute")),
+            )
+            for r in rows
+        ]
+    except (TypeError, LookupError, AttributeError) as error:
+        raise ParameterError(
+            f"{path} is not a node set (nodes: [name, class, parameters]): {error}"
+        ) from None
+    for part in (part for spec in specs for part in spec.parameters):
+        if part not in _PARTS:
+            raise NameUnknownError("experiment part", part, _PARTS)
+    if table not in TABLES:
+        raise NameUnknownError("topic table", str(table), TABLES)
+    return table, specs
+
+
+def _restart(node: str, policy: Any, per_minute: Any) -> Restart:
+    """Policy of a node: ``never``, or ``on_failure`` at most so often a minute (default 3)."""
+    if policy not in ("never", "on_failure"):
+        raise ParameterError(f"restart of {node} must be never or on_failure, got {policy!r}")
+    if policy == "never":
+        return NEVER
+    per_minute = 3 if per_minute is None else per_minute
+    if type(per_minute) is not int or not 1 <= per_minute <= 60:
+        raise ParameterError(
+            f"restarts_per_minute of {node} must be a whole number in [1, 60], got {per_minute!r}"
+        )
+    return Restart(per_minute)
+
+
+def parameter_file(
+    specs: list[NodeSpec],
+    experiment: Experiment,
+    tick: dict[str, Any],
+    run: dict[str, Any],
+) -> dict[str, Any]:
+    """Content of the ROS parameter YAML for a run.
+
+    Args:
+        specs: The node set.
+        experiment: Checked experiment.
+        tick: Clock, speed, duration … of `TickParams`.
+        run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
+            has a file of its own), `weights` (file that the reflex network writes), `faulted`
+            (topics that the node `faults` damages, if any), `faults` (its parameters) and
+            `realtime` (changes of `RealtimeParams`, if any).
+    """
+    content: dict[str, Any] = {}
+    for spec in specs:
+        parameters: dict[str, Any] = {
+            "recorded": run["recorded"],
+            "control_rate": experiment.control_rate,
+        }
+        if run.get("faulted"):
+            parameters["allow_faults"] = True
+        if run.get("faulted") and spec != FAULTS:
+            parameters["faulted"] = list(run["faulted"])  # YAML: no aliases
+        if run.get("realtime"):
+            parameters["realtime"] = dict(run["realtime"])
+        for part in spec.parameters:
+            parameters.update(_part(part, experiment, tick, run))
+        content[f"/**/{spec.name}"] = {"ros__parameters": parameters}
+    if run.get("recorder"):
+        content |= recorder_parameters(run["recorder"])
+    return content
+
+
+def recorder_parameters(values: dict[str, Any]) -> dict[str, Any]:
+    """Content of a ROS parameter YAML for the recorder."""
+    return {"/**/recorder": {"ros__parameters": {"recorded": True, **values}}}
+
+
+def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any]) -> dict:
+    needed = {"plant": "target", "joints": "target", "robot": "gait", "legs": "gait"}.get(
+        part, part
+    )
+    if part == "faults":
+        return run["faults"]
+    if part not in ("tick", "weights") and getattr(experiment, needed, None) is None:
+        raise ParameterError(
+            f"the node set wants {part!r}, which experiment {experiment.name} has not; "
+            f"its node set is {experiment.node_set}"
+        )
+    if part == "tick":
+        return tick
+    if part == "plant":
+        return {"robot": experiment.robot, **{
+            key: json.dumps(getattr(experiment, key)) for key in ("overrides", "effects", "sim")
+        }}  # fmt: skip
+    if part == "joints":
+        joints = experiment.plant.joints
+        driven = [joints[i] for i in experiment.plant.driven]
+        return {"joints": list(joints), "driven": driven or [""]}  # ROS has no empty lists
+    if part == "robot":
+        overrides = json.dumps(experiment.overrides)
+        feet = list(experiment.gait.origin)
+        return {"robot": experiment.robot, "overrides": overrides, "standing_feet": feet}
+    if part == "legs":
+        return {"legs": experiment.plant.legs.ravel().tolist()}
+    if part == "seed":
+        return {"seed": experiment.seed}
+    if part == "weights":
+        return {"save_weights": run["weights"]}
+    value = experiment.sim_params if part == "sim" else getattr(experiment, part)
+    if part == "effects":
+        return {"effects": json.dumps([dict(e) for e in value])}
+    return {part: _ros(to_dict(value))}
+
+
+def _ros(values: dict[str, Any]) -> dict[str, Any]:
+    """Lists that are not numbers travel as JSON text, as `declare` expects them."""
+    out: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            out[key] = _ros(value)
+        elif isinstance(value, (list, tuple)):
+            numbers = value and all(isinstance(v, float) for v in value)
+            out[key] = list(value) if numbers else json.dumps(list(value))
+        elif value is not None:
+            out[key] = value
+    return out

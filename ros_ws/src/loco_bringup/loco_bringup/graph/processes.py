@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Child processes of a run: started with a log each, stopped in order, never orphaned.
+
+Three things see to the last: `stop_all` on every way out, a signal from the kernel when
+the supervisor dies, and the `guard`, which also ends those that do not heed the signal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import shm
+from .guard import PATIENCE, send, start_of
+
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1
+_MINUTE = 60.0  # [s]
+_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_OWN_PROFILE = str(Path(__file__).parent.parent / "dds.xml")
+
+
+@dataclass(frozen=True)
+class Restart:
+    """When a process that died is started again: at most so often a minute, 0 for never."""
+
+    per_minute: int = 0
+
+    def allows(self, code: int, times: Sequence[float], now: float) -> bool:
+        """Whether a process may start again.
+
+        Args:
+            code: Exit code of the process; after 0 it is not started again.
+            times: Times at which it was started again before [s].
+            now: The time [s].
+        """
+        recent = [t for t in times if now - t < _MINUTE]
+        return code != 0 and len(recent) < self.per_minute
+
+
+NEVER = Restart()
+
+
+class Guard:
+    """The process that ends the nodes when this one is killed.
+
+    Args:
+        share: Share of the usual patience with them, in (0, 1].
+    """
+
+    def __init__(self, share: float = 1.0) -> None:
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", "loco_bringup.graph.guard", str(share)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=_environment(),
+            start_new_session=True,
+            text=True,
+        )
+
+    def watch(self, pid: int) -> None:
+        """Look after a process, too."""
+        self._tell(f"{pid} {start_of(pid)}")
+
+    def dismiss(self) -> None:
+        """All processes have ended."""
+        self._tell("done")
+        with contextlib.suppress(OSError):
+            self._popen.stdin.close()
+        self._popen.wait()
+
+    def _tell(self, line: str) -> None:
+        with contextlib.suppress(OSError):  # it was killed: the kernel's signal must do
+            self._popen.stdin.write(line + "\n")
+            self._popen.stdin.flush()
+
+
+class Process:
+    """One node process in its own session, so that Ctrl-C reaches only the supervisor.
+
+    Args:
+        name: Name for messages and for the log file.
+        command: Arguments after the Python interpreter.
+        log: File that gets stdout and stderr.
+        restart: Rule for a process that dies.
+        guard: Process that is told of each process that starts.
+
+    Attributes:
+        restarts: Times at which it was started again, `time.monotonic` [s].
+    """
+
+    def __init__(
+        self,
+        name: str,
+        command: list[str],
+        log: Path,
+        restart: Restart = NEVER,
+        guard: Guard | None = None,
+    ):
+        self.name, self.log, self.restart = name, log, restart
+        self.restarts: list[float] = []
+        self._command, self._guard = command, guard
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_bytes(b"")
+        self._start()
+
+    def _start(self) -> None:
+        parent = os.getpid()
+        with open(self.log, "ab") as stream:
+            self._popen = subprocess.Popen(
+                [sys.executable, *self._command],
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env=_environment(),
+                start_new_session=True,
+                preexec_fn=lambda: _die_with(parent),
+            )
+        if self._guard:
+            self._guard.watch(self.pid)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._popen.pid
+
+    @property
+    def code(self) -> int | None:
+        """Exit code, None while it runs; minus the signal that killed it."""
+        return self._popen.poll()
+
+    def revive(self) -> bool:
+        """Start a process that died again, if its policy allows."""
+        now = time.monotonic()
+        if self.code is None or not self.restart.allows(self.code, self.restarts, now):
+            return False
+        self.restarts.append(now)
+        self._start()
+        return True
+
+    def stop(self) -> int:
+        """End the process: SIGINT, then SIGTERM, then SIGKILL. Returns its exit code."""
+        for number, patience in PATIENCE:
+            if self.code is not None:
+                break
+            send(self.pid, number)
+            try:
+                self._popen.wait(patience)
+            except subprocess.TimeoutExpired:
+                continue
+        return self._popen.wait()
+
+    def tail(self, lines: int = 5) -> str:
+        """Last lines of the log."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+
+def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, int]:
+    """Interrupt all at once, wait for each, remove what they left; exit code by name."""
+    for process in processes:
+        if process.code is None:
+            send(process.pid, signal.SIGINT)
+    deadline = time.monotonic() + PATIENCE[0][1]
+    while time.monotonic() < deadline and any(p.code is None for p in processes):
+        time.sleep(0.01)
+    codes = {p.name: p.stop() for p in processes}
+    shm.clean()  # a killed process could not; the last two to leave a port may both forget it
+    if guard:
+        guard.dismiss()
+    return codes
+
+
+def _environment() -> dict[str, str]:
+    """Environment for a fresh interpreter; the ROS wheels set their own paths again."""
+    env = dict(os.environ)
+    env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    if env.get(_PROFILES) == _OWN_PROFILE:  # for what commands print; nodes have one of their own
+        del env[_PROFILES]
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        env.setdefault(name, "1")  # two BLAS threads cost 5 ms a step on two cores
+    env["PYTHONUNBUFFERED"] = "1"
+    return env
+
+
+def _die_with(parent: int) -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before we asked
+        os._exit(1)

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco run`: starts a node set, watches it, records it and stops it cleanly."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import yaml
+
+from loco_control.exceptions import GraphError, ParameterError
+from loco_control.faults import check
+from loco_control.params import Params, from_dict, to_dict
+from loco_control.realtime import RealtimeParams
+from loco_control.ros.fault_node import abilities
+from loco_learning.runs.experiment import Experiment
+from loco_sim.params import TickParams
+
+from ..outcome import Outcome, Progress, default_folder, describe, duration_of, processor
+from . import node_set
+from .processes import NEVER, Guard, Process, Restart
+from .watch import Watch
+
+if TYPE_CHECKING:
+    from loco_learning.runs.experiment import Experiment
+
+    AnyExperiment = Experiment
+
+__all__ = [
+    "LAYOUTS", "Helper", "Outcome", "Progress", "default_folder", "describe", "duration_of",
+    "processor", "run", "run_robots",
+]  # fmt: skip
+
+LAYOUTS = ("composed", "processes")
+# Files of a robot that go into the bag.
+_ATTACHED = (("experiment", ".yaml"), ("params", ".yaml"), ("weights", ".npz"))
+
+
+class Helper(NamedTuple):
+    """A node that takes part in a run without being of a node set."""
+
+    name: str
+    cls: str  # module:Class
+    parameters: dict[str, Any]
+    table: str = ""  # of topics that go into the bag too
+
+
+def run(
+    experiment: AnyExperiment,
+    folder: Path,
+    layout: str = "composed",
+    clock: str = "lockstep",
+    speed: float = 0.0,
+    nodes: str | None = None,
+    on_progress: Callable[[Progress], Any] = lambda progress: None,
+    namespace: str = "",
+    faults: Sequence[str] = (),
+    **more: Any,
+) -> Outcome:
+    """Run an experiment as a ROS graph and record it.
+
+    Args:
+        experiment: Experiment to run.
+        folder: New folder for the bag, logs and parameters.
+        layout: ``composed`` (one process) or ``processes`` (one each).
+        clock: ``lockstep``, ``asap`` or ``realtime``.
+        speed: Largest multiple of real time in lockstep, 0 for no limit.
+        nodes: Node set, by name or path; default the one of the experiment's class.
+        on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        namespace: Namespace of all nodes.
+        faults: Faults of topics, as `loco_control.faults.parse` reads them.
+        more: Further arguments of `run_robots`.
+
+    Raises:
+        GraphError: A node died or never got ready, nothing ticks, or another run
+            has the ROS domain.
+        ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is none.
+    """
+    robots = {namespace: experiment}
+    return run_robots(
+        robots, folder, layout, clock, speed, nodes, on_progress, faults=faults, **more
+    )
+
+
+def run_robots(
+    robots: Mapping[str, AnyExperiment],
+    folder: Path,
+    layout: str = "composed",
+    clock: str = "lockstep",
+    speed: float = 0.0,
+    nodes: str | None = None,
+    on_progress: Callable[[Progress], Any] = lambda progress: None,
+    helpers: Sequence[Helper] = (),
+    written: Sequence[str] = (),
+    faults: Sequence[str] = (),
+    realtime: Mapping[str, Any] | None = None,
+    **tick: Any,
+) -> Outcome:
+    """Run several robots side by side, each in a namespace, into one bag.
+
+    Args:
+        robots: Experiment by namespace.
+        folder: New folder for the bag, logs and parameters.
+        layout: ``composed`` (one process) or ``processes`` (one each).
+        clock: ``lockstep``, ``asap`` or ``realtime``.
+        speed: Largest multiple of real time in lockstep, 0 for no limit.
+        nodes: Node set, by name or path; default the one of the experiment's class.
+        on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        helpers: Further nodes, each in a process of its own, without a namespace.
+        written: Topics that go into the bag, all when empty.
+        faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
+        realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
+        tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
+
+    Raises:
+        GraphError: A node died or never got ready, nothing ticks, or another run has the domain.
+        ParameterError: The layout is unknown, the folder holds a bag, or a fault is none.
+    """
+    if layout not in LAYOUTS:
+        raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
+    if any(Path(folder).glob("*.mcap")):
+        raise ParameterError(f"{folder} holds a bag already; choose another folder")
+    with _domain_lock(robots):
+        folder = Path(folder).resolve()
+        window = max(2, TickParams().flow_window // max(1, len(robots)))
+        tick = {"clock": clock, "speed": speed, "flow_window": window, **tick}
+        tick = _changes(TickParams(), tick, "tick")
+        tick |= {"clock": clock, "speed": float(speed)}
+        requests = _changes(RealtimeParams(), realtime or {}, "realtime")
+        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults, requests)
+        plan.write()
+        duration = max(map(duration_of, robots.values()))
+        guard = Guard()
+        processes = plan.start(guard)
+        return Watch(processes, folder, duration, on_progress, list(robots), guard).run()
+
+
+def _changes(defaults: Params, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Those values that differ from the defaults, checked."""
+    checked = to_dict(from_dict(type(defaults), values, where))
+    return {key: value for key, value in checked.items() if value != getattr(defaults, key)}
+
+
+class _Plan:
+    """Files and processes of a run."""
+
+    def __init__(
+        self,
+        robots: Mapping[str, AnyExperiment],
+        folder: Path,
+        layout: str,
+        tick: dict[str, Any],
+        nodes: str | None,
+        helpers: Sequence[Helper],
+        written: Sequence[str],
+        faults: Sequence[str],
+        realtime: dict[str, Any],
+    ):
+        self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
+        self._sets = {space: nodes or e.node_set for space, e in robots.items()}
+        self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
+        self._helpers, self._written, self._faults = helpers, written, list(faults)
+        self._realtime = realtime
+        self._faulted = _faulted(faults, self._sets.values())
+        if faults:
+            self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
+
+        # Files of the only robot are named as if it had no namespace.
+        self._tags = {s: s.replace("/", "_") if len(robots) > 1 else "" for s in robots}
+
+    def _path(self, stem: str, tag: str, suffix: str) -> Path:
+        return self._folder / f"{stem}{'_' if tag else ''}{tag}{suffix}"
+
+    def write(self) -> None:
+        """Resolved experiments and ROS parameters; nothing if one of them is refused."""
+        files = self._files()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for path, content in files.items():
+            path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+    def _files(self) -> dict[Path, dict[str, Any]]:
+        """Content of the YAML files, by path."""
+        recorder, files = self._recorder(), {}
+        for space, experiment in self._robots.items():
+            tag = self._tags[space]
+            files[self._path("experiment", tag, ".yaml")] = to_dict(experiment)
+            run = {"recorded": True, "recorder": None if tag else recorder}
+            run["weights"] = str(self._path("weights", tag, ".npz"))
+            table = node_set.table_of(self._sets[space])
+            run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
+            run["realtime"] = self._realtime
+            tick = {**self._tick, "duration": duration_of(experiment)}
+            content = node_set.parameter_file(self._specs[space], experiment, tick, run)
+            files[self._path("params", tag, ".yaml")] = content
+        if "" not in self._tags.values():
+            files[self._folder / "params.yaml"] = node_set.recorder_parameters(recorder)
+        for helper in self._helpers:
+            content = {f"/**/{helper.name}": {"ros__parameters": helper.parameters}}
+            files[self._path("params", helper.name, ".yaml")] = content
+        return files
+
+    def _recorder(self) -> dict[str, Any]:
+        """Parameters of the recorder."""
+        first = next(iter(self._robots.values()))
+        custom = describe(first, layout=self._layout, clock=self._tick["clock"])
+        if list(self._robots) != [""]:
+            names = {space: e.name for space, e in self._robots.items()}
+            custom["namespaces"] = json.dumps(names)
+        if self._faults:
+            custom["faults"] = json.dumps(self._faults)
+        files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]
+        if "" not in self._tags.values():
+            files.append(self._folder / "params.yaml")
+        tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
+        for helper in self._helpers:
+            if helper.table:
+                tables.setdefault("", helper.table)
+        return {
+            "bag": str(self._folder),
+            "custom_data": json.dumps(custom),
+            "reliable": self._tick["clock"] != "lockstep",
+            "attach": [str(path) for path in files],
+            "status_every": self._tick.get("flow_window", TickParams().flow_window) // 2,
+            "control_rate": first.control_rate,
+            "namespaces": list(tables),
+            "tables": list(tables.values()),
+            "faulted": list(self._faulted) or [""],
+            "allow_faults": bool(self._faulted),
+            "written": list(self._written) or [""],
+        }
+
+    def start(self, guard: Guard) -> list[Process]:
+        """Start every node, the recorder last."""
+        self._guard, started = guard, []
+        for space, specs in self._specs.items():
+            groups = {"nodes": specs} if self._layout == "composed" else {
+                s.name: [s] for s in specs
+            }  # fmt: skip
+            for name, group in groups.items():
+                # A process starts again only if all its nodes may.
+                restart = min((s.restart for s in group), key=lambda r: r.per_minute)
+                classes = [s.cls for s in group]
+                started.append(self._process(name, classes, space, self._tags[space], restart))
+        for helper in self._helpers:
+            started.append(self._process(helper.name, [helper.cls], "", helper.name))
+        return [
+            *started,
+            self._process("recorder", ["loco_bringup.record.recorder:RecorderNode"], "", ""),
+        ]
+
+    def _process(
+        self, name: str, classes: list[str], space: str, params: str, restart: Restart = NEVER
+    ) -> Process:
+        """A process of nodes in a namespace, with a parameter file."""
+        ros = ["--ros-args", "--params-file", str(self._path("params", params, ".yaml"))]
+        ros += ["-r", f"__ns:=/{space}"] if space else []
+        name = f"{space}/{name}" if space else name
+        log = self._folder / "logs" / f"{name.replace('/', '_')}.log"
+        command = ["-m", "loco_bringup.graph.composed", *classes, *ros]
+        return Process(name, command, log, restart, self._guard)
+
+
+def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:
+    """Topics that faults damage, in the graphs of these node sets.
+
+    Raises:
+        ParameterError: A fault is none, or does not fit the messages of its topic.
+        NameUnknownError: A graph has no such topic, or there is no such fault.
+    """
+    if not faults:
+        return []
+    parsed = [f for name in sets for f in check(faults, abilities(node_set.table_of(name)))]
+    return list(dict.fromkeys(topic for topic, _ in parsed))
+
+
+class _domain_lock:  # noqa: N801 (a context manager, used like a function)
+    """One run per ROS domain and namespace on this machine; a killed run frees it by itself."""
+
+    def __init__(self, namespaces: Iterable[str] = ("",)):
+        self._namespaces = sorted(namespaces)
+
+    def __enter__(self) -> None:
+        with contextlib.ExitStack() as stack:
+            for namespace in self._namespaces:
+                stack.enter_context(self._locked(namespace))
+            self._stack = stack.pop_all()
+
+    @staticmethod
+    def _locked(namespace: str) -> Any:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        name = "-".join(filter(None, [domain, namespace.replace("/", "-")]))
+        path = Path(tempfile.gettempdir()) / f"loco-domain-{name}-{os.getuid()}.lock"
+        file = open(path, "a+")  # noqa: SIM115 (the lock lives as long as the file)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.close()
+            where = f" in namespace {namespace}" if namespace else ""
+            raise GraphError(
+                f"another loco run uses ROS domain {domain}{where}; wait for it, or set "
+                "ROS_DOMAIN_ID to another number in 0 … 101"
+            ) from None
+        return file
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()

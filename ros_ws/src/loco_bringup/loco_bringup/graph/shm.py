@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Leftovers of Fast DDS in /dev/shm after a process was killed, and their removal.
+
+A file is a leftover when it is ours (same user), no process that we can see has it or
+its lock open, and the lock is free: the lock speaks for processes that we cannot see,
+such as those of another container. The port of a reader may also not be mapped; a segment
+may, by readers of its dead writer, who keep their view of it. Standard library only: the
+guard uses it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+SHM = Path("/dev/shm")
+# fastrtps_HEX and fastrtps_portN with their locks _el (exclusive) and _sl (shared), and
+# the semaphore of a port.
+_NAME = re.compile(r"(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?$")
+_LOCKS = ("_el", "_sl")
+
+
+def leftovers(folder: Path = SHM) -> list[Path]:
+    """Files of Fast DDS in a folder whose owners are dead, sorted."""
+    groups: dict[str, list[Path]] = {}
+    for path in folder.iterdir() if folder.is_dir() else ():
+        match = _NAME.match(path.name)
+        if match and _is_ours(path):
+            groups.setdefault(match[1], []).append(path)
+    # The files were listed first: whoever made one has had it open since then.
+    groups = _without(groups, _open_files(folder)) if groups else {}
+    unlocked = {k: v for k, v in groups.items() if "port" in k or not _has_lock(v)}
+    if unlocked:
+        mapped = unlocked.keys() - _without(unlocked, _mapped_files(folder)).keys()
+        groups = {k: v for k, v in groups.items() if k not in mapped}
+    dead = [paths for paths in groups.values() if _is_free(paths)]
+    return sorted(path for paths in dead for path in paths)
+
+
+def clean(folder: Path = SHM) -> tuple[int, int]:
+    """Remove the leftovers.
+
+    Returns:
+        Number of files, and of the bytes they held.
+    """
+    files = size = 0
+    for path in leftovers(folder):
+        try:
+            held = path.stat().st_size
+            path.unlink()
+        except OSError:
+            continue
+        files, size = files + 1, size + held
+    return files, size
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        return path.stat().st_uid == os.getuid()
+    except OSError:
+        return False
+
+
+def _without(groups: dict[str, list[Path]], used: set[str]) -> dict[str, list[Path]]:
+    """Groups of which no file is used."""
+    return {k: v for k, v in groups.items() if not any(str(p) in used for p in v)}
+
+
+def _has_lock(paths: list[Path]) -> bool:
+    return any(path.name.endswith(_LOCKS) for path in paths)
+
+
+def _is_free(paths: list[Path]) -> bool:
+    """Nobody holds a lock of the group. A semaphore alone may be that of a port being made."""
+    if all(path.name.startswith("sem.") for path in paths):
+        return False
+    for path in paths:
+        if not path.name.endswith(_LOCKS):
+            continue
+        try:
+            with open(path, "rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+    return True
+
+
+def _open_files(folder: Path) -> set[str]:
+    """Files of a folder that a process has open."""
+    files = set()
+    for fds in _each("fd"):
+        try:
+            names = os.listdir(fds)
+        except OSError:
+            continue
+        for name in names:
+            try:
+                files.add(os.readlink(f"{fds}/{name}"))
+            except OSError:
+                continue
+    return {name for name in files if name.startswith(f"{folder}/")}
+
+
+def _mapped_files(folder: Path) -> set[str]:
+    """Files of a folder that a process has mapped."""
+    files = set()
+    for maps in _each("maps"):
+        try:
+            with open(maps) as file:
+                files |= {
+                    line.split(maxsplit=5)[5].strip() for line in file if f"{folder}/" in line
+                }
+        except (OSError, IndexError):
+            continue
+    return files
+
+
+def _each(what: str) -> Iterable[str]:
+    return (f"/proc/{pid}/{what}" for pid in os.listdir("/proc") if pid.isdigit())

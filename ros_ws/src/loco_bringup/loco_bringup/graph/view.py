@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The running graphs as a listener sees them: nodes, endpoints, diagnostics, events."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import rclpy.task
+from rclpy.experimental import EventsExecutor
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from loco_control.ros.endpoints import is_named, living, low_pid, own_host
+from loco_control.ros.messages.topics import topic
+
+from ..doctor.environment import nodes_here
+
+NAME = "onlooker"  # of the listener's node, with its pid
+_NAMING = 2.0  # longest wait for the names of nodes whose endpoints are seen [s]
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher or a subscription of another process."""
+
+    topic: str
+    node: str  # with namespace, without the first slash
+    writes: bool
+    type: str
+    hash: str
+    reliable: bool
+    latched: bool
+    pid: int  # 0 if it is not known
+    named: bool = True  # whether the node is known already
+
+
+@dataclass(frozen=True)
+class Report:
+    """The newest diagnostics of a node."""
+
+    level: int
+    message: str
+    values: dict[str, str]
+    age: float  # wall time since it came [s]
+
+    def number(self, key: str, default: float = 0.0) -> float:
+        """A value as a number."""
+        try:
+            return float(self.values.get(key, default))
+        except ValueError:
+            return default
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """An event of a graph."""
+
+    namespace: str
+    node: str
+    kind: str
+    text: str
+    time: float  # simulated [s]
+
+
+@dataclass(frozen=True)
+class View:
+    """All that is seen at a moment."""
+
+    endpoints: tuple[Endpoint, ...] = ()
+    reports: dict[str, Report] = field(default_factory=dict)
+    events: tuple[Occurrence, ...] = ()
+    processes: dict[str, int] = field(default_factory=dict)  # of nodes on this domain, by name
+
+    def namespaces(self) -> list[str]:
+        """Of all endpoints."""
+        return sorted({e.node.rpartition("/")[0] for e in self.endpoints})
+
+    def of(self, name: str, writes: bool) -> list[Endpoint]:
+        """Endpoints of a topic, by its full name."""
+        return [e for e in self.endpoints if e.topic == name and e.writes == writes]
+
+    def pid(self, node: str) -> int:
+        """Process of a node, 0 if it is not known."""
+        pid = self.processes.get(node, 0)
+        return next((e.pid for e in self.endpoints if e.node == node and e.pid), pid)
+
+
+class Onlooker:
+    """A node that listens and takes no part; use it as a context manager."""
+
+    def __enter__(self) -> Onlooker:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(f"{NAME}_{os.getpid()}", context=self._context)
+        self._reports: dict[str, tuple[Any, float]] = {}
+        self._events: list[Occurrence] = []
+        self._heard: set[str] = set()
+        row = topic("/diagnostics")
+        self._node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
+        self._own = self._node.create_publisher(row.type, row.name, row.qos.writer())
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._never = rclpy.task.Future()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def listen(self, seconds: float) -> View:
+        """Everything known after listening for a while [s].
+
+        The names of nodes come after their endpoints; up to 2 s more are given to them.
+        """
+        end = time.monotonic() + seconds
+        while (rest := end - time.monotonic()) > 0:
+            self._follow_events()
+            self._executor.spin_until_future_complete(self._never, timeout_sec=min(0.2, rest))
+        endpoints, end = self._endpoints(), time.monotonic() + _NAMING
+        while not all(e.named for e in endpoints) and time.monotonic() < end:
+            self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
+            endpoints = self._endpoints()
+        now = time.monotonic()
+        reports = {
+            name: Report(
+                status.level[0],
+                status.message,
+                {v.key: v.value for v in status.values},
+                now - at,
+            )
+            for name, (status, at) in self._reports.items()
+        }
+        here = nodes_here(os.environ.get("ROS_DOMAIN_ID", "0") or "0")
+        return View(tuple(endpoints), reports, tuple(self._events), here)
+
+    def _on_report(self, array: Any) -> None:
+        for status in array.status:
+            self._reports[status.name] = (status, time.monotonic())
+
+    def _follow_events(self) -> None:
+        """Events are latched, so those of before are heard too."""
+        row = topic("events")
+        for name, types in self._node.get_topic_names_and_types():
+            space, _, last = name.rpartition("/")
+            if last != row.name or name in self._heard or "loco_msgs/msg/Event" not in types:
+                continue
+            self._heard.add(name)
+            self._node.create_subscription(
+                row.type, name, self._on_event(space.strip("/")), row.qos.reader(100)
+            )
+
+    def _on_event(self, space: str) -> Any:
+        def heard(event: Any) -> None:
+            t = event.stamp.sec + event.stamp.nanosec / 1e9
+            self._events.append(Occurrence(space, event.node, event.kind, event.text, t))
+
+        return heard
+
+    def _endpoints(self) -> list[Endpoint]:
+        node, endpoints = self._node, []
+        host = own_host(node.get_publishers_info_by_topic("/diagnostics"))
+        pids = _pids()
+        for name, _ in node.get_topic_names_and_types():
+            for writes, infos in (
+                (True, node.get_publishers_info_by_topic(name)),
+                (False, node.get_subscriptions_info_by_topic(name)),
+            ):
+                endpoints += [_endpoint(info, name, writes, pids) for info in living(infos, host)]
+        mine = self._node.get_name()
+        return [e for e in endpoints if e.node.rpartition("/")[2] != mine]
+
+
+def _endpoint(info: Any, name: str, writes: bool, pids: dict[int, int]) -> Endpoint:
+    profile = info.qos_profile
+    return Endpoint(
+        name,
+        f"{info.node_namespace}/{info.node_name}".strip("/").replace("//", "/"),
+        writes,
+        info.topic_type,
+        str(info.topic_type_hash),
+        profile.reliability == ReliabilityPolicy.RELIABLE,
+        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        pids.get(low_pid(info), 0),
+        is_named(info),
+    )
+
+
+def _pids() -> dict[int, int]:
+    """Process by the low half of its id; Python's before others."""
+    pids: dict[int, int] = {}
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        pid = int(path.parent.name)
+        try:
+            python = b"python" in path.read_bytes()
+        except OSError:
+            continue
+        if python or pid & 0xFFFF not in pids:
+            pids[pid & 0xFFFF] = pid
+    return pids

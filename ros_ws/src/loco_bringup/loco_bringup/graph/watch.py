@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Watches the processes of a run by their events and diagnostics, and stops them all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from loco_control.exceptions import GraphError
+from loco_control.ros.messages.topics import topic
+
+from ..outcome import Outcome, Progress
+from .processes import Guard, Process, stop_all
+
+START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
+_TIMING = (
+    "lateness_p50_ms", "lateness_p99_ms", "lateness_max_ms", "missed_ticks", "dropped_ticks",
+    "late_ticks",
+)  # fmt: skip
+_TOLD = ("recording stopped", "weights not saved")  # events that a person has to know of
+STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
+
+
+@dataclass
+class _Graph:
+    """State of the robot in one namespace."""
+
+    started: bool = False
+    finished: bool = False
+    final_tick: int = -1
+    final_time: float = 0.0
+    sim_time: float = 0.0
+    recorder_tick: int = -1
+
+    @property
+    def done(self) -> bool:
+        """It ended, its last diagnostics are heard, and all of it is in the bag."""
+        complete = self.sim_time >= self.final_time - 1e-9
+        return self.finished and complete and self.recorder_tick >= self.final_tick
+
+
+class Watch:
+    """Listens to events and diagnostics until the run is over, then stops it.
+
+    Args:
+        processes: All processes of the run.
+        folder: Folder of the bag.
+        duration: Simulated time that the run will take [s].
+        on_progress: Called about ten times a second; a true answer ends the run.
+        namespaces: Namespaces of the robots; "" is a robot without.
+        guard: Is dismissed when all processes have ended.
+    """
+
+    def __init__(
+        self,
+        processes: list[Process],
+        folder: Path,
+        duration: float,
+        on_progress: Callable[[Progress], Any],
+        namespaces: Sequence[str] = ("",),
+        guard: Guard | None = None,
+    ):
+        self._processes, self._guard = processes, guard
+        self._on_progress = on_progress
+        self._progress = Progress(duration=duration)
+        self.outcome = Outcome(folder)
+        self._waiting: dict[str, str] = {}
+        self._graphs = {namespace: _Graph() for namespace in namespaces}
+        self._error: str | None = None
+        self._stopped = False
+        self._moved = time.monotonic()
+
+    def run(self) -> Outcome:
+        """Watch to the end. Every way out stops all processes first."""
+        try:
+            with _Listener(self, list(self._graphs)) as listener:
+                while not self._stopped and not all(g.done for g in self._graphs.values()):
+                    listener.spin()
+                    self._check()
+                    self._progress.pids = {p.name: p.pid for p in self._processes}
+                    self._stopped = bool(self._on_progress(self._progress))
+        except KeyboardInterrupt:
+            self.outcome.interrupted = True
+            self.outcome.text = "interrupted"
+        finally:
+            self.outcome.exit_codes = stop_all(self._processes, self._guard)
+            self.outcome.restarts = {p.name: len(p.restarts) for p in self._processes if p.restarts}
+        return self.outcome
+
+    def _check(self) -> None:
+        if self._error:
+            raise GraphError(self._error)
+        for process in self._processes:
+            if process.code is not None and not process.revive():
+                raise GraphError(_died(process))
+        idle = time.monotonic() - self._moved
+        if not all(g.started for g in self._graphs.values()) and idle > START_TIMEOUT:
+            waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
+            raise GraphError(f"not ready after {START_TIMEOUT:.0f} s; {waits or 'no node spoke'}")
+        if all(g.started for g in self._graphs.values()) and idle > STALL_TIMEOUT:
+            raise GraphError(self._stalled())
+
+    def _stalled(self) -> str:
+        graph = min(self._graphs.values(), key=lambda g: g.sim_time)
+        return (
+            f"nothing moved for {STALL_TIMEOUT:.0f} s at {graph.sim_time:.3f} s; "
+            f"last tick {graph.final_tick if graph.finished else 'not reached'}, "
+            f"recorder at tick {graph.recorder_tick}"
+        )
+
+    def on_event(self, namespace: str, event: Any) -> None:
+        """Something happened in a graph."""
+        graph, self._moved = self._graphs[namespace], time.monotonic()
+        self._progress.events.append((self._moved, event))
+        if event.kind == "started":
+            graph.started = True
+        elif event.kind == "phase":
+            self._progress.phase = event.text
+        elif event.kind == "fall":
+            self.outcome.fallen = True
+        elif event.kind == "error":
+            self._error = f"{_join(namespace, event.node)}: {event.text}"
+        elif event.kind == "finished":
+            graph.finished, graph.final_tick = True, event.tick
+            graph.final_time = event.stamp.sec + event.stamp.nanosec / 1e9
+            self._say(namespace, event.text)
+        elif event.kind in _TOLD:
+            self._say(namespace, f"{event.kind}: {event.text}")
+
+    def _say(self, namespace: str, text: str) -> None:
+        """Add to what is said of the run at its end."""
+        text = f"{namespace}: {text}" if namespace else text
+        self.outcome.text = "; ".join(filter(None, [self.outcome.text, text]))
+
+    def on_diagnostics(self, array: Any) -> None:
+        """A node of any graph reports."""
+        for status in array.status:
+            values = {v.key: v.value for v in status.values}
+            for key in ("waiting for", "waiting for nodes"):
+                if values.get(key):
+                    self._waiting[status.name] = values[key]
+            granted = filter(None, values.get("realtime", "").split("; "))
+            notes = self.outcome.granted
+            notes += [line for line in granted if line not in notes]
+            namespace, _, name = status.name.rpartition("/")
+            if name == "robot_sim" and namespace in self._graphs and "sim_time" in values:
+                self._on_plant(self._graphs[namespace], values)
+
+    def _on_plant(self, graph: _Graph, values: dict[str, str]) -> None:
+        t = float(values["sim_time"])
+        if t > graph.sim_time:
+            self._moved = time.monotonic()
+        graph.sim_time = t
+        self._progress.sim_time = min(g.sim_time for g in self._graphs.values())
+        self._progress.real_time_factor = float(values["real_time_factor"])
+        self.outcome.real_time_factor = self._progress.real_time_factor
+        if "lateness_p50_ms" in values:
+            self.outcome.timing = {key: float(values[key]) for key in _TIMING}
+
+    def on_recorder(self, namespace: str, status: Any) -> None:
+        """The recorder says how far it is with a graph."""
+        self._graphs[namespace].recorder_tick = status.tick
+        self.outcome.dropped = status.dropped
+
+
+def _died(process: Process) -> str:
+    times = len(process.restarts)
+    again = f" after {times} restart{'s' * (times > 1)}" if times else ""
+    return (
+        f"{process.name} died with exit code {process.code}{again}; last lines of "
+        f"{process.log}:\n{process.tail()}"
+    )
+
+
+def _join(namespace: str, name: str) -> str:
+    return f"{namespace}/{name}" if namespace else name
+
+
+class _Listener:
+    """The supervisor's own node: events, diagnostics and recorder status."""
+
+    def __init__(self, watch: Watch, namespaces: list[str]):
+        self._watch, self._namespaces = watch, namespaces
+
+    def __enter__(self) -> _Listener:
+        # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("supervisor", context=self._context)
+        self._subscribe("/diagnostics", "", self._watch.on_diagnostics)
+        for namespace in self._namespaces:
+            self._subscribe("events", namespace, self._of(namespace, self._watch.on_event))
+            status = self._of(namespace, self._watch.on_recorder)
+            self._subscribe("recorder_status", namespace, status)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        return self
+
+    @staticmethod
+    def _of(namespace: str, callback: Callable[[str, Any], None]) -> Callable[[Any], None]:
+        return lambda message: callback(namespace, message)
+
+    def _subscribe(self, name: str, namespace: str, callback: Callable[[Any], None]) -> None:
+        row = topic(name)
+        self._node.create_subscription(
+            row.type, _join(namespace, row.name), callback, row.qos.reader(100)
+        )
+
+    def spin(self) -> None:
+        """Handle what arrives within a tenth of a second."""
+        end = time.monotonic() + 0.1
+        while (rest := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=rest)  # leaves nothing behind, unlike others
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()  # first: it looks at the node's timers and subscriptions
+        self._node.destroy_node()
+        self._context.try_shutdown()

@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco calibrate --live`: two robots over topics, one fitted to the other, one bag of both.
+
+The measured robot (namespace ``/measured``) and its model (``/model``) run in processes
+of their own and are driven by the same excitation; the calibrator listens to the first
+and changes the second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from loco_control.exceptions import GraphError, ParameterError
+from loco_control.params import Params, parameter, to_dict
+from loco_control.reading import FOLDERS
+from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.runs import experiment as experiments
+from loco_learning.runs.experiment import Experiment
+from loco_msgs import action
+from loco_msgs.action import Calibrate
+from loco_sim.robot.robot import is_name
+
+from ..graph.run import Helper, run_robots
+from ..graph.watch import Outcome
+from ..graph.watch import Progress as RunProgress
+from .log import MEASURED, MODEL
+
+FOREVER = 1e5  # simulated time of robots that are stopped from outside [s]
+RESULT = "model.yaml"
+
+
+@dataclass(frozen=True)
+class LiveParams(Params):
+    """Course of a live calibration; times in periods of the excitation."""
+
+    skip: float = parameter(1.5, "start of the run that is not used", "period", 0.0, 100.0)
+    listen: float = parameter(5.0, "what is fitted", "period", 2.0, 1000.0)
+    hold: float = parameter(2.1, "least stay of a model before the next", "period", 0.0, 100.0)
+    after: int = parameter(3, "whole periods of the last model", "period", 1, 1000)
+    speed: float = parameter(1.0, "at most this many times real time, 0 for no limit", "x", 0.0)
+
+
+class GapRow(NamedTuple):
+    """One message of the topic `gap`."""
+
+    t: float  # [s]
+    gap: float  # [rad]
+    model: int
+    mixed: bool
+
+
+@dataclass
+class LiveProgress:
+    """Values of the progress line."""
+
+    phase: str = "starting"
+    sim_time: float = 0.0
+    generation: int = 0
+    best: float = float("nan")
+    eta: float = float("nan")
+    share: float = 0.0  # of a search for a gap that is done
+    found: str = ""  # best name of such a search so far
+    gaps: list[GapRow] = field(default_factory=list)
+
+
+@dataclass
+class LiveOutcome:
+    """The end of a live calibration.
+
+    Attributes:
+        run: End of the robots' run.
+        status: ``done``, ``cancelled`` or ``failed``; empty when it was interrupted.
+        result: Result of the action, None when it was interrupted.
+    """
+
+    run: Outcome
+    status: str = ""
+    result: Any = None
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the bag."""
+        return self.run.folder
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 the calibration failed, 130 interrupted."""
+        return 130 if self.run.interrupted else 0 if self.status in ("done", "cancelled") else 1
+
+
+Tell = Callable[[LiveProgress], Any]  # a true answer cancels the calibration
+
+
+def calibrate_live(
+    measured: Experiment,
+    robot: str,
+    folder: Path,
+    options: CalibrationParams | None = None,
+    live: LiveParams | None = None,
+    tell: Tell = lambda progress: None,
+) -> LiveOutcome:
+    """Calibrate a model against a robot that runs, both in one bag.
+
+    Args:
+        measured: Experiment of the measured robot; its excitation is the model's too.
+        robot: Model to begin with: a robot's name, robot.yaml or model.yaml.
+        folder: New folder of the bag.
+        options: Parameters to fit, and settings of the search.
+        live: Course of the live run.
+        tell: Called about ten times a second; a true answer cancels the calibration.
+
+    Raises:
+        GraphError: A node died or never got ready.
+        ParameterError: The excitation has no period, or `folder` holds a bag.
+    """
+    options, live = options or CalibrationParams(), live or LiveParams()
+    period = period_of(measured)
+    robots = {
+        MEASURED: replace(measured, duration=FOREVER),
+        MODEL: model_of(measured, robot),
+    }
+    client = Client(options, period, robot, live, tell)
+    return run_live(client, robots, folder, live, _helper(options, live, period, robot))
+
+
+def run_live(
+    client: Client,
+    robots: dict[str, Experiment],
+    folder: Path,
+    live: LiveParams,
+    helper: Helper,
+) -> LiveOutcome:
+    """Run both robots and the calibrator until the client says that it is over."""
+    with client:
+        outcome = run_robots(
+            robots, folder, speed=live.speed, on_progress=client.step, helpers=[helper],
+            stop_on_fall=False,
+        )  # fmt: skip
+    return client.outcome(outcome)
+
+
+def period_of(measured: Experiment) -> float:
+    """Period of an excitation [s].
+
+    Raises:
+        ParameterError: The excitation has no frequency.
+    """
+    if measured.target.frequency <= 0.0:
+        raise ParameterError("the excitation of a calibration needs a frequency above 0 Hz")
+    return 1.0 / measured.target.frequency
+
+
+def model_of(measured: Experiment, robot: str) -> Experiment:
+    """The model under the excitation of the measured robot."""
+    return Experiment(
+        name=f"{measured.name}_model",
+        description=f"model {robot} of {measured.name}",
+        robot=robot,
+        seed=measured.seed,
+        control_rate=measured.control_rate,
+        duration=FOREVER,
+        target=measured.target,
+    )
+
+
+def _helper(options: CalibrationParams, live: LiveParams, period: float, robot: str) -> Helper:
+    parameters = {"listen.skip": live.skip * period, "listen.hold": live.hold * period}
+    parameters |= {f"calibration.{key}": value for key, value in to_dict(options).items()}
+    cls = "loco_bringup.live.calibrator:CalibratorNode"
+    return Helper("calibrator", cls, parameters | folders_of(robot), "calibration")
+
+
+def named(robot: str) -> str:
+    """Robot as a goal names it: its name, or its path from the root, since folders differ."""
+    return robot if is_name(robot) else str(Path(robot).resolve())
+
+
+def folders_of(robot: str) -> dict[str, list[str]]:
+    """Parameter of the calibrator that lets goals name the robot of this run.
+
+    Args:
+        robot: Name, robot.yaml or model.yaml.
+    """
+    return {} if is_name(robot) else {"folders": [*FOLDERS, str(Path(robot).resolve().parent)]}
+
+
+class Client:
+    """Action client that is looked after from the loop that watches the run."""
+
+    ACTION, NAME = "Calibrate", "calibrate"
+
+    def __init__(self, options: Any, period: float, robot: str, live: LiveParams, tell: Tell):
+        self._options, self._period, self._robot = options, period, robot
+        self._live, self._tell = live, tell
+        self.progress = LiveProgress()
+        self.status, self.result = "", None
+        self._ping: Any = None
+        self._pinged = 0.0
+        self._sent: Any = None
+        self._handle: Any = None
+        self._answer: Any = None
+        self._cancelled = False
+        self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
+        self._models = 0  # that the model robot became
+
+    def __enter__(self) -> Client:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("live_calibration", context=self._context)
+        self._client = ActionClient(self._node, getattr(action, self.ACTION), self.NAME)
+        self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
+        row = CALIBRATION_TOPICS["gap"]
+        self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
+        row, name = JOINT_TOPICS["events"], f"/{MODEL}/events"
+        self._node.create_subscription(row.type, name, self._on_event, row.qos.reader(100))
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._never = Future()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.destroy()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def step(self, run: RunProgress) -> bool:
+        """Handle what has come; whether the run is over."""
+        self._executor.spin_until_future_complete(self._never, timeout_sec=0.01)
+        self.progress.sim_time = run.sim_time
+        if self._sent is None and run.sim_time > 0.0 and self._heard():
+            self._send()
+        if self._handle is None and self._sent is not None and self._sent.done():
+            self._accepted()
+        if not self.status and self._answer is not None and self._answer.done():
+            self._ended(self._answer.result())
+        if self._tell(self.progress) and self._handle is not None and not self._cancelled:
+            self._cancelled = True
+            self._handle.cancel_goal_async()
+        return self._over()
+
+    def _over(self) -> bool:
+        """It ended, and the last model has shown what it does."""
+        if self.status != "done":
+            return bool(self.status)
+        rows = self.progress.gaps[self._told :]
+        shown = sum(1 for row in rows if row.model == self._models and not row.mixed)
+        return shown >= self._live.after or self.progress.sim_time >= self._until
+
+    def _heard(self) -> bool:
+        """Whether an answer of the calibrator reaches us.
+
+        A server that does not know yet where to send its answer drops it, and the goal's
+        would never come. Endpoints become known in the order they were made in: once a
+        question to the parameters is answered, the older action client is known too.
+        """
+        if self._ping is not None and self._ping.done():
+            return self._client.server_is_ready()
+        if time.monotonic() - self._pinged > 1.0 and self._parameters.services_are_ready():
+            self._ping = self._parameters.get_parameters(["recorded"])
+            self._pinged = time.monotonic()
+        return False
+
+    def _send(self) -> None:
+        self.progress.phase = "listening"
+        self._sent = self._client.send_goal_async(self._goal(), self._on_feedback)
+
+    def _goal(self) -> Any:
+        o = self._options
+        return Calibrate.Goal(
+            measured=f"/{MEASURED}", model=f"/{MODEL}", robot=named(self._robot),
+            parameter_set=o.parameters, loss=o.loss, generations=o.generations,
+            evaluations=o.evaluations, population=o.population, seed=o.seed,
+            duration=self._live.listen * self._period,
+        )  # fmt: skip
+
+    def _accepted(self) -> None:
+        self._handle = self._sent.result()
+        if not self._handle.accepted:
+            raise GraphError("the calibrator refused the goal")
+        self._answer = self._handle.get_result_async()
+
+    def _on_feedback(self, message: Any) -> None:
+        f, p = message.feedback, self.progress
+        p.phase, p.generation, p.best, p.eta = "fitting", f.generation, f.best, f.eta
+
+    def _on_gap(self, message: Any) -> None:
+        t = message.stamp.sec + message.stamp.nanosec / 1e9
+        self.progress.gaps.append(GapRow(t, message.gap, message.model, message.mixed))
+
+    def _on_event(self, event: Any) -> None:
+        self._models += event.kind == "model loaded"
+
+    def _ended(self, answer: Any) -> None:
+        names = {GoalStatus.STATUS_SUCCEEDED: "done", GoalStatus.STATUS_CANCELED: "cancelled"}
+        self.status, self.result = names.get(answer.status, "failed"), answer.result
+        self.progress.phase = self.status
+        self._told = len(self.progress.gaps)
+        self._until = self.progress.sim_time + (3 * self._live.after + 5) * self._period
+
+    def outcome(self, run: Outcome) -> LiveOutcome:
+        """The end of the calibration; the calibrated model is written beside the bag."""
+        run.text = self.result.message if self.result else run.text
+        if self.result and self.result.model_yaml:
+            (run.folder / RESULT).write_text(self.result.model_yaml, encoding="utf-8")
+        return LiveOutcome(run, self.status, self.result)
+
+
+def measured_robot(name: str) -> Experiment:
+    """Experiment of the robot that stands for the real one.
+
+    Raises:
+        ParameterError: The robot of the experiment follows no oscillators.
+    """
+    found = experiments.load(name)
+    if found.node_set != "joint":
+        raise ParameterError(
+            f"{name} is an experiment of {found.robot} without a target of oscillators; both "
+            "robots of a live run follow one"
+        )
+    return found

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One goal of the action ``calibrate``: connect, listen, fit, hand the models on."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from loco_control.exceptions import ParameterError
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.calibration.recording import Recording
+from loco_learning.calibration.worker import Done, Failed, Progress, Started, Worker
+from loco_msgs.action import Calibrate
+from loco_sim.plant import model as models
+
+from ..calibrate.bag import read_recording
+
+if TYPE_CHECKING:
+    from .calibrator import CalibratorNode
+
+
+class Job:
+    """One goal: connect, listen, fit, hand the models on."""
+
+    WHAT = "a calibration"
+
+    def __init__(self, node: CalibratorNode, handle: Any):
+        self._node, self._handle, self._goal = node, handle, handle.request
+        self.duration = node.listen.duration
+        self._worker: Worker | None = None
+        self._offered, self._swapped = "", -1e9  # model that waits, time of the last swap [s]
+        self._fit: Done | None = None
+        self._model = ""
+
+    async def run(self) -> Calibrate.Result:
+        """The whole goal.
+
+        Raises:
+            LocoError: The goal is wrong, or there is no result.
+        """
+        goal, node = self._goal, self._node
+        if not (goal.measured or goal.bag):
+            raise ParameterError("a goal names the namespace of a measured robot, or a bag")
+        self.duration, options = node.duration_of(goal), self._options()
+        bag = node.allowed(goal.bag, "bag") if goal.bag else ""
+        name = node.robot_of(goal)
+        robot = models.load_any(name).make_robot()
+        live = "" if goal.bag else goal.measured
+        await node.connect(live, goal.model, robot, self.duration + 1.0)
+        if live:
+            node.tell("listening", f"{self.duration:g} s of {live}")
+            source = await self._record(robot.control_rate)
+        else:
+            node.tell("listening", goal.bag)
+            source = partial(read_recording, bag, robot.control_rate, goal.measured)
+        if not self._cancelled():
+            self._worker = Worker(source, name, options, node.make)
+            await self._fitting()
+        return self._result()
+
+    def _options(self) -> CalibrationParams:
+        """Settings of the node, with what the goal says instead."""
+        goal = self._goal
+        given = {"parameters": goal.parameter_set, "loss": goal.loss, "seed": int(goal.seed)}
+        for name in ("generations", "evaluations", "population"):
+            given[name] = int(getattr(goal, name))
+        changes = {name: value for name, value in given.items() if value}
+        if not goal.bag:
+            changes["skip"] = 0.0  # the listener left the start out
+        return replace(self._node.options, **changes)
+
+    async def _record(self, rate: float) -> Recording | None:
+        robot, patience = self._node.measured, self._node.listen.patience
+        while robot.signals.length < self.duration and not self._cancelled():
+            await self._node.until(lambda: True)
+            robot.check(patience)
+        return None if self._cancelled() else robot.signals.recording(rate)
+
+    async def _fitting(self) -> None:
+        node, deadline = self._node, None
+        while not self._fit:
+            await node.until(lambda: True)
+            for news in self._worker.news():
+                self._on_news(news)
+            self._hand_on()
+            if self._cancelled() and deadline is None:
+                self._worker.cancel()
+                deadline = time.monotonic() + node.listen.patience
+            if deadline and time.monotonic() > deadline:
+                return  # the best so far is known
+        self._hand_on(at_once=not self._cancelled())
+
+    def _on_news(self, news: Any) -> None:
+        state = self._node.state
+        if isinstance(news, Failed):
+            raise ParameterError(news.text)
+        if isinstance(news, Started):
+            state.before = state.best = news.before
+            self._node.tell("fitting", f"error before {news.before:.4g}")
+        elif isinstance(news, Progress):
+            self._on_generation(news)
+        elif isinstance(news, Done):
+            self._fit = news
+
+    def _on_generation(self, news: Progress) -> None:
+        g, state = news.generation, self._node.state
+        state.tick, state.evaluations, state.sigma = g.index, g.evaluations, g.sigma
+        if news.model:
+            self._model = self._offered = news.model
+            state.best, state.names, state.values = g.best, list(g.values), list(g.values.values())
+        state.eta = g.eta
+        self._node.tell("fitting", f"generation {g.index}: {g.best:.4g}")
+        self._handle.publish_feedback(
+            Calibrate.Feedback(
+                generation=g.index, evaluations=g.evaluations, best=state.best, sigma=g.sigma,
+                names=state.names, values=state.values, eta=state.eta,
+            )
+        )  # fmt: skip
+
+    def _hand_on(self, at_once: bool = False) -> None:
+        """Give the model robot the newest better model, when it has shown the last one."""
+        robot = self._node.model
+        if not (robot and self._offered):
+            return
+        if at_once or robot.signals.now - self._swapped >= self._node.listen.hold:
+            robot.send(self._offered)
+            self._offered, self._swapped = "", robot.signals.now
+
+    def _cancelled(self) -> bool:
+        return self._handle.is_cancel_requested
+
+    def _result(self) -> Calibrate.Result:
+        state = self._node.state
+        done = f"{state.tick} generations, {state.evaluations} rollouts"
+        if self._cancelled():
+            text = f"cancelled after {done}"
+        else:
+            text = f"{done}: error {state.before:.4g} to {state.best:.4g} ({self._fit.fit.ended})"
+        return Calibrate.Result(
+            names=state.names, values=state.values, loss_before=state.before,
+            loss_after=state.best, model_yaml=self._model, message=text,
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """End the worker."""
+        if self._worker:
+            self._worker.close()

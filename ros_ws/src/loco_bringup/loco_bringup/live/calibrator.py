@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `calibrator`: actions ``calibrate`` and ``find_gap`` on a measured robot, or on bags.
+
+It listens to the measured robot, fits the model in a process of its own, gives each
+better model to the model robot (`model`), and says once per period how far the two
+are apart (`gap`). The gap goes on being told after the action has ended. ``find_gap`` does the
+same with `loco gap`: it names what the model lacks (`gap_search`) and hands that model on.
+
+It stands here and not in loco_learning because it reads bags.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from loco_control.exceptions import GraphError, LocoError, ParameterError
+from loco_control.params import Params, parameter
+from loco_control.reading import FOLDERS, allowed
+from loco_control.ros.executor import run_nodes
+from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
+from loco_control.ros.messages.topics import to_stamp
+from loco_control.ros.node import LocoNode
+from loco_control.ros.parameters import declare
+from loco_learning.calibration.live import GapMeter
+from loco_learning.calibration.params import CalibrationParams
+from loco_learning.calibration.recording import compared
+from loco_learning.calibration.worker import Maker, make_calibration
+from loco_msgs.action import Calibrate, FindGap
+from loco_msgs.msg import CalibrationState, Gap, GapSearch
+from loco_sim.robot.robot import Robot, is_name
+
+from .calibration_goal import Job
+from .gap_goal import Find, GapSearchJob, find
+from .robot import STATES, LiveRobot, robots, topic
+
+LONGEST = 1e4  # simulated time that a goal may listen [s]
+_POLL = 0.05  # wall time between two looks at what has changed [s]
+
+
+@dataclass(frozen=True)
+class ListenParams(Params):
+    """Settings by which the calibrator listens to robots that run."""
+
+    duration: float = parameter(30.0, "simulated time to listen before fitting", "s", 0.1, LONGEST)
+    skip: float = parameter(5.0, "start of a run that is not used", "s", 0.0, 1e4)
+    hold: float = parameter(8.0, "simulated time that the model robot keeps a model", "s", 0.0, 1e4)
+    patience: float = parameter(
+        5.0, "wall time that a robot may be missing or silent", "s", 0.1, 600.0
+    )
+
+
+class CalibratorNode(LocoNode):
+    """Two action servers; one calibration or search at a time.
+
+    Args:
+        make: Makes a calibration in the worker process.
+        find: Searches for the cause of a gap in the worker process.
+    """
+
+    table = CALIBRATION_TOPICS
+
+    def __init__(self, make: Maker = make_calibration, find: Find = find) -> None:
+        super().__init__(CALIBRATOR)
+        self.make, self.find = make, find
+        self.listen = declare(self, ListenParams(), "listen.")
+        self._folders = self.declare_parameter("folders", list(FOLDERS)).value
+        self.options = declare(self, CalibrationParams(), "calibration.")
+        self._state, self._gap = self.output("calibration"), self.output("gap")
+        self._search = self.output("gap_search")
+        self.state, self.search = CalibrationState(phase="idle"), GapSearch(phase="idle")
+        self.measured: LiveRobot | None = None
+        self.model: LiveRobot | None = None
+        self._meter: GapMeter | None = None
+        self._awaited: tuple[Callable[[], bool], Future] | None = None
+        self._job: Job | GapSearchJob | None = None
+        # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted 2 ms
+        # after it was sent, a cancel 2 ms, also while `execute` waits for a future. What
+        # blocks must not run in it: the executor has one thread.
+        self._server = ActionServer(
+            self,
+            Calibrate,
+            "calibrate",
+            execute_callback=self._execute,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
+        self._gap_server = ActionServer(
+            self,
+            FindGap,
+            "find_gap",
+            execute_callback=self._execute_search,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
+        self.create_timer(_POLL, self._look)
+        self.announce_ready()
+
+    # ---- the action
+
+    async def _execute(self, handle: Any) -> Calibrate.Result:
+        """Run a goal of ``calibrate``."""
+        return await self._run(handle, Job, Calibrate.Result, self.tell)
+
+    async def _execute_search(self, handle: Any) -> FindGap.Result:
+        """Run a goal of ``find_gap``."""
+        return await self._run(handle, GapSearchJob, FindGap.Result, self.tell_search)
+
+    async def _run(self, handle: Any, kind: type, answer: type, tell: Callable) -> Any:
+        """Run a goal. Its end is told by the result, a mistake in the goal included."""
+        if self._job:
+            handle.abort()
+            return answer(message=f"{self._job.WHAT} is running; cancel it first")
+        self._job = kind(self, handle)
+        self.state = CalibrationState(phase="listening")
+        self.search = GapSearch(phase="listening")
+        try:
+            result = await self._job.run()
+        except Exception as error:  # a goal is a stranger's: whatever it leads to, the node goes on
+            if not isinstance(error, LocoError):
+                self.get_logger().error(traceback.format_exc())
+            text = str(error) if isinstance(error, LocoError) else "the goal cannot be run"
+            result = answer(message=text)
+            tell("failed", text)
+            handle.abort()
+        else:
+            cancelled = handle.is_cancel_requested
+            tell("cancelled" if cancelled else "done", result.message)
+            (handle.canceled if cancelled else handle.succeed)()
+        finally:
+            self._job.close()
+            self._job = None
+        return result
+
+    def allowed(self, path: str, what: str) -> str:
+        """Path that a goal names, if the operator lets goals read there.
+
+        Args:
+            path: File or folder.
+            what: Kind of file, for messages.
+
+        Raises:
+            ParameterError: It is not below the node's parameter `folders`.
+        """
+        return str(allowed(path, self._folders, what))
+
+    def robot_of(self, goal: Any) -> str:
+        """Name or path of the robot or model that a goal is about.
+
+        Raises:
+            ParameterError: It is a path that is not below the node's parameter `folders`.
+        """
+        name = goal.robot or "tigrillo"
+        return name if is_name(name) else self.allowed(name, "robot")
+
+    def duration_of(self, goal: Any) -> float:
+        """Simulated time that a goal wants to listen [s].
+
+        Raises:
+            ParameterError: It is no time in (0, 10000] s.
+        """
+        if goal.duration and not 0.0 < goal.duration <= LONGEST:
+            raise ParameterError(f"duration must be in (0, {LONGEST:g}] s, got {goal.duration}")
+        return goal.duration or self.listen.duration
+
+    async def until(self, condition: Callable[[], bool]) -> None:
+        """Wait for a condition, which is looked at 20 times a second."""
+        future = Future(executor=self.executor)
+        self._awaited = condition, future
+        await future
+
+    def _look(self) -> None:
+        if self._meter:
+            self._measure_gap()
+        if self._awaited and self._awaited[0]():
+            future, self._awaited = self._awaited[1], None
+            future.set_result(None)
+
+    def tell(self, phase: str, text: str = "") -> None:
+        """Publish the state of the calibration."""
+        self.state.phase, self.state.text = phase, text
+        self.state.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
+        self._state.publish(self.state)
+
+    def tell_search(self, phase: str, text: str = "") -> None:
+        """Publish the state of the search for the cause of a gap."""
+        self.search.phase, self.search.text = phase, text
+        self.search.tick += 1
+        self.search.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
+        self._search.publish(self.search)
+
+    # ---- the robots
+
+    async def connect(self, measured: str, model: str, robot: Robot, span: float) -> None:
+        """Listen to robots by their namespaces; an empty name stands for none.
+
+        Args:
+            measured: Namespace of the measured robot.
+            model: Namespace of the robot that gets the models.
+            robot: Description of both robots.
+            span: Simulated time to keep of what they say [s].
+
+        Raises:
+            GraphError: Nobody publishes joint states there.
+        """
+        self._disconnect()
+        for namespace in filter(None, (measured, model)):
+            await self._wait_for(namespace)
+        skip = self.listen.skip
+        if measured:
+            self.measured = LiveRobot(self, measured, robot, span, skip)
+        if model:
+            self.model = LiveRobot(self, model, robot, span, skip)
+        if measured and model:
+            signals = self.measured.signals, self.model.signals
+            rate, window = robot.control_rate, self.options.window
+            self._meter = GapMeter(*signals, compared(robot), rate, window)
+
+    async def _wait_for(self, namespace: str) -> None:
+        name, deadline = topic(namespace, STATES), time.monotonic() + self.listen.patience
+        await self.until(lambda: self.count_publishers(name) > 0 or time.monotonic() > deadline)
+        if not self.count_publishers(name):
+            found = ", ".join(robots(self)) or "no namespace"
+            raise GraphError(f"nobody publishes {name}; there are robots in {found}")
+
+    def _disconnect(self) -> None:
+        for robot in (self.measured, self.model):
+            if robot:
+                robot.close()
+        self.measured = self.model = self._meter = None
+
+    def _measure_gap(self) -> None:
+        found = self._meter.update()
+        if found:
+            message = Gap(stamp=to_stamp(found.t), tick=found.number, gap=found.gap)
+            message.model = self.model.model_at(found.since)
+            message.mixed = message.model != self.model.model_at(found.since + found.period)
+            message.names, message.joints = list(self._meter.passive), found.joints.tolist()
+            self._gap.publish(message)
+
+    def diagnose(self) -> dict[str, Any]:
+        """Phase, generation and best loss; how far a search is."""
+        s, g = self.state, self.search
+        found = {"phase": s.phase, "generation": s.tick, "best": s.best}
+        return found if g.phase == "idle" else {**found, "search": g.phase, "share": g.fraction}
+
+    def close(self) -> None:
+        """End the worker, and what the node does not end by itself."""
+        if self._job:
+            self._job.close()
+        self._disconnect()
+        self._server.destroy()
+        self._gap_server.destroy()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_bringup calibrator``."""
+    sys.exit(run_nodes([CalibratorNode], args))
+
+
+if __name__ == "__main__":
+    main()

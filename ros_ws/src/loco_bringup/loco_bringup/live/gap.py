@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap --live`: two robots over topics, what the model lacks named and handed to it.
+
+As `live_calibration`, with the calibrator's action ``find_gap`` in place of ``calibrate``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from loco_learning.runs.experiment import Experiment
+from loco_msgs.action import FindGap
+
+from ..graph.run import Helper
+from . import calibration as live
+from .log import MEASURED, MODEL
+
+
+class GapClient(live.Client):
+    """Sends a goal of ``find_gap``; its options are values of `GapParams`."""
+
+    ACTION, NAME = "FindGap", "find_gap"
+
+    def _goal(self) -> Any:
+        given: Mapping[str, Any] = self._options
+        return FindGap.Goal(
+            measured=f"/{MEASURED}", model=f"/{MODEL}", robot=live.named(self._robot),
+            effects=list(given.get("effects", ())), free=list(given.get("free", ())),
+            seed=int(given.get("seed", 0)), duration=self._live.listen * self._period,
+        )  # fmt: skip
+
+    def _on_feedback(self, message: Any) -> None:
+        f, p = message.feedback, self.progress
+        p.phase, p.share, p.found = f.stage, f.fraction, f.best
+
+
+def find_live(
+    measured: Experiment,
+    robot: str,
+    folder: Path,
+    options: Mapping[str, Any] | None = None,
+    params: live.LiveParams | None = None,
+    tell: live.Tell = lambda progress: None,
+) -> live.LiveOutcome:
+    """Find what a model lacks against a robot that runs, both in one bag.
+
+    Args:
+        measured: Experiment of the measured robot; its excitation is the model's too.
+        robot: Model to begin with: a robot's name, robot.yaml or model.yaml.
+        folder: New folder of the bag.
+        options: Values of `GapParams` that differ from their defaults.
+        params: Course of the live run.
+        tell: Called about ten times a second; a true answer cancels the search.
+
+    Raises:
+        GraphError: A node died or never got ready.
+        ParameterError: The excitation has no period, or `folder` holds a bag.
+    """
+    params = params or live.LiveParams()
+    period = live.period_of(measured)
+    robots = {
+        MEASURED: replace(measured, duration=live.FOREVER),
+        MODEL: live.model_of(measured, robot),
+    }
+    cls = "loco_bringup.live.calibrator:CalibratorNode"
+    parameters = {"listen.skip": params.skip * period, **live.folders_of(robot)}
+    helper = Helper("calibrator", cls, parameters, "calibration")
+    client = GapClient(dict(options or {}), period, robot, params, tell)
+    return live.run_live(client, robots, folder, params, helper)

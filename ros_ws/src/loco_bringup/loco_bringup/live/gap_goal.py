@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One goal of the action ``find_gap``: connect, listen or read, search, hand the model on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_learning.gap import workflow
+from loco_learning.gap.recordings.record import HELD_OUT, Record
+from loco_learning.gap.worker import Done, Failed, Progress, Worker
+from loco_msgs.action import FindGap
+from loco_sim.plant import model as models
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import TorqueDrive
+
+from ..gap import run as runner
+from ..gap import text
+
+if TYPE_CHECKING:
+    from .calibrator import CalibratorNode
+
+PARTS = 3  # of what was heard; the last is held out
+Find = Callable[..., Mapping[str, Any]]  # (job, records, tell) -> contents of gap.json
+
+
+class GapSearchJob:
+    """One goal of ``find_gap``; see `calibrator_job.Job` for the goals of ``calibrate``."""
+
+    WHAT = "a search"
+
+    def __init__(self, node: CalibratorNode, handle: Any):
+        self._node, self._handle, self._goal = node, handle, handle.request
+        self.duration = node.listen.duration
+        self._worker: Worker | None = None
+        self._result: Mapping[str, Any] | None = None
+
+    async def run(self) -> FindGap.Result:
+        """The whole goal.
+
+        Raises:
+            LocoError: The goal is wrong, or there is no result.
+        """
+        goal, node = self._goal, self._node
+        self.duration, job = node.duration_of(goal), self._job()
+        robot = models.load_any(job.robot).make_robot()
+        live = "" if goal.bags else goal.measured
+        await node.connect(live, goal.model, robot, self.duration + 1.0)
+        records: list[Record] = []
+        if live:
+            node.tell_search("listening", f"{self.duration:g} s of {live}")
+            records = await self._listen(robot)
+        if not self._cancelled():
+            self._worker = Worker(partial(node.find, job, records))
+            await self._searching()
+        return self._answer()
+
+    def _job(self) -> runner.Job:
+        """The request of a goal, checked as far as it can be at once."""
+        goal = self._goal
+        if not (goal.measured or goal.bags):
+            raise ParameterError("a goal names the namespace of a measured robot, or bags")
+        named = [self._node.allowed(path, "recording") for path in (*goal.bags, *goal.hold_out)]
+        for path in named:
+            if not Path(path).exists():
+                raise MissingFileError(f"there is no recording at {path}")
+        mapping = self._node.allowed(goal.mapping, "mapping") if goal.mapping else ""
+        options: dict[str, Any] = {"seed": int(goal.seed)}
+        options |= {k: list(getattr(goal, k)) for k in ("effects", "free") if getattr(goal, k)}
+        job = runner.Job(
+            self._node.robot_of(goal), tuple(named[: len(goal.bags)]),
+            tuple(named[len(goal.bags) :]), mapping, options, workers=1,
+        )  # fmt: skip
+        runner.options_of(job)
+        return job
+
+    async def _listen(self, robot: Robot) -> list[Record]:
+        heard, patience = self._node.measured, self._node.listen.patience
+        while heard.signals.length < self.duration and not self._cancelled():
+            await self._node.until(lambda: True)
+            heard.check(patience)
+            share = heard.signals.length / self.duration
+            self._tell(Progress(0.1 * min(1.0, share), "listening", ""), "listening")
+        return [] if self._cancelled() else live_records(heard.signals, robot)
+
+    async def _searching(self) -> None:
+        while self._result is None and not self._cancelled():
+            await self._node.until(lambda: True)
+            for news in self._worker.news():
+                if isinstance(news, Failed):
+                    raise ParameterError(news.text)
+                if isinstance(news, Progress):
+                    self._tell(news, "searching")
+                elif isinstance(news, Done):
+                    self._result = news.result
+        if self._result is not None and self._node.model and self._result["model"]["effects"]:
+            self._node.model.send(runner.patched(self._result).dumps())
+
+    def _tell(self, news: Progress, phase: str) -> None:
+        self._handle.publish_feedback(
+            FindGap.Feedback(fraction=news.fraction, stage=news.stage, best=news.best)
+        )
+        search = self._node.search
+        search.fraction, search.best = news.fraction, news.best
+        self._node.tell_search(phase, news.stage)
+
+    def _cancelled(self) -> bool:
+        return self._handle.is_cancel_requested
+
+    def _answer(self) -> FindGap.Result:
+        """Result of the action; the topic says the same and keeps it."""
+        search, found = self._node.search, self._result
+        if found is None:
+            return FindGap.Result(message="cancelled before anything was found")
+        search.fraction, search.verdict = 1.0, found["verdict"]
+        search.names = [t["effect"] for t in found["terms"]]
+        search.places = [text.place_of(t.get("place")) for t in found["terms"]]
+        search.before, search.after = (float(found["gap"].get(k) or 0) for k in ("before", "after"))
+        search.gap_json = runner.dumps(found)
+        search.model_yaml = runner.patched(found).dumps()
+        return FindGap.Result(
+            verdict=search.verdict, names=search.names, places=search.places, before=search.before,
+            after=search.after, gap_json=search.gap_json, model_yaml=search.model_yaml,
+            message=" ".join([text.headline(found), text.gap_line(found)]).strip(),
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """End the worker."""
+        if self._worker:
+            self._worker.close()
+
+
+def find(job: runner.Job, records: list[Record], tell: runner.Tell) -> Mapping[str, Any]:
+    """Search in the worker process; records that were heard take the place of bags."""
+    if not records:
+        model, fit, held = runner.read_records(job)
+    else:
+        model = models.load_any(job.robot)
+        fit = [r for r in records if r.role != HELD_OUT]
+        held = [r for r in records if r.role == HELD_OUT]
+    return runner.plain(workflow.find(model, fit, held, runner.options_of(job), tell, job.workers))
+
+
+def live_records(signals: Any, robot: Robot) -> list[Record]:
+    """Records of the messages of a robot, in `PARTS`; the last is held out.
+
+    Args:
+        signals: `calibration.live.Signals` of the robot.
+        robot: Description of the robot.
+    """
+    heard = signals.recording(robot.control_rate)
+    drives = [robot.drives.get(robot.joints[i]) for i in robot.driven]
+    kind = "torque" if any(isinstance(d, TorqueDrive) for d in drives) else "position"
+    whole = Record(
+        signals.name.strip("/"), heard.t - heard.t[0], {kind: heard.command},
+        tuple(robot.joints[i] for i in robot.driven), {"q": heard.q}, tuple(robot.joints),
+    )  # fmt: skip
+    edges = [round(i * len(whole.t) / PARTS) for i in range(PARTS + 1)]
+    parts = [
+        whole.rows(a, b, f"{whole.name} {i + 1}")
+        for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+    ]
+    return [*parts[:-1], replace(parts[-1], role=HELD_OUT)]

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A rollout without ROS, written as the same topics with the same bytes."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import ParameterError
+from loco_control.names import JOINTS
+from loco_control.params import to_dict
+from loco_control.ros.messages.convert import Converter
+from loco_control.ros.messages.joint_codec import JointCodec
+from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.topics import TOPICS
+from loco_learning.runs.experiment import Experiment
+from loco_learning.runs.log import PARTS, Log
+from loco_learning.runs.rollout import rollout
+from loco_sim.plant.simulation import ending
+from loco_sim.ros.encoders import encoders
+
+from ..bag.writer import BagWriter
+from ..outcome import Outcome, Progress, describe, duration_of
+from .bag_log import TOPIC_OF, TRUTH
+
+Encode = Callable[[dict[str, Any]], bytes]  # from the messages of a tick
+_FIELDS = ("position", "velocity")
+warn = logging.getLogger(__name__)
+
+
+def run_rollout(
+    experiment: Experiment,
+    folder: Path,
+    on_progress: Callable[[Progress], None],
+) -> Outcome:
+    """Run an experiment in this process, without nodes, into a bag.
+
+    Raises:
+        ParameterError: It is of a network of masses and springs, which only runs as nodes.
+    """
+    if experiment.node_set == "msd":
+        raise ParameterError(
+            f"{experiment.name} runs as nodes: --layout composed or processes; without ROS its "
+            "loop is loco_learning.reflex.msd_reservoir.run_loop"
+        )
+    progress = Progress(duration=duration_of(experiment), phase="running")
+    began = time.perf_counter()
+
+    def on_tick(done: int, loop: Any) -> None:
+        if done % 250 == 0:
+            progress.sim_time = done * experiment.dt
+            progress.real_time_factor = progress.sim_time / (time.perf_counter() - began)
+            on_progress(progress)
+
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    weights = str(Path(folder) / "weights.npz")
+    log = rollout(experiment, on_tick=on_tick, save_weights=weights)
+    write_log(log, folder)
+    outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_ending(log))
+    outcome.real_time_factor = len(log) * experiment.dt / log.wall_time
+    return outcome
+
+
+def _ending(log: Log) -> str:
+    """End of a rollout, in the words of the plant node."""
+    length = len(log) * log.dt
+    if log.fall:
+        return f"fell at {length:.2f} s: {log.fall}"
+    if log.experiment.gait:
+        return f"{length:.1f} s simulated"
+    return ending(length, None if log.experiment.plant.fixed_base else log.distance)
+
+
+def write_log(log: Log, folder: Path) -> None:
+    """Write a log as a bag, tick by tick, with the bytes that the nodes would publish."""
+    writer = BagWriter(folder, describe(log.experiment, layout="rollout", fall=log.fall))
+    write_messages(log, writer)
+    _attach(log, writer)
+    writer.close()
+    if writer.failed:
+        count, end = writer.kept
+        warn.warning("recording stopped: %s; kept %d messages to %.3f s", writer.failed, count, end)
+
+
+def write_messages(log: Log, writer: BagWriter) -> None:
+    """Write the messages of a log, tick by tick, with the bytes that the nodes would publish."""
+    table, encode = _of_legs() if log.experiment.gait else _of_joints(log)
+    for name in encode:
+        writer.add_row("/" + name, table[name])
+    parts = [part for part in PARTS if log.experiment.gait or part not in ("stance", "trunk")]
+    for row, t in enumerate(log.t.tolist()):
+        messages = {part: log.message(part, row) for part in parts}
+        for name, pack in encode.items():
+            writer.write("/" + name, pack(messages), round(t * 1e9))
+
+
+def _of_legs() -> tuple[dict[str, Any], dict[str, Encode]]:
+    """Topic table of a robot with legs, and what makes the bytes of each topic."""
+    truth = encoders(JOINTS)[TRUTH]
+    encode: dict[str, Encode] = {TRUTH: lambda said: truth(said["state"], said["truth"])}
+    for part, name in TOPIC_OF.items():
+        pack = Converter(PARTS[part]).pack
+        encode[name] = lambda said, pack=pack, part=part: pack(said[part])
+    return TOPICS, encode
+
+
+def _of_joints(log: Log) -> tuple[dict[str, Any], dict[str, Encode]]:
+    """Topic table of a robot of joints, and what makes the bytes of each topic."""
+    robot = log.experiment.plant
+    driven = [robot.joints[i] for i in robot.driven]
+    made, encode = encoders(robot.joints), {}
+    for name in ("joint_states", "imu/data", TRUTH):
+        encode[name] = lambda said, pack=made[name]: pack(said["state"], said["truth"])
+    for part in ("target", "command"):
+        pack = JointCodec(driven, f"joint_{part}", _FIELDS).pack
+        encode[f"joint_{part}"] = lambda said, pack=pack, part=part: pack(
+            said[part].t, said[part].q, said[part].dq
+        )
+    if log.experiment.learner.enabled:
+        pack = JointCodec(driven, "joint_prediction", _FIELDS[:1]).pack
+        encode["joint_prediction"] = lambda said, pack=pack: pack(
+            said["learning"].t, said["learning"].prediction[: len(driven)]
+        )
+    return JOINT_TOPICS, encode
+
+
+def _attach(log: Log, writer: BagWriter) -> None:
+    """Put the experiment and trained weights into the bag, the experiment beside it too."""
+    folder = writer.folder
+    text = yaml.safe_dump(to_dict(log.experiment), sort_keys=False)
+    (folder / "experiment.yaml").write_text(text)
+    writer.attach("experiment.yaml", text.encode())
+    weights = folder / "weights.npz"
+    if weights.is_file():
+        writer.attach("weights.npz", weights.read_bytes(), "application/octet-stream")

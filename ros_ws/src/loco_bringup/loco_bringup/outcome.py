@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Run of an experiment, by nodes or without: its progress, its end, and what its bag says of it."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import json
+import platform
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from loco_control.reading import within
+from loco_learning.runs.experiment import Experiment
+
+from . import __version__
+
+VERSIONS = ("ros-rclpy", "pybullet", "numpy", "scipy", "numba", "mcap")
+
+
+@dataclass
+class Progress:
+    """Values of the progress line."""
+
+    phase: str = "starting"
+    sim_time: float = 0.0
+    duration: float = 0.0
+    real_time_factor: float = 0.0
+    pids: dict[str, int] = field(default_factory=dict)  # of the processes, by name
+    events: list[tuple[float, Any]] = field(default_factory=list)  # when heard [s], what
+
+
+@dataclass
+class Outcome:
+    """The end of a run."""
+
+    folder: Path
+    text: str = ""
+    fallen: bool = False
+    interrupted: bool = False
+    real_time_factor: float = 0.0
+    dropped: int = 0
+    exit_codes: dict[str, int] = field(default_factory=dict)
+    restarts: dict[str, int] = field(default_factory=dict)
+    timing: dict[str, float] = field(default_factory=dict)  # clock realtime: of the plant's report
+    granted: list[str] = field(default_factory=list)  # and refused by the kernel
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 3 fell, 130 interrupted."""
+        return 130 if self.interrupted else 3 if self.fallen else 0
+
+
+def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
+    """New bag folder named after the experiment and the time.
+
+    Raises:
+        ParameterError: The name of the experiment would lead out of `root`.
+    """
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    return within(root, f"{experiment.name}_{stamp}", "name of an experiment")
+
+
+def duration_of(experiment: Experiment) -> float:
+    """Simulated time of a run [s]."""
+    return experiment.ticks / experiment.control_rate
+
+
+def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
+    """Metadata of a run for its bag: experiment, seed, versions."""
+    versions = {"loco": __version__}
+    for name in VERSIONS:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    values = {"experiment": experiment.name, "seed": experiment.seed, "robot": experiment.robot}
+    values |= {"recorded_at": datetime.now().astimezone().isoformat(timespec="seconds")}
+    values |= {"versions": json.dumps(versions), "processor": processor(), **more}
+    return {key: str(value) for key, value in values.items()}
+
+
+def processor() -> str:
+    """Name, family and model: the last bits of sums and of tanh depend on the processor."""
+    about: dict[str, str] = {}
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            key, _, value = line.partition(":")
+            about.setdefault(key.strip(), value.strip())
+    if "model name" not in about:
+        return platform.processor() or platform.machine()
+    family, model = about.get("cpu family", "?"), about.get("model", "?")
+    return f"{about['model name']}, family {family}, model {model}"

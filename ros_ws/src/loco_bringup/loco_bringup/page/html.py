@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Building blocks of every HTML page: text becomes HTML here and nowhere else.
+
+All functions take plain text and return `Markup`, which is HTML. Text is escaped as it enters
+a template, so that a name in a bag cannot become part of the page; what is `Markup` already
+goes in as it is. Templates are in ``templates/``: ``page.html`` is the page with its style,
+``blocks.html`` holds a macro for each function here.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from loco_control.exceptions import LocoError
+
+from .style import style, svg
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("loco_bringup.page"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def _block(name: str, *arguments: Any, **more: Any) -> Markup:
+    return getattr(_TEMPLATES.get_template("blocks.html").module, name)(*arguments, **more)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One section of a page.
+
+    Attributes:
+        title: Heading.
+        anchor: Name that the list of contents links to.
+        content: HTML below the heading.
+        long: The section may be broken over printed pages.
+    """
+
+    title: str
+    anchor: str
+    content: Markup
+    long: bool
+
+
+def part(title: str, make: Callable[[], Markup | str], long: bool = False) -> Part:
+    """Section with what `make` returns, or with the reason why it cannot return anything.
+
+    Args:
+        title: Heading.
+        make: Draws or writes the content; a `LocoError` is shown in its place.
+        long: The section may be broken over printed pages.
+    """
+    try:
+        content = join([make()])
+    except LocoError as error:
+        content = missing(f"Not shown: {error}")
+    return Part(title, title.lower().replace(" ", "-").replace(",", ""), content, long)
+
+
+def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
+    """A whole page, which names no address outside of itself."""
+    page = _TEMPLATES.get_template("page.html")
+    return page.render(title=title, header=header, parts=list(parts))
+
+
+def join(pieces: Iterable[Markup | str]) -> Markup:
+    """Pieces one after the other; plain text is escaped."""
+    return Markup("\n").join(pieces)
+
+
+def paragraph(*texts: Markup | str, soft: bool = False) -> Markup:
+    """Paragraph of some texts; a soft one is a remark."""
+    return _block("paragraph", texts, soft)
+
+
+def note(text: Markup | str) -> Markup:
+    """Remark inside other text, in a softer colour."""
+    return Markup('<span class="soft">{}</span>').format(text)
+
+
+def strong(text: Markup | str) -> Markup:
+    """Text that stands out."""
+    return Markup("<strong>{}</strong>").format(text)
+
+
+def code(text: str) -> Markup:
+    """Name of a topic, a file or a command."""
+    return Markup("<code>{}</code>").format(text)
+
+
+def good(text: str, well: bool = True) -> Markup:
+    """Text in the colour of what went well, or of what did not."""
+    return Markup('<span class="{}">{}</span>').format("good" if well else "bad", text)
+
+
+def missing(text: str) -> Markup:
+    """Box that stands where something is missing or wrong."""
+    return Markup('<p class="missing">{}</p>').format(text)
+
+
+def verdict(text: str, well: bool) -> Markup:
+    """The ending or the verdict, as a badge."""
+    return _block("verdict", text, well)
+
+
+def cards(rows: Iterable[tuple[str, str, str]], remark: str = "") -> Markup:
+    """The main numbers of a page.
+
+    Args:
+        rows: Name, value and what is said of it in small letters, perhaps nothing.
+        remark: Sentence below the cards.
+    """
+    return _block("cards", list(rows), remark)
+
+
+def facts(rows: Mapping[str, Markup | str]) -> Markup:
+    """Table of texts by name."""
+    return _block("facts", rows)
+
+
+def table(
+    head: Sequence[Markup | str],
+    rows: Iterable[Sequence[Markup | str]],
+    numeric: Sequence[int] = (),
+    marks: Iterable[str] = (),
+) -> Markup:
+    """Table.
+
+    Args:
+        head: Names of the columns.
+        rows: Cells of each row.
+        numeric: Columns to align as numbers.
+        marks: Class of each row: ``good``, ``so``, ``bad`` or nothing; empty for none at all.
+    """
+    rows = [list(row) for row in rows]
+    return _block("table", list(head), rows, set(numeric), list(marks) or [""] * len(rows))
+
+
+def bullets(items: Iterable[Markup | str]) -> Markup:
+    """List of sentences; nothing if there are none."""
+    return _block("bullets", list(items))
+
+
+def number(value: float) -> str:
+    """A value with four digits, a dash where there is none."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else "∞"
+    return f"{value:.4g}".replace("e-0", "e-").replace("-", "−")
+
+
+def figure(drawn: Figure | Callable[[], Figure], title: str, text: Markup | str) -> Markup:
+    """A figure under its caption.
+
+    Args:
+        drawn: The figure, or the function that draws it in the style of all pages.
+        title: Text for readers who cannot see it.
+        text: Caption.
+    """
+    with style():
+        data = svg(drawn() if callable(drawn) else drawn)
+    return _block("figure", text, _address(data, "svg+xml"), title)
+
+
+def clickable(
+    drawn: Figure, box: tuple[float, ...], cells: list[list[str]], title: str, text: str
+) -> Markup:
+    """A picture whose cells show their case in the `case_panel` of the page.
+
+    Args:
+        drawn: The figure.
+        box: Left, bottom, width and height of its axes, as shares of the figure.
+        cells: Name of the case in each cell, top row first; empty for none.
+        title: Text for readers who cannot see it.
+        text: Caption.
+    """
+    file = io.BytesIO()
+    drawn.savefig(file, format="png", metadata={"Software": None})
+    source = _address(file.getvalue(), "png")
+    return _block("clickable", text, source, title, json.dumps(box), json.dumps(cells))
+
+
+def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
+    """The place where a click on a `clickable` picture shows the texts of a case, by name."""
+    return _block("case_panel", {name: dict(values) for name, values in details.items()})
+
+
+def movie(gif: bytes, text: str) -> Markup:
+    """An animation above its caption."""
+    return _block("movie", text, _address(gif, "gif"))
+
+
+def yaml_block(values: Any) -> Markup:
+    """Values as YAML."""
+    return _block("pre", yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
+
+
+def folded(title: str, content: Markup) -> Markup:
+    """Content that a click opens."""
+    return _block("folded", title, content)
+
+
+def matrix(head: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> Markup:
+    """Table of counts with upright names of columns.
+
+    Args:
+        head: Names of the columns.
+        rows: Name of each row, and text and class (``good``, ``so``, ``bad`` or nothing) of each
+            cell.
+    """
+    return _block("matrix", list(head), list(rows))
+
+
+def _address(data: bytes, kind: str) -> Markup:
+    return Markup(f"data:image/{kind};base64,{base64.b64encode(data).decode()}")

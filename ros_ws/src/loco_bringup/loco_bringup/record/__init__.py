@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records graphs, replays bags and verifies controllers against them."""

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recorded and live messages compared: byte for byte, a difference told by its field."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+from loco_control.exceptions import LocoError
+from loco_control.ros.messages.codec import Codec
+
+KEPT = 20  # differences kept in full, of each topic
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One field of one message that is not as it was recorded."""
+
+    topic: str
+    tick: int
+    field: str  # path, with the index of an array's element
+    recorded: Any
+    live: Any
+
+    def __str__(self) -> str:
+        return f"{self.topic}, tick {self.tick}, {self.field}: {self.recorded!r}, now {self.live!r}"
+
+
+@dataclass
+class Verdict:
+    """Outcome of a comparison.
+
+    Attributes:
+        ticks: Fed.
+        compared: Messages by topic.
+        different: Messages that differ, by topic.
+        first: The first differences, in order of tick and dataflow.
+        trouble: Why it ended early; empty if it did not.
+    """
+
+    ticks: int = 0
+    compared: Counter[str] = field(default_factory=Counter)
+    different: Counter[str] = field(default_factory=Counter)
+    first: list[Difference] = field(default_factory=list)
+    trouble: str = ""
+
+    @property
+    def identical(self) -> bool:
+        """Every recorded message was said again, and none differs."""
+        return not self.trouble and not self.different and bool(self.compared)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "identical": self.identical,
+            "ticks": self.ticks,
+            "compared": dict(self.compared),
+            "different": dict(self.different),
+            "first": [asdict(difference) for difference in self.first],
+            "trouble": self.trouble,
+        }
+
+
+class Comparison:
+    """Compares answers with recorded ones.
+
+    Args:
+        kinds: Message class of each topic.
+        tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
+    """
+
+    def __init__(self, kinds: dict[str, type], tolerance: float = 0.0):
+        self.verdict = Verdict()
+        self._kinds, self._tolerance = kinds, tolerance
+        self._codecs: dict[str, Codec] = {}
+        self._kept: Counter[str] = Counter()
+
+    def add(self, topic: str, tick: int, recorded: bytes, live: bytes) -> None:
+        """One message of a tick."""
+        verdict = self.verdict
+        verdict.compared[topic] += 1
+        if recorded == live:
+            return
+        differences = self._differences(topic, tick, recorded, live)
+        if not differences:
+            return
+        verdict.different[topic] += 1
+        room = KEPT - self._kept[topic]
+        verdict.first += differences[: max(room, 0)]
+        self._kept[topic] += len(differences)
+
+    def _differences(self, topic: str, tick: int, recorded: bytes, live: bytes) -> list[Difference]:
+        try:
+            codec = self._codec(topic, recorded)
+            before, now = codec.decode(recorded), codec.decode(live)
+        except LocoError:
+            length = f"{len(recorded)} bytes", f"{len(live)} bytes"
+            return [Difference(topic, tick, "length", *length)]
+        differences = []
+        for name in codec.dtype.names:
+            a, b = np.atleast_1d(before[name]), np.atleast_1d(now[name])
+            for i in np.flatnonzero(~self._equal(a, b)):
+                path = f"{name}[{i}]" if before[name].ndim else name
+                differences.append(Difference(topic, tick, path, a[i].item(), b[i].item()))
+        if not differences and not self._tolerance:
+            differences = [Difference(topic, tick, "texts", recorded.hex()[:64], live.hex()[:64])]
+        return differences
+
+    def _equal(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Elements of equal bytes, or of numbers that are close enough."""
+        bits = f"u{a.dtype.itemsize}"
+        same = a.view(bits) == b.view(bits)
+        if self._tolerance and a.dtype.kind == "f":
+            same |= np.abs(a - b) <= self._tolerance
+        return same
+
+    def _codec(self, topic: str, data: bytes) -> Codec:
+        if topic not in self._codecs:
+            self._codecs[topic] = Codec(deserialize_message(data, self._kinds[topic]), len(data))
+        return self._codecs[topic]

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node that stands for the plant: says what a bag's plant said, hears the answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import rclpy
+import rclpy.task
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from loco_control.exceptions import GraphError
+from loco_control.ros.messages.topics import Topic
+
+from .compare import Comparison
+
+START_TIMEOUT = 60.0  # wall time until the controllers must be ready [s]
+ANSWER_TIMEOUT = 10.0  # wall time for the answers to one tick [s]
+_HEARING = 5.0  # wall time for a controller to say that it heard a person [s]
+
+
+@dataclass
+class Step:
+    """One tick of a recording: what the plant said, and what the controllers answered."""
+
+    tick: int
+    key: int  # number that all messages of the tick share
+    said: dict[str, bytes]
+    answers: dict[str, bytes]
+    before: list[tuple[str, bytes]] = field(default_factory=list)  # what people said before it
+
+
+class Feed:
+    """Gives ticks to live controllers, each when the one before is answered.
+
+    Args:
+        steps: The recording.
+        said: Rows of the topics that it publishes.
+        heard: Rows of the topics that the controllers publish.
+        key_of: Number of the tick that a message belongs to, from its bytes.
+        comparison: Gets the answers.
+        namespace: Namespace of the controllers.
+    """
+
+    def __init__(
+        self,
+        steps: list[Step],
+        said: list[Topic],
+        heard: list[Topic],
+        key_of: Callable[[bytes], int],
+        comparison: Comparison,
+        namespace: str = "",
+    ):
+        self._steps, self._key_of, self._comparison = steps, key_of, comparison
+        self._at = -1
+        self._waiting: dict[str, bytes] = {}
+        self._ready: set[str] = set()
+        self._moved = time.monotonic()
+        # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("robot_sim", context=self._context, namespace=namespace)
+        self._readers = {row.name: set(row.readers) for row in said}
+        self._error = ""
+        self._unheard = 0  # messages of people on their way
+        self._outputs = {
+            row.name: self._node.create_publisher(row.type, row.name, row.qos.writer())
+            for row in said
+        }
+        for row in heard:
+            self._node.create_subscription(
+                row.type, row.name, self._receiver(row.name), row.qos.reader(), raw=True
+            )
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._never = rclpy.task.Future()
+
+    def hear_events(self, row: Topic) -> None:
+        """Listen to who is ready and to errors."""
+        self._node.create_subscription(row.type, row.name, self._on_event, row.qos.reader(100))
+
+    def close(self) -> None:
+        """Leave the graph; an executor that lives on would keep the endpoints alive."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def run(
+        self, nodes: set[str], check: Callable[[], None], tell: Callable[[float], None]
+    ) -> None:
+        """Feed all ticks.
+
+        Args:
+            nodes: Controllers that must be ready first.
+            check: Called now and then; raises if a process died.
+            tell: Called now and then with the share of ticks that is done.
+
+        Raises:
+            GraphError: A controller is not ready in time, or says an error.
+        """
+        while self._at < len(self._steps):
+            self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
+            check()
+            if self._error:
+                raise GraphError(self._error)
+            tell(max(self._at, 0) / len(self._steps))
+            if self._at < 0:
+                self._begin(nodes)
+            elif self._unheard and time.monotonic() - self._moved > _HEARING:
+                self._say()
+            elif time.monotonic() - self._moved > ANSWER_TIMEOUT:
+                self._give_up()
+                return
+
+    def _begin(self, nodes: set[str]) -> None:
+        missing = nodes - self._ready
+        unheard = [
+            name
+            for name, readers in self._readers.items()
+            if self._outputs[name].get_subscription_count() < len(readers & nodes)
+        ]
+        if not missing and not unheard:
+            self._next()
+        elif time.monotonic() - self._moved > START_TIMEOUT:
+            raise GraphError(
+                f"not ready after {START_TIMEOUT:.0f} s: "
+                f"{', '.join(sorted(missing)) or 'no readers of ' + ', '.join(unheard)}"
+            )
+
+    def _on_event(self, event) -> None:
+        if event.kind == "ready":
+            self._ready.add(event.node)
+        elif event.kind == "error":
+            self._error = f"{event.node}: {event.text}"
+        elif event.kind == "heard" and self._unheard:
+            self._unheard -= 1
+            if not self._unheard:
+                self._say()
+
+    def _next(self) -> None:
+        """Go on to the next tick: first what people said before it."""
+        self._at += 1
+        self._moved = time.monotonic()
+        if self._at >= len(self._steps):
+            return
+        before = self._steps[self._at].before
+        self._unheard = len(before)
+        for name, data in before:
+            self._outputs[name].publish(data)
+        if not before:
+            self._say()
+
+    def _say(self) -> None:
+        """Publish what the plant said at this tick."""
+        step, self._unheard = self._steps[self._at], 0
+        self._moved = time.monotonic()
+        self._waiting = dict(step.answers)
+        self._comparison.verdict.ticks += 1
+        for name, data in step.said.items():
+            self._outputs[name].publish(data)
+
+    def _receiver(self, name: str) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            if not 0 <= self._at < len(self._steps):
+                return
+            step = self._steps[self._at]
+            if self._key_of(data) != step.key or name not in self._waiting:
+                return  # an answer that was not recorded
+            recorded = self._waiting.pop(name)
+            self._comparison.add(name, step.tick, recorded, data)
+            if not self._waiting:
+                self._next()
+
+        return receive
+
+    def _give_up(self) -> None:
+        step = self._steps[self._at]
+        self._comparison.verdict.trouble = (
+            f"no {' and no '.join(sorted(self._waiting))} for tick {step.tick} within "
+            f"{ANSWER_TIMEOUT:.0f} s"
+        )

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a bag in the order of their log times, a few chunks in memory at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..bag.reader import Bag
+
+_KEPT = 8  # unpacked chunks in memory
+
+
+class Order:
+    """Iterates over (seconds from the bag's begin, topic, bytes).
+
+    Args:
+        bag: The recording.
+        names: Topics, as recorded.
+        start: Leave out what is earlier [s from the bag's begin].
+        end: Leave out what is later, None for nothing.
+
+    Attributes:
+        length: Time from the bag's begin to the last chosen message [s].
+        count: Messages chosen.
+
+    Raises:
+        ParameterError: The times are not of the bag.
+    """
+
+    def __init__(self, bag: Bag, names: list[str], start: float = 0.0, end: float | None = None):
+        length = bag.end - bag.start
+        if not 0.0 <= start <= length:
+            raise ParameterError(f"start must be within the bag, 0 to {length:.3f} s, got {start}")
+        if end is not None and not end >= start:
+            raise ParameterError(f"end must not be before start, {start} s, got {end}")
+        self._file, self._zero = bag.file, bag.summary.statistics.message_start_time
+        self._name = {number: name for name in names for number in bag.channels[name]}
+        rows = [self._rows(i, records) for i, records in enumerate(bag.file.blocks())]
+        joined = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
+        t = (joined[:, 0] - self._zero) / 1e9
+        joined = joined[(t >= start) & (t <= (np.inf if end is None else end))]
+        self._table = joined[np.argsort(joined[:, 0], kind="stable")]
+        self.count = len(self._table)
+        self.length = (self._table[-1, 0] - self._zero) / 1e9 if self.count else 0.0
+
+    def _rows(self, block: int, records) -> np.ndarray:
+        """Time, channel, chunk, first and last byte of each chosen message."""
+        chosen = np.isin(records.channels, list(self._name))
+        columns = (
+            records.times[chosen],
+            records.channels[chosen],
+            np.full(chosen.sum(), block, dtype=np.int64),
+            records.starts[chosen],
+            records.stops[chosen],
+        )
+        return np.stack(columns, axis=1)
+
+    def __iter__(self) -> Iterator[tuple[float, str, bytes]]:
+        @lru_cache(_KEPT)
+        def data_of(block: int) -> bytes:
+            chunks = self._file.chunks
+            return (self._file.records(chunks[block]) if chunks else self._file.loose()).data
+
+        for time, channel, block, start, stop in self._table.tolist():
+            data = data_of(block)
+            yield (time - self._zero) / 1e9, self._name[channel], data[start:stop]

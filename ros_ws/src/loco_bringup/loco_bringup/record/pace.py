@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the next message of a replay is due: speed, pause, steps, and keys that change them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from collections.abc import Callable
+
+from loco_control.exceptions import ParameterError
+
+_SLICE = 0.05  # longest wait without looking at keys and commands [s]
+KEYS = {" ": "toggle", "s": "step", "+": "faster", "-": "slower", "q": "quit"}
+
+
+class Keys:
+    """Keys pressed in the terminal, one at a time without Enter; none without a terminal."""
+
+    def __enter__(self) -> Keys:
+        self._fd = sys.stdin.fileno() if _is_terminal() else -1
+        if self._fd >= 0:
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+        return self
+
+    def pressed(self) -> str:
+        """Key since the last call, empty if none."""
+        if self._fd < 0 or not select.select([self._fd], [], [], 0.0)[0]:
+            return ""
+        return os.read(self._fd, 1).decode(errors="ignore")
+
+    def __exit__(self, *_: object) -> None:
+        if self._fd >= 0:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+
+def _is_terminal() -> bool:
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        return os.isatty(sys.stdin.fileno()) and os.isatty(sys.stderr.fileno())
+    return False
+
+
+class Pace:
+    """Holds messages back until they are due.
+
+    Args:
+        speed: Times real time, 0 for no limit.
+        paused: Wait for a command first.
+        keys: Source of pressed keys; None without a terminal.
+
+    Attributes:
+        over: Somebody said quit.
+    """
+
+    def __init__(self, speed: float = 1.0, paused: bool = False, keys: Keys | None = None):
+        self._speed, self._paused, self._keys = speed, paused, keys
+        self._steps = 0
+        self._newest: float | None = None  # time of the newest message let go
+        self._anchor: tuple[float, float] | None = None  # wall time and message time
+        self.over = False
+
+    def begin(self) -> None:
+        """The bag begins (again)."""
+        self._newest = self._anchor = None
+
+    def command(self, text: str) -> None:
+        """Pause, resume, toggle, step [N], speed X, faster, slower or quit.
+
+        Raises:
+            ParameterError: It is none of these.
+        """
+        word, _, value = text.strip().partition(" ")
+        self._anchor = None
+        try:
+            if word in ("pause", "resume", "toggle"):
+                self._paused = word == "pause" or (word == "toggle" and not self._paused)
+            elif word == "step":
+                self._paused, self._steps = True, self._steps + int(value or 1)
+            elif word == "speed" and float(value) >= 0.0:
+                self._speed = float(value)
+            elif word in ("faster", "slower"):
+                self._speed *= 2.0 if word == "faster" else 0.5
+            elif word == "quit":
+                self.over = True
+            else:
+                raise ValueError
+        except ValueError:
+            raise ParameterError(
+                "a replay knows pause, resume, toggle, step [N], speed X (0 or more), faster, "
+                f"slower and quit; got {text!r}"
+            ) from None
+
+    def wait(self, t: float, idle: Callable[[float], None]) -> bool:
+        """Hold the message of time `t` [s] back until it is due; False when all is over.
+
+        Args:
+            t: Seconds from the bag's begin.
+            idle: Called for the time left [s], in slices; what it hears may be commands.
+        """
+        while True:
+            self._press()
+            if self.over:
+                return False
+            rest = self._left(t)
+            if rest <= 0.0:
+                self._newest = t
+                return True
+            idle(min(rest, _SLICE))
+
+    def _press(self) -> None:
+        key = self._keys.pressed() if self._keys else ""
+        if key in KEYS:
+            self.command(KEYS[key])
+
+    def _left(self, t: float) -> float:
+        """Wall time until a message is due [s]; a step is all messages of one time."""
+        if self._paused:
+            if t == self._newest:
+                return 0.0
+            if self._steps:
+                self._steps -= 1
+                return 0.0
+            return _SLICE
+        if not self._speed:
+            return 0.0
+        now = time.perf_counter()
+        if self._anchor is None:
+            self._anchor = (now, t if self._newest is None else self._newest)
+        return self._anchor[0] + (t - self._anchor[1]) / self._speed - now

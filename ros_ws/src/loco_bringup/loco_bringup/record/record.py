@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco record`: topics of any running graph, ours or not, into a bag.
+
+Types and QoS are taken from the publishers that are found; topics that appear
+later are recorded from then on. Bytes are written as they arrive.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import rclpy.task
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.signals import SignalHandlerOptions
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.ros.messages.definitions import definition, type_hash
+from loco_control.ros.messages.installed import ros_class
+
+from ..bag.writer import BagWriter, qos_dict
+from ..terminal import console
+
+DEPTH = 1000  # messages that wait while the disk is slow
+_LOOK = 0.25  # wall time between two looks at the graph [s]
+_FLUSH = 1.0  # wall time after which a chunk is written even if it is not full [s]
+_HIDDEN = ("/rosout", "/parameter_events")  # only by name
+
+
+def record(
+    topics: Sequence[str] = (),
+    out: Path | None = None,
+    exclude: str = "",
+    duration: float = 0.0,
+    stamps: bool = False,
+    messages: int = 0,
+) -> int:
+    """Record until Ctrl-C, for a time, up to a number of messages, or until the disk is full.
+
+    Args:
+        topics: Names; empty for all but ``/rosout`` and ``/parameter_events``.
+        out: New bag folder; default ``bags/record_TIME``.
+        exclude: Regular expression of names to leave out.
+        duration: Stop after so many seconds of wall time; 0 for never.
+        stamps: Log by the stamps of messages that begin with one, the others by the newest
+            stamp; else by the time of arrival.
+        messages: Stop after so many (about, they come in batches); 0 for no limit.
+
+    Returns:
+        Exit code: 0, or 1 if nothing came or the disk was full.
+
+    Raises:
+        ParameterError: `exclude` is no expression, or `duration` is negative.
+        BagError: The folder holds a bag, or cannot be written.
+    """
+    if not duration >= 0.0:
+        raise ParameterError(f"duration must be 0 or more seconds, got {duration}")
+    try:
+        pattern = re.compile(exclude) if exclude else None
+    except re.error as error:
+        raise ParameterError(f"--exclude must be a regular expression: {error}") from None
+    folder = out or Path("bags") / f"record_{datetime.now():%Y%m%d-%H%M%S}"
+    writer = BagWriter(folder, {"recorded_at": datetime.now().astimezone().isoformat()})
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("loco_record", context=context)
+    tap = Tap(node, writer, topics, pattern, stamps)
+    try:
+        _spin(node, tap, context, duration, messages)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+        writer.custom.update(tap.about())
+        writer.close()
+    return _tell(tap, writer)
+
+
+def _spin(node: Node, tap: Tap, context: Any, duration: float, messages: int) -> None:
+    executor = EventsExecutor(context=context)
+    executor.add_node(node)
+    never, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
+    try:
+        while not tap.writer.failed:
+            tap.look()
+            executor.spin_until_future_complete(never, timeout_sec=_LOOK)
+            now = time.monotonic()
+            if now - flushed > _FLUSH:
+                flushed = now
+                tap.writer.flush()
+            if (duration and now - began >= duration) or 0 < messages <= tap.counts.total():
+                return
+    finally:
+        executor.shutdown()
+
+
+def _tell(tap: Tap, writer: BagWriter) -> int:
+    count, _ = writer.kept
+    console.print(f"{count} messages of {len(tap.counts)} topics: {writer.folder}")
+    for name, why in tap.refused.items():
+        console.print(f"  not recorded: {name}: {why}")
+    if tap.missing:
+        console.print(f"  never seen: {', '.join(sorted(tap.missing))}")
+    if writer.failed:
+        console.print(f"  recording stopped: {writer.failed}")
+    return 0 if count and not writer.failed else 1
+
+
+class Tap:
+    """Subscribes to what it finds and writes it.
+
+    Args:
+        node: Node that subscribes.
+        writer: The bag.
+        topics: Names wanted; empty for all.
+        exclude: Names to leave out.
+        stamps: Source of the stamps of messages, as `record` takes it.
+
+    Attributes:
+        counts: Messages by topic.
+        refused: Why a topic cannot be recorded, by name.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        writer: BagWriter,
+        topics: Sequence[str],
+        exclude: re.Pattern[str] | None,
+        stamps: bool,
+    ):
+        self.writer, self.counts, self.refused = writer, Counter[str](), dict[str, str]()
+        self._node, self._exclude, self._stamps = node, exclude, stamps
+        self._wanted = {name if name.startswith("/") else f"/{name}" for name in topics}
+        self._newest = 0  # stamp [ns]
+
+    @property
+    def missing(self) -> set[str]:
+        """Topics wanted that never appeared."""
+        return self._wanted - set(self.counts) - set(self.refused)
+
+    def about(self) -> dict[str, str]:
+        """For the bag's metadata."""
+        return {"log_time": "stamp" if self._stamps else "arrival"}
+
+    def look(self) -> None:
+        """Subscribe to topics that are new in the graph."""
+        for name, kinds in self._node.get_topic_names_and_types():
+            if name in self.counts or name in self.refused or not self._wants(name):
+                continue
+            offers = self._node.get_publishers_info_by_topic(name)
+            if not offers:
+                continue
+            try:
+                self._subscribe(name, kinds, offers)
+            except NameUnknownError as error:
+                self.refused[name] = str(error)
+
+    def _wants(self, name: str) -> bool:
+        if self._exclude and self._exclude.search(name):
+            return False
+        return name in self._wanted if self._wanted else name not in _HIDDEN
+
+    def _subscribe(self, name: str, kinds: list[str], offers: list[Any]) -> None:
+        if len(kinds) != 1:
+            raise NameUnknownError("one message type among", ", ".join(kinds), [])
+        kind = ros_class(kinds[0])
+        text, hash_ = definition(kinds[0]), type_hash(kinds[0])
+        fields = list(kind.get_fields_and_field_types().items())
+        stamped = fields and fields[0][1] in ("builtin_interfaces/Time", "std_msgs/Header")
+        self.writer.add_topic(
+            name, kinds[0], text, hash_, [_offered(o.qos_profile) for o in offers]
+        )
+        self.counts[name] = 0
+
+        def receive(data: bytes) -> None:
+            self.counts[name] += 1
+            self.writer.write(name, data, self._time(data, bool(stamped)))
+
+        self._node.create_subscription(kind, name, receive, matching(offers), raw=True)
+
+    def _time(self, data: bytes, stamped: bool) -> int:
+        """Log time of a message [ns]."""
+        if not self._stamps:
+            return time.time_ns()
+        if stamped:
+            seconds = int.from_bytes(data[4:8], "little", signed=True)
+            self._newest = seconds * 1_000_000_000 + int.from_bytes(data[8:12], "little")
+        return self._newest
+
+
+def matching(offers: list[Any]) -> QoSProfile:
+    """Profile that hears every publisher: as reliable and as lasting as the weakest of them."""
+    profiles = [offer.qos_profile for offer in offers]
+    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _offered(profile: QoSProfile) -> dict[str, Any]:
+    return qos_dict(
+        profile.reliability == ReliabilityPolicy.RELIABLE,
+        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        profile.depth or 1,
+    )

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco replay --verify`: live controllers get a bag's sensor topics; their commands must be its.
+
+The regression test of every controller: the nodes run as in `loco run`, only the
+plant is the bag. They get each tick when the one before is answered.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from bisect import bisect_right
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import BagError, GraphError, NameUnknownError, ParameterError
+from loco_control.ros.messages.convert import TICK
+from loco_control.ros.messages.joint_codec import stamp_ns
+from loco_control.ros.messages.joint_topics import TABLES
+from loco_control.ros.messages.topics import Topic
+from loco_learning.runs.experiment import from_values, override
+
+from ..bag.reader import Bag
+from ..graph import node_set
+from ..graph.processes import Guard, Process, stop_all
+from ..graph.run import LAYOUTS, _domain_lock
+from .compare import Comparison, Verdict
+from .feed import Feed, Step
+
+PLANT = "robot_sim"
+_NOT_FED = ("events", "/diagnostics", "recorder_status")
+
+
+def verify(
+    path: str | Path,
+    layout: str = "composed",
+    nodes: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    tolerance: float = 0.0,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Verdict:
+    """Feed a recorded run to live controllers and compare what they answer.
+
+    Args:
+        path: Bag of a run, from its first tick on.
+        layout: ``composed`` (controllers in one process) or ``processes`` (one each).
+        nodes: Node set, by name or path; default the one of the experiment.
+        overrides: Values of the experiment to change, by dotted name.
+        tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
+        tell: Called now and then with the share that is done.
+
+    Raises:
+        BagError: The bag is no run, or ticks are missing.
+        GraphError: A controller died or never got ready.
+        ParameterError: `layout`, `tolerance` or an override is not legal.
+    """
+    if layout not in LAYOUTS:
+        raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
+    if not tolerance >= 0.0:
+        raise ParameterError(f"tolerance must be 0 or more, got {tolerance}")
+    bag = Bag(path)
+    experiment = _experiment(bag)
+    if overrides:
+        experiment = override(experiment, overrides)
+    plan = _Plan(bag, experiment, nodes or experiment.node_set)
+    comparison = Comparison({row.name: row.type for row in plan.heard}, tolerance)
+    with _domain_lock([""]), tempfile.TemporaryDirectory(prefix="loco-verify-") as folder:
+        feed = Feed(plan.steps, plan.said, plan.heard, plan.key_of, comparison)
+        feed.hear_events(plan.table["events"])
+        processes = plan.start(Path(folder), layout, guard := Guard())
+        try:
+            feed.run({spec.name for spec in plan.specs}, lambda: _check(processes), tell)
+        finally:
+            stop_all(processes, guard)
+            feed.close()
+    return comparison.verdict
+
+
+def _experiment(bag: Bag) -> Any:
+    if "experiment.yaml" not in bag.attachments():
+        raise BagError(f"{bag.path} has no experiment inside; it is no run of loco")
+    values = bag.yaml("experiment.yaml")
+    if not isinstance(values, dict):
+        raise BagError(f"{bag.path}: the experiment inside is no mapping")
+    return from_values(values)
+
+
+def _check(processes: list[Process]) -> None:
+    for process in processes:
+        if process.code is not None:
+            raise GraphError(
+                f"{process.name} died with exit code {process.code}; its last lines:\n"
+                f"{process.tail()}"
+            )
+
+
+class _Plan:
+    """The nodes that run, the messages they get and the answers they should give."""
+
+    def __init__(self, bag: Bag, experiment: Any, nodes: str):
+        self._bag, self._experiment = bag, experiment
+        name = node_set.table_of(nodes)
+        self.table: dict[str, Topic] = TABLES[name]
+        self.key_of: Callable[[bytes], int] = _tick if name == "hyq" else stamp_ns
+        self.specs = [spec for spec in node_set.load(nodes) if spec.name != PLANT]
+        names = {spec.name for spec in self.specs}
+        rows = [row for row in self.table.values() if row.name not in _NOT_FED]
+        self.heard = [row for row in rows if row.rate and row.writer in names]
+        sensors = [
+            row for row in rows if row.rate and row.writer == PLANT and names & set(row.readers)
+        ]
+        people = [row for row in rows if row.writer == "any" and names & set(row.readers)]
+        people = [row for row in people if self._has(row)]
+        self.said = [*sensors, *people]
+        self.steps = self._steps(sensors, people)
+
+    def _has(self, row: Topic) -> bool:
+        return self._count(row) > 0
+
+    def _count(self, row: Topic) -> int:
+        try:
+            return self._bag.topics[self._bag.resolve(row.name)].count
+        except NameUnknownError:
+            found = [n for n in self._bag.topics if n.endswith("/" + row.name)]
+            if len(found) > 1:
+                raise BagError(
+                    f"{self._bag.path} holds several robots ({', '.join(found)}); verify wants one"
+                ) from None
+            return 0
+
+    def _steps(self, sensors: list[Topic], people: list[Topic]) -> list[Step]:
+        missing = [row.name for row in sensors if not self._has(row)]
+        if missing:
+            raise BagError(f"{self._bag.path} has no {', '.join(missing)}, which controllers need")
+        answers = {row.name: self._by_key(row) for row in self.heard if self._has(row)}
+        if not answers:
+            wanted = ", ".join(row.name for row in self.heard)
+            raise BagError(f"{self._bag.path} has no answers to compare: none of {wanted}")
+        said = {row.name: self._by_key(row) for row in sensors}
+        keys = sorted(set.intersection(*(set(rows) for rows in said.values())))
+        self._refuse_gaps(keys)
+        steps = [
+            Step(
+                tick,
+                key,
+                {name: rows[key] for name, rows in said.items()},
+                {name: rows[key] for name, rows in answers.items() if key in rows},
+            )
+            for tick, key in enumerate(keys)
+        ]
+        steps = [step for step in steps if step.answers]
+        for row in people:
+            self._put(row, steps)
+        return steps
+
+    def _by_key(self, row: Topic) -> dict[int, bytes]:
+        return {self.key_of(data): data for data in self._bag.raw(row.name)[1]}
+
+    def _refuse_gaps(self, keys: list[int]) -> None:
+        """Controllers have memory: they must get every tick, from the first."""
+        ticks = keys
+        if self.key_of is not _tick:
+            ticks = [round(key * self._experiment.control_rate / 1e9) for key in keys]
+        for expected, tick in enumerate(ticks):
+            if tick != expected:
+                raise BagError(
+                    f"{self._bag.path}: tick {expected} is missing; controllers have memory, so "
+                    "verify wants every tick from the first"
+                )
+
+    def _put(self, row: Topic, steps: list[Step]) -> None:
+        """Messages of people, before the tick that they first counted for.
+
+        The controller said which one it was and what it heard; discovery can make it miss the
+        first messages. In a bag without its events it is the tick after the newest one when the
+        message was recorded.
+        """
+        times, data = self._bag.raw(row.name)
+        heard = self._heard(row.name)
+        if heard:
+            said = {}
+            for message, raw in zip(self._bag.messages(row.name), data, strict=True):
+                said |= dict.fromkeys(_said(message), raw)
+            pairs = [(tick, said.get(value)) for tick, value in heard]
+        else:
+            starts = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
+            pairs = [
+                (bisect_right(starts, int(t) + 1), m) for t, m in zip(times, data, strict=True)
+            ]
+        for tick, message in pairs:
+            if message is None:
+                raise BagError(
+                    f"{self._bag.path}: the controller heard a message on {row.name} at tick "
+                    f"{tick} that the recorder missed, so it cannot be said again"
+                )
+            if tick < len(steps):
+                steps[tick].before.append((row.name, message))
+
+    def _heard(self, name: str) -> list[tuple[int, str]]:
+        """From which tick on which value of a topic counted, as its reader said."""
+        events = self._bag.messages("events") if self._has(self.table["events"]) else []
+        start = f"{name} "
+        heard = [e for e in events if e.kind == "heard" and e.text.startswith(start)]
+        return [(e.tick, e.text.removeprefix(start)) for e in heard]
+
+    def start(self, folder: Path, layout: str, guard: Guard) -> list[Process]:
+        """Start the controllers."""
+        run = {"recorded": False, "weights": str(folder / "weights.npz")}
+        content = node_set.parameter_file(self.specs, self._experiment, {}, run)
+        params = folder / "params.yaml"
+        params.write_text(yaml.safe_dump(content, sort_keys=False))
+        groups = {"nodes": self.specs} if layout == "composed" else {
+            spec.name: [spec] for spec in self.specs
+        }  # fmt: skip
+        ros = ["--ros-args", "--params-file", str(params)]
+        return [
+            Process(
+                name,
+                ["-m", "loco_bringup.graph.composed", *(spec.cls for spec in group), *ros],
+                folder / "logs" / f"{name}.log",
+                guard=guard,
+            )
+            for name, group in groups.items()
+        ]
+
+
+def _tick(data: bytes) -> int:
+    return int.from_bytes(data[TICK], "little")
+
+
+def _said(message: Any) -> tuple[str, ...]:
+    """Texts of a person's message that the event ``heard`` may have.
+
+    Of a twist controllers of earlier versions told the speed alone.
+    """
+    if hasattr(message, "data"):
+        return (str(message.data),)
+    linear, angular = message.twist.linear, message.twist.angular
+    return str(linear.x), f"{linear.x} {linear.y} {angular.z}"

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a report: each draws one thing about a log, or says why it cannot.
+
+A new figure is a function with the decorator `chapter`; its place in this file
+is its place on the page. `report_motion` goes on after it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from loco_control.exceptions import BagError
+from loco_control.stance.controller import ESTIMATORS
+from loco_learning.metrics import registry as metrics
+from loco_learning.metrics import signals
+from loco_learning.runs.log import Log
+
+from ..page.style import (
+    BOUND,
+    COMMAND,
+    MEASURED,
+    OTHER,
+    TARGET,
+    canvas,
+    chapters,
+    envelope,
+    every,
+    flag_spans,
+    legend,
+    shade,
+    spans,
+    tint,
+)
+from ..record.readout_check import ReadoutCheck
+
+WINDOW = 1.5  # length of a close look [s]
+STRIDES = 6  # of a foot cycle or of an animation
+
+
+CHAPTERS, chapter = chapters()
+
+
+def tail(log: Log, length: float) -> slice:
+    """The last `length` seconds of a log."""
+    return slice(max(0, len(log) - round(length / log.dt)), len(log))
+
+
+def whole_strides(log: Log) -> slice:
+    """The last few whole strides of a log."""
+    return tail(log, STRIDES * metrics.period(log) * log.dt)
+
+
+def moving(log: Log) -> Log:
+    """The log from the end of standing on."""
+    stand = log.phase_of("stand")
+    if len(log) - stand.stop < metrics.period(log):
+        raise BagError("the run ended before the robot had made a stride")
+    return log.cut(slice(stand.stop, len(log)))
+
+
+def motion_of_base(log: Log, height: float) -> Figure:
+    """Height, roll, pitch, yaw and forward speed of the base; with a gait, the speed asked for.
+
+    Args:
+        log: A run with ground truth.
+        height: Height of the figure [inch].
+
+    Raises:
+        BagError: The run has no ground truth.
+    """
+    log = posed(log)
+    window = metrics.period(log)
+    angles = signals.roll_pitch_yaw(log.orientation)
+    rows = (
+        ("height [m]", log.position[:, 2]),
+        ("roll [rad]", angles[:, 0]),
+        ("pitch [rad]", angles[:, 1]),
+        ("yaw [rad]", angles[:, 2]),
+        ("forward speed [m/s]", metrics.heading_speed(log)),
+    )
+    figure, axes = canvas(5, 1, height, sharex=True)
+    if metrics.walks(log):
+        axes[-1, 0].plot(*thin(log.t, log.target_speed), label="target", **TARGET)
+    for ax, (label, y) in zip(axes[:, 0], rows, strict=True):
+        times, low, high = envelope(log.t, y, window)
+        ax.fill_between(times, low, high, step="post", color="#222222", alpha=0.22, linewidth=0)
+        ax.plot(*thin(log.t, signals.moving_mean(y, window)), **MEASURED)
+        ax.set_ylabel(label)
+    axes[-1, 0].set_xlabel("time [s]")
+    shade(axes, log)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def posed(log: Log) -> Log:
+    """The log, if its bag has ground truth; ticks without it get that of the tick before."""
+    known = ~np.isnan(log.position[:, 0])
+    if not known.any():
+        raise BagError("the bag has no ground_truth/odom")
+    rows = np.maximum.accumulate(np.where(known, np.arange(len(log)), np.argmax(known)))
+    names = ("position", "orientation", "velocity", "spin")
+    return log.changed(**{name: log.columns[name][rows] for name in names})
+
+
+def learned(log: Log) -> Log:
+    """The moving part of a run with a network."""
+    if not log.experiment.learner.enabled:
+        raise BagError("open loop: this run has no network")
+    return moving(log)
+
+
+# ---- the run
+
+
+@chapter(
+    "Timeline",
+    "Which signal drives hips and knees, how often the readout learns, who decides which legs "
+    "stand, and when effects act on the plant.",
+)
+def timeline(log: Log) -> Figure:
+    """Bars over time: phases, driver, learning, estimator, effects, fall."""
+    effects = [e for e in log.experiment.effects if e.get("start", 0.0) < log.t[-1] + log.dt]
+    lanes = ["phase", "HFE, KFE from", "readout learns", "stance from"]
+    lanes += [e["name"].replace("_", " ") for e in effects]
+    figure, axes = canvas(1, 1, 0.62 + 0.27 * len(lanes))
+    ax = axes[0, 0]
+    whole = len(log) * log.dt
+    for color, name, start, stop in spans(log):
+        _bar(ax, 0, [(start, stop - start)], color, whole, name)
+    by_target, by_readout = drivers(log)
+    _bar(ax, 1, flag_spans(log.t, by_target, log.dt), TARGET["color"], whole, "target")
+    _bar(ax, 1, flag_spans(log.t, by_readout, log.dt), COMMAND["color"], whole, "readout", "white")
+    share = signals.moving_mean(log.learning.astype(float), round(0.2 / log.dt))
+    rows = every(log.t)
+    ax.fill_between(log.t[rows], 2.38, 2.38 - 0.76 * share[rows], color=OTHER["color"], linewidth=0)
+    for index, name in enumerate(_estimators()):
+        flags = flag_spans(log.t, log.estimator == index, log.dt)
+        _bar(ax, 3, flags, ("#d9d9d9", "#f0c9a8")[index], whole, name.upper())
+    for lane, effect in enumerate(effects, 4):
+        start = max(float(effect.get("start", 0.0)), float(log.t[0]))
+        stop = min(float(effect.get("stop", np.inf)), float(log.t[-1]) + log.dt)
+        _bar(ax, lane, [(start, stop - start)], "#cc79a7", whole)
+    if log.fall:
+        ax.axvline(log.t[-1], color="#222222", linewidth=2.5)
+        ax.annotate("fall", (log.t[-1], -0.55), ha="right", va="bottom", fontsize=8)
+    ax.set_yticks(range(len(lanes)), lanes)
+    ax.set(ylim=(len(lanes) - 0.45, -0.55), xlabel="time [s]")
+    ax.set_xlim(log.t[0], log.t[-1] + log.dt)
+    ax.tick_params(axis="y", length=0)
+    return figure
+
+
+def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Times at which the target, and at which the readout, drives HFE and KFE, each (T,)."""
+    command = metrics.outputs_commanded(log)
+    by_target = np.all(command == metrics.outputs_wanted(log), axis=1)
+    return by_target, np.all(command == log.prediction, axis=1) & ~by_target
+
+
+def _estimators() -> tuple[str, ...]:
+    return ESTIMATORS
+
+
+def _bar(
+    ax, lane: int, bars: list, color: str, whole: float, text: str = "", ink: str = "#333333"
+) -> None:
+    """Bars in a lane; a text stands in those that are long enough for it, of `whole` [s]."""
+    ax.broken_barh(bars, (lane - 0.38, 0.76), facecolor=color, linewidth=0)
+    for start, length in bars:
+        if text and length > 0.014 * len(text) * whole:
+            ax.text(start + length / 2, lane, text, ha="center", va="center", color=ink, fontsize=8)
+
+
+@chapter(
+    "Joint tracking",
+    "Hip and knee flexion of a front and a hind leg, where the phases change and at the end. "
+    "While the target drives, the command is the target.",
+)
+def joint_tracking(log: Log) -> Figure:
+    """Target, command and measured position of four joints in a few windows."""
+    windows = _windows(log)
+    joints = [("LF HFE", 1), ("LF KFE", 2), ("LH HFE", 7), ("LH KFE", 8)]
+    figure, axes = canvas(4, len(windows), 5.6, sharey="row", sharex="col")
+    for column, (title, ticks) in enumerate(windows):
+        for row, (name, joint) in enumerate(joints):
+            ax, t = axes[row, column], log.t[ticks]
+            ax.plot(t, log.target[ticks, joint], label="target", **TARGET)
+            ax.plot(t, log.command[ticks, joint], label="command", **COMMAND)
+            ax.plot(t, log.q[ticks, joint], label="measured", **MEASURED)
+            ax.margins(x=0)
+            if column == 0:
+                ax.set_ylabel(f"{name} [rad]")
+            tint(ax, log, ticks)
+        axes[0, column].set_title(title)
+        axes[-1, column].set_xlabel("time [s]")
+    figure.align_ylabels(axes)
+    legend(figure, axes[0, 0])
+    return figure
+
+
+def _windows(log: Log) -> list[tuple[str, slice]]:
+    """Titles and ticks: the last two phase changes after standing, and the end."""
+    found, width = [], round(WINDOW / log.dt)
+    for name, ticks in list(log.phases().items())[1:][-2:]:
+        begin = max(0, ticks.start - width // 3)
+        found.append((f"{name} begins", slice(begin, min(len(log), begin + width))))
+    return [*found, ("end of the run", tail(log, WINDOW))]
+
+
+# ---- learning
+
+
+@chapter(
+    "Prediction error",
+    "NRMSE of the eight predicted positions (thesis eq. 3.36) averaged over one gait period, how "
+    "far the prediction is behind its target, and the norm of the readout. Dashed: bound of the "
+    "failure criterion.",
+)
+def prediction_error(log: Log) -> Figure:
+    """Smoothed NRMSE, lag and weight norm through time."""
+    criterion, log = log.experiment.criterion, learned(log)
+    target, prediction = metrics.target_and_prediction(log)
+    error = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    figure, axes = canvas(3, 1, 4.9, sharex=True, height_ratios=(2, 1, 1))
+    top, middle, bottom = axes[:, 0]
+    times, low, high = envelope(log.t, error, max(1, len(log) // 450))
+    top.fill_between(times, low, high, color=COMMAND["color"], alpha=0.35, linewidth=0)
+    top.plot(times, high, **COMMAND)
+    top.axhline(criterion.nrmse, **BOUND)
+    usual = float(np.quantile(error, 0.02))
+    top.set(yscale="log", ylabel="smoothed NRMSE [-]", ylim=(max(usual / 2.0, 1e-6), None))
+    top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    middle.plot(*thin(log.t, metrics.lag(log)), **COMMAND)
+    middle.axhline(0.0, color="#999999", linewidth=0.6)
+    middle.set_ylabel("lag [stride]")
+    low, high = middle.get_ylim()
+    middle.set_ylim(min(low, -0.1), max(high, 0.1))
+    bottom.plot(*thin(log.t, log.weight_norm), **OTHER)
+    bottom.set(ylabel="readout norm [-]", xlabel="time [s]", ylim=(0, None))
+    shade(axes, log)
+    figure.align_ylabels(axes)
+    return figure
+
+
+def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of a smooth signal that are worth drawing."""
+    rows = every(t)
+    return t[rows], y[rows]
+
+
+@chapter(
+    "Limit cycle",
+    "Positions and velocities of the eight hips and knees in the plane of the two principal "
+    "components of their targets (thesis section 3.6.3.3, fig. 8.4), in the last strides of each "
+    "phase. Each channel is measured in standard deviations of its target.",
+)
+def limit_cycle(log: Log) -> Figure:
+    """Target, command and measured joints in the target's PCA plane, by phase."""
+    log = moving(log)
+    target, outputs = metrics.outputs_wanted(log), log.experiment.outputs
+    tracks = (
+        (target, TARGET, "target"),
+        (metrics.outputs_commanded(log), COMMAND, "command"),
+        (np.concatenate((log.q[:, outputs], log.dq[:, outputs]), axis=1), MEASURED, "measured"),
+    )
+    planes = [(signals.limit_cycle(target, x)[1], look, label) for x, look, label in tracks]
+    reached = log.phases()
+    figure, axes = canvas(1, max(2, len(reached)), 3.1, sharex=True, sharey=True)
+    for ax in axes[0, len(reached) :]:
+        ax.set_axis_off()
+    for ax, (name, ticks) in zip(axes[0], reached.items(), strict=False):
+        first = max(ticks.start, ticks.stop - STRIDES * metrics.period(log))
+        for plane, look, label in planes:
+            ax.plot(*plane[first : ticks.stop].T, label=label, **look)
+        ax.set_title(name)
+        ax.set(aspect="equal", xlabel="1st component [-]")
+    axes[0, 0].set_ylabel("2nd component [-]")
+    legend(figure, axes[0, 0])
+    return figure
+
+
+def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Figure:
+    """A stride of one joint with the network run again, and the differences through test."""
+    figure, axes = canvas(2, 1, 4.4, height_ratios=(3, 2))
+    top, bottom = axes[:, 0]
+    rows = slice(-min(len(check.t), 200), None)
+    top.plot(check.t[rows], check.target[rows, joint], label="target", **TARGET)
+    top.plot(check.t[rows], check.commanded[rows, joint], label="command", **COMMAND)
+    dots = {
+        "color": MEASURED["color"],
+        "linestyle": "",
+        "marker": ".",
+        "markersize": 3,
+        "zorder": 3,
+    }
+    again = check.recomputed[rows, joint][::4]
+    top.plot(check.t[rows][::4], again, label="network run again", **dots)
+    top.set(ylabel=f"{name} [rad]", xlabel="time [s]")
+    top.margins(x=0)
+    off = np.max(np.abs(check.commanded - check.recomputed), axis=1)
+    for distance, look in ((check.target_distance, TARGET), (off, dots)):
+        rows = every(check.t, 450)
+        bottom.plot(check.t[rows], np.maximum(distance, _ZERO)[rows], **look)
+    bottom.set(yscale="log", ylim=(_ZERO / 10, 100), xlabel="time [s]")
+    bottom.set_ylabel("distance of command\n[rad, rad/s]")
+    bottom.set_yticks([_ZERO, 1e-12, 1e-8, 1e-4, 1.0], ["0", "1e-12", "1e-8", "1e-4", "1"])
+    bottom.minorticks_off()
+    bottom.margins(x=0)
+    for height, text in ((10.0, "from the target"), (_ZERO * 30, "from the network run again")):
+        bottom.text(check.t[0], height, " " + text, va="center", fontsize=8, color="#444444")
+    legend(figure, top)
+    return figure
+
+
+_ZERO = 1e-16  # where a difference of exactly 0 is drawn

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Report page of a mass-spring-damper network that ran as a graph."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw
+
+from loco_control.exceptions import BagError
+from loco_control.ros.messages.joint_codec import JointCodec
+from loco_control.ros.messages.msd_topics import link_names, node_names
+from loco_learning.params import PHASES
+from loco_learning.runs.experiment import from_values, is_network
+from loco_learning.runs.network_experiment import NetworkExperiment
+from loco_sim.msd.energy import centre_of_mass
+from loco_sim.msd.network import Network, chain
+
+from ..bag.reader import Bag
+from ..page import html
+from ..page.html import document, part
+from ..page.style import (
+    COMMAND,
+    OTHER,
+    TARGET,
+    TINTS,
+    Chapter,
+    canvas,
+    every,
+    legend,
+    shade_spans,
+)
+from . import parts
+
+SHOWN = 6.0  # seconds of the animation
+SKY, SOIL, MASS = (255, 255, 255), (222, 214, 202), (34, 34, 34)
+SHORT, LONG = np.array([213, 94, 0]), np.array([0, 114, 178])  # links driven so
+
+
+@dataclass(frozen=True)
+class MsdLog:
+    """A recorded run, one row per tick."""
+
+    experiment: NetworkExperiment
+    network: Network
+    t: np.ndarray  # [s], (T,)
+    position: np.ndarray  # of the nodes [m], (T, nodes, axes)
+    acceleration: np.ndarray  # [m/s²]
+    command: np.ndarray  # driven over rest lengths, (T, links)
+    prediction: np.ndarray  # by the readout
+    target: np.ndarray  # by the open loop
+
+    @property
+    def dt(self) -> float:
+        """Period of a tick [s]."""
+        return self.experiment.dt
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Of the centre of mass along x [m], (T,)."""
+        x = centre_of_mass(self.network, self.position)[:, 0]
+        return x - x[0]
+
+    def spans(self) -> list[tuple[str, float, float]]:
+        """Name, begin and end [s] of the phases that were recorded."""
+        loop, start, out = self.experiment.loop, 0.0, []
+        for name in PHASES[1:]:
+            end = start + getattr(loop, name)
+            if start < self.t[-1]:
+                out.append((name, start, float(min(end, self.t[-1]))))
+            start = end
+        return out
+
+
+def is_msd(bag: Bag) -> bool:
+    """The bag says that a network of masses and springs ran."""
+    if "experiment.yaml" not in bag.attachments():
+        return False
+    values = bag.yaml("experiment.yaml")
+    return isinstance(values, dict) and is_network(values)
+
+
+def read_msd_log(bag: Bag) -> MsdLog:
+    """Ticks at which all topics have one stamp.
+
+    Raises:
+        BagError: The topics have no stamp in common.
+    """
+    experiment = from_values(bag.yaml("experiment.yaml"))
+    network = chain(experiment.network)
+    nodes = node_names(network.nodes, network.dimension)
+    links = link_names(network.links.tolist())
+    states = _read(bag, "node_states", JointCodec(nodes))
+    sent = [
+        _read(bag, f"link_{name}", JointCodec(links, name, ("position",)))
+        for name in ("command", "prediction", "target")
+    ]
+    stamps = reduce(np.intersect1d, [part[0] for part in (states, *sent)])
+    if not len(stamps):
+        raise BagError(f"{bag.path}: node_states and link_command have no stamp in common")
+    at = [np.searchsorted(part[0], stamps) for part in (states, *sent)]
+    shape = (len(stamps), network.dimension, network.nodes)
+    position, acceleration = (np.swapaxes(states[k][at[0]].reshape(shape), 1, 2) for k in (1, 3))
+    columns = [part[1][rows] for part, rows in zip(sent, at[1:], strict=True)]
+    return MsdLog(experiment, network, stamps / 1e9, position, acceleration, *columns)
+
+
+def _read(bag: Bag, topic: str, codec: JointCodec) -> tuple[np.ndarray, ...]:
+    rows = [codec.read(data) for data in bag.raw(topic)[1]]
+    if not rows:
+        raise BagError(f"{bag.path} has no messages on {topic}")
+    time, first = np.unique(np.array([row.time for row in rows]), return_index=True)
+    return (time, *(np.array([row[k] for row in rows])[first] for k in (1, 2, 3)))
+
+
+# ---- the page
+
+
+def page(bag: Bag, log: MsdLog, gif: Path | None) -> str:
+    """HTML text of a report; `gif` is where the animation goes, None for none."""
+    figures: Sequence[tuple] = (
+        ("Distance", "Centre of mass along x, and the driven lengths it costs.", distance_figure),
+        ("Learning", "Error of the readout against the open loop, rms over links.", error_figure),
+        ("Links", "Driven lengths of three links at the end of the run.", links_figure),
+        ("Limit cycle", "Accelerations of the test in two principal components.", cycle_figure),
+    )
+    return document(
+        log.experiment.name,
+        header(bag, log),
+        [
+            part("Animation", lambda: animation(log, gif)),
+            *parts.drawn([Chapter(*figure) for figure in figures], log),
+            part("Configuration", lambda: parts.configuration(log.experiment), long=True),
+            part("Messages", lambda: parts.message_table(bag)),
+        ],
+    )
+
+
+def header(bag: Bag, log: MsdLog) -> Markup:
+    """Table of the run: its settings, and how far the network got, driven by itself."""
+    names = " · ".join(f"{name} {a:g}–{b:.4g} s" for name, a, b in log.spans())
+    facts = {"Phases": names, **parts.run_facts(bag, log.experiment.seed, "msd")}
+    return html.join(
+        [
+            html.paragraph(log.experiment.description, soft=True),
+            html.paragraph(sentence(log)),
+            html.facts(facts),
+        ]
+    )
+
+
+def sentence(log: MsdLog) -> str:
+    """The run in words."""
+    speed = {name: _speed(log, a, b) for name, a, b in log.spans() if b - a > 0.5}
+    words = ", ".join(f"{value:.2f} m/s in {name}" for name, value in speed.items())
+    text = f"{log.network.nodes} masses and {log.network.count} springs went "
+    text += f"{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s: {words}."
+    if "test" in speed:
+        text += " In test nothing but the readout of their accelerations drove the springs."
+    return text
+
+
+def _speed(log: MsdLog, start: float, end: float) -> float:
+    a, b = np.interp([start, end], log.t, log.distance)
+    return float((b - a) / (end - start))
+
+
+def _shaded(log: MsdLog, axes: np.ndarray) -> None:
+    shade_spans(axes, [(TINTS[name], name, a, b) for name, a, b in log.spans()])
+
+
+def distance_figure(log: MsdLog) -> Figure:
+    """Distance over time."""
+    figure, axes = canvas(1, 1, 2.4)
+    few = every(log.t)
+    axes[0, 0].plot(log.t[few], log.distance[few], **OTHER)
+    axes[0, 0].set(xlabel="time [s]", ylabel="distance [m]")
+    _shaded(log, axes)
+    return figure
+
+
+def error_figure(log: MsdLog) -> Figure:
+    """Error of the readout over time."""
+    figure, axes = canvas(1, 1, 2.4)
+    error = np.sqrt(np.mean((log.prediction - log.target) ** 2, axis=1))
+    few = every(log.t)
+    axes[0, 0].semilogy(log.t[few], np.maximum(error[few], 1e-6), **OTHER)
+    axes[0, 0].set(xlabel="time [s]", ylabel="error [-]")
+    _shaded(log, axes)
+    return figure
+
+
+def links_figure(log: MsdLog) -> Figure:
+    """Target and command of the three links with the largest amplitudes."""
+    figure, axes = canvas(3, 1, 4.0, sharex=True)
+    late = log.t > log.t[-1] - 3.0
+    names = link_names(log.network.links.tolist())
+    for ax, link in zip(axes[:, 0], np.argsort(-np.ptp(log.target, axis=0))[:3], strict=True):
+        ax.plot(log.t[late], log.target[late, link], **TARGET, label="open loop")
+        ax.plot(log.t[late], log.command[late, link], **COMMAND, label="driven")
+        ax.set_ylabel(names[link].replace("_", " "))
+    axes[-1, 0].set_xlabel("time [s]")
+    legend(figure, axes[0, 0])
+    return figure
+
+
+def cycle_figure(log: MsdLog) -> Figure:
+    """Accelerations, a tenth of a second smoothed, in their principal components."""
+    figure, axes = canvas(1, 1, 4.2)
+    begin = next((a for name, a, _ in log.spans() if name == "test"), log.t[-1] / 2.0)
+    a = log.acceleration[log.t >= begin].reshape(np.count_nonzero(log.t >= begin), -1)
+    width = max(1, round(0.1 / log.dt))
+    if len(a) < 2 * width:
+        raise BagError("the test is too short for a limit cycle")
+    total = np.cumsum(a, axis=0)
+    smooth = (total[width:] - total[:-width]) / width
+    smooth = smooth - smooth.mean(axis=0)
+    path = smooth @ np.linalg.svd(smooth, full_matrices=False)[2][:2].T
+    axes[0, 0].plot(*path[:: max(1, len(path) // 3000)].T, **{**OTHER, "linewidth": 0.5})
+    axes[0, 0].set(xlabel="1st component [m/s²]", ylabel="2nd component [m/s²]")
+    return figure
+
+
+# ---- the animation
+
+
+def animation(log: MsdLog, path: Path | None) -> Markup:
+    """The end of the run as a GIF, written to `path` and put into the page."""
+    if path is None:
+        raise BagError("the animation was left out on request")
+    data = render(log, max(0.0, log.t[-1] - SHOWN))
+    path.write_bytes(data)
+    text = f"The network at the end of the run, from {max(0.0, log.t[-1] - SHOWN):.1f} s to "
+    text += f"{log.t[-1]:.1f} s, in real time. Links driven short are orange, driven long blue."
+    return html.movie(data, text)
+
+
+def render(log: MsdLog, start: float, fps: float = parts.FPS) -> bytes:
+    """GIF of a run from `start` [s] on; the view follows the centre of mass."""
+    stride = max(1, round(1.0 / (fps * log.dt)))
+    rows = np.flatnonzero(log.t >= start)[::stride]
+    width, height = parts.SIZE
+    span = np.ptp(log.position[rows, :, 0] - log.position[rows, :, 0].mean(axis=1)[:, None])
+    top = log.position[rows, :, -1].max()
+    scale = min(width / (1.15 * span), (height - 40) / (1.1 * max(top, 1.0)))
+    frames = [_frame(log, row, scale, width, height) for row in rows]
+    file = io.BytesIO()
+    frames[0].save(
+        file, "GIF", save_all=True, append_images=frames[1:], loop=0,
+        duration=round(1000.0 * stride * log.dt),
+    )  # fmt: skip
+    return file.getvalue()
+
+
+def _frame(log: MsdLog, row: int, scale: float, width: int, height: int) -> Image.Image:
+    picture = Image.new("RGB", (width, height), SKY)
+    draw = ImageDraw.Draw(picture)
+    ground = height - 30
+    draw.rectangle((0, ground, width, height), fill=SOIL)
+    middle = float(log.position[row, :, 0].mean())
+    x = width / 2 + scale * (log.position[row, :, 0] - middle)
+    z = ground - scale * log.position[row, :, -1]
+    half = width / 2 / scale
+    for metre in range(math.ceil(middle - half), math.floor(middle + half) + 1):
+        at = width / 2 + scale * (metre - middle)
+        draw.line((at, ground, at, ground + (12 if metre % 5 == 0 else 6)), fill=(150, 140, 120))
+    for (i, j), factor in zip(log.network.links, log.command[row], strict=True):
+        share = float(np.clip((factor - 0.75) / 0.5, 0.0, 1.0))
+        colour = tuple(int(v) for v in (1.0 - share) * SHORT + share * LONG)
+        draw.line((x[i], z[i], x[j], z[j]), fill=colour, width=1)
+    for a, b in zip(x, z, strict=True):
+        draw.ellipse((a - 3, b - 3, a + 3, b + 3), fill=MASS)
+    draw.text((8, 6), f"{log.t[row]:.1f} s   {log.distance[row]:.1f} m", fill=MASS)
+    return picture.quantize(64)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts that reports share: facts, metrics, effects, messages, configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from loco_control.exceptions import BagError
+from loco_control.params import to_dict
+from loco_learning.metrics import registry as metrics
+from loco_learning.params import CriterionParams
+from loco_learning.runs.log import Log
+from loco_learning.study.trial import Verdict
+from loco_sim import effects as sim_effects
+
+from ..bag.reader import Bag
+from ..page import html
+from ..page.html import Part, number, part
+from ..page.style import Chapter
+
+FPS = 20.0
+SIZE = (480, 320)  # of animations [pixel]
+
+
+def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:
+    """A section for each figure of a log."""
+    return [
+        part(c.title, lambda c=c: html.figure(lambda: c.draw(log), c.title, c.text))
+        for c in chapters
+    ]
+
+
+def ending(log: Log) -> Markup:
+    """The ending of the run: to the end, broken off or fallen."""
+    end = f"{len(log) * log.dt:.1f}"
+    if log.fall:
+        return html.verdict(f"fell at {end} s: {log.fall}", False)
+    if not log.complete:
+        whole = log.experiment.ticks * log.dt
+        return html.verdict(f"the recording ends at {end} of {whole:.1f} s", False)
+    return html.verdict(f"{end} s without a fall", True)
+
+
+def cards(values: Mapping[str, Mapping[str, float]], shown: Iterable[str]) -> Markup:
+    """The main numbers of the last phase that was long enough.
+
+    Args:
+        values: Values by phase and metric; NaN where a metric does not apply.
+        shown: Names of the metrics to show.
+    """
+    long = [(name, row) for name, row in values.items() if math.isfinite(row["torque_max"])]
+    if not long:
+        return Markup()
+    phase, row = long[-1]
+    rows = [
+        (label(name), number(row[name]), unit(metrics.METRICS[name].unit))
+        for name in shown
+        if math.isfinite(row.get(name, math.nan))
+    ]
+    return html.cards(rows, f"These numbers are of the phase “{phase}”.")
+
+
+def label(name: str) -> str:
+    """A metric's name for people."""
+    words = name.replace("_", " ")
+    for short in ("nrmse", "grf", "mse", "mae", "fmse", "mawe", "snr"):
+        words = " ".join(w.upper() if w == short else w for w in words.split())
+    return words[0].upper() + words[1:]
+
+
+def unit(name: str) -> str:
+    """A unit; nothing where there is none."""
+    return "" if name == "-" else name
+
+
+def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
+    """Facts that any bag of a run holds: seed, robot, clock, drops, versions."""
+    meta = bag.metadata
+    versions = json.loads(meta.get("versions", "{}"))
+    dropped = "not counted: no recorder"
+    if "received" in meta:
+        dropped = f"{meta['dropped']} of {meta['received']}"
+    return {
+        "Seed": str(seed),
+        "Robot": robot,
+        "Ran as": f"{meta.get('layout', 'unknown')}, clock {meta.get('clock', 'unknown')}",
+        "Recorded": meta.get("recorded_at", "unknown"),
+        "Messages dropped": dropped,
+        "Versions": " · ".join(f"{k} {v}" for k, v in versions.items()) or "unknown",
+    }
+
+
+def verdict_text(found: Verdict, bounds: CriterionParams) -> str:
+    """The parts of a failure criterion that were met."""
+    text = f"failed: {', '.join(found.failed)}" if found.failed else "no failure"
+    if math.isnan(found.nrmse):
+        return f"{text} (the prediction never drove for two strides)"
+    return (
+        f"{text} (NRMSE {number(found.nrmse)} at most, bound {bounds.nrmse:g}; slip "
+        f"{number(found.slip)} of {bounds.phase_slip:g} stride; amplitude "
+        f"{number(found.amplitude)} at least, bound {bounds.freeze:g})"
+    )
+
+
+def metric_table(values: Mapping[str, Mapping[str, float]]) -> Markup:
+    """Every metric of each phase, with unit, equation and meaning; a dash where it is missing."""
+    present = {name for row in values.values() for name in row}
+    rows = [
+        [
+            Markup("{}<small>{}</small>").format(label(m.name), " ".join(m.doc.split())),
+            *(number(row.get(m.name, math.nan)) for row in values.values()),
+            m.unit,
+            m.equation,
+        ]
+        for m in metrics.METRICS.values()
+        if m.name in present
+    ]
+    head = ["Metric", *values, "Unit", "Equation"]
+    numeric = range(1, 1 + len(values))
+    return html.paragraph(_METRICS, soft=True) + html.table(head, rows, numeric)
+
+
+def effect_table(log: Log) -> Markup:
+    """Effects of the plant with the parameters that differ from their defaults.
+
+    Raises:
+        BagError: The experiment has no effects.
+    """
+    found = sim_effects.from_list(log.experiment.effects)
+    if not found:
+        raise BagError("the experiment has no effects: the plant is the bare robot")
+    rows = []
+    for effect in found:
+        fields = {f.name: f for f in dataclasses.fields(effect)}
+        given = [name for name in fields if getattr(effect, name) != fields[name].default]
+        texts = [
+            f"{name} = {getattr(effect, name)} {unit(fields[name].metadata.get('unit', '-'))}"
+            for name in given
+            if name not in ("start", "stop")
+        ]
+        window = f"{effect.start:g} s to " + (
+            "the end" if math.isinf(effect.stop) else f"{effect.stop:g} s"
+        )
+        rows.append([html.code(effect.name), "; ".join(texts), window])
+    return html.table(["Effect", "Parameters", "When"], rows)
+
+
+def message_table(bag: Bag) -> Markup:
+    """Topics of a bag with type, count and rate in simulated time."""
+    length = bag.end - bag.start
+    rows = [
+        [
+            html.code(t.name),
+            html.code(t.type),
+            str(t.count),
+            number((t.count - 1) / length) if t.count > 1 and length > 0.0 else "–",
+        ]
+        for t in sorted(bag.topics.values(), key=lambda t: t.name)
+    ]
+    return html.table(["Topic", "Type", "Messages", "Rate [Hz]"], rows, numeric=(2, 3))
+
+
+def configuration(experiment: object) -> Markup:
+    """The experiment as YAML, folded."""
+    return html.folded("Experiment, all values", html.yaml_block(to_dict(experiment)))
+
+
+_METRICS = (
+    "Over all ticks of each phase. “Equation” is that of the thesis, section 3.6; “ours” has none. "
+    "A dash: does not apply, or the phase is too short."
+)

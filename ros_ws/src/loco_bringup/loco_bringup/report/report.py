@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco report`: one self-contained HTML page about a bag.
+
+Every figure, the animation included, is inside the page; it names no address.
+A part that the bag has no data for says so in its place.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from loco_control.exceptions import LocoError, MissingFileError
+
+from ..bag.reader import Bag
+from ..live import report as live_report
+from ..live.log import is_live, read_live
+from ..logs.bag_log import read_log
+from . import network, robot
+
+GIF = "gait.gif"
+
+
+def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool = True) -> Path:
+    """Write the report of a recorded run.
+
+    Args:
+        bag: Bag folder or ``.mcap`` file.
+        out: HTML file; by default ``report.html`` in the folder of the bag.
+        gif: Draw the animation, and write it as ``gait.gif`` beside the page too.
+
+    Returns:
+        The HTML file.
+
+    Raises:
+        MissingFileError: There is no such bag, or the page cannot be written.
+        BagError: The bag is not a run of loco.
+    """
+    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    out = bag.folder / "report.html" if out is None else Path(out)
+    if out.is_dir():
+        out = out / "report.html"
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(page_of(bag, out.parent / GIF if gif else None), encoding="utf-8")
+    except LocoError:  # a missing file is an OSError, too
+        raise
+    except OSError as error:
+        raise MissingFileError(f"cannot write the report to {out}: {error.strerror}") from None
+    return out
+
+
+def page_of(bag: Bag, gif: Path | None) -> str:
+    """HTML text of the page that suits what the bag holds.
+
+    Args:
+        bag: The bag.
+        gif: Path of the animation; None draws no animation.
+
+    Raises:
+        BagError: The bag is not a run of loco.
+    """
+    if is_live(bag):
+        return live_report.page(read_live(bag))
+    if network.is_msd(bag):
+        return network.page(bag, network.read_msd_log(bag), gif)
+    return robot.page(bag, read_log(bag), gif)

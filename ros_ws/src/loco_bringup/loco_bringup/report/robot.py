@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Report page of a robot that ran; `report.write_report` writes it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from markupsafe import Markup
+
+from loco_control.exceptions import BagError, LocoError
+from loco_learning.metrics import registry as metrics
+from loco_learning.runs.log import Log
+from loco_learning.study.trial import judge
+from loco_sim.world.render import render_gif
+
+from ..bag.reader import Bag
+from ..page import html
+from ..page.html import document, part
+from ..page.style import spans
+from ..record.readout_check import ReadoutCheck, check_log, weights_of
+from . import figures, joint_figures, parts
+from . import motion as motion  # its figures enter the chapters of `figures`
+
+# Strides of the animation, and how fast: a small robot is quick.
+SHOWN, SHOWN_SMALL = (figures.STRIDES, 1.0), (2.0, 0.5)
+WALKING = (  # metrics of the cards on top, of a robot with legs
+    "speed", "nrmse", "stride_frequency", "cost_of_transport", "positive_power", "grf_max",
+)  # fmt: skip
+JOINTED = (  # and of a robot of joints
+    "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
+    "positive_power", "passive_range", "pitch_range",
+)  # fmt: skip
+
+
+def page(bag: Bag, log: Log, gif: Path | None) -> str:
+    """HTML text of a report; `gif` is where the animation goes, None for none."""
+    values, check = metrics.table(log), checked(bag, log)
+    walks = bool(log.experiment.gait)
+    chapters = figures.CHAPTERS if walks else joint_figures.CHAPTERS
+    return document(
+        log.experiment.name,
+        header(bag, log, values, check),
+        [
+            part("Animation", lambda: animation(log, gif)),
+            *parts.drawn(chapters, log),
+            part(
+                f"Who drives {'hips and knees' if walks else 'the joints'}",
+                lambda: driver(log, check),
+            ),
+            part("Metrics", lambda: parts.metric_table(values), long=True),
+            part("Effects", lambda: parts.effect_table(log)),
+            part("Configuration", lambda: parts.configuration(log.experiment), long=True),
+            part("Messages", lambda: parts.message_table(bag)),
+        ],
+    )
+
+
+def checked(bag: Bag, log: Log) -> ReadoutCheck | LocoError:
+    """Result of the readout check, or why it cannot be made."""
+    try:
+        return check_log(log, weights_of(bag))
+    except LocoError as error:
+        return error
+
+
+def header(
+    bag: Bag, log: Log, values: dict[str, dict[str, float]], check: ReadoutCheck | LocoError
+) -> Markup:
+    """Description of the run, and how it ended."""
+    walks = bool(log.experiment.gait)
+    return html.join(
+        [
+            html.paragraph(log.experiment.description, soft=True),
+            parts.ending(log),
+            Markup() if walks else html.paragraph(sentence(log, values)),
+            parts.cards(values, WALKING if walks else JOINTED),
+            facts(bag, log, check),
+        ]
+    )
+
+
+def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
+    """The run in words: distance, speed and who drove."""
+    name, robot = log.experiment.name, log.experiment.plant.name
+    if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
+        return f"{robot} ran {name} for {len(log) * log.dt:.1f} s."
+    far, length = metrics.progress(log)[-1], len(log) * log.dt
+    text = (
+        f"{robot} got {math.hypot(*far):.2f} m away in {length:.1f} s: {far[0]:.2f} m along its "
+        f"first heading and {abs(far[1]):.2f} m to the {'left' if far[1] > 0 else 'right'}, "
+        f"{math.hypot(*far) / length:.3f} m/s."
+    )
+    last = values.get("test")
+    if last and math.isfinite(last["speed"]):
+        text += (
+            f" In test, with its readout alone, it went forward at {last['forward_speed']:.3f} "
+            f"m/s and {last['stride_frequency']:.3f} strides/s."
+        )
+    return text
+
+
+def facts(bag: Bag, log: Log, check: ReadoutCheck | LocoError) -> Markup:
+    """Table of phases, seed, clock, versions, drops and verdict."""
+    phases = (f"{name} {a:g}–{round(b, 3):g} s" for _, name, a, b in spans(log))
+    about = parts.run_facts(bag, log.seed, log.experiment.robot)
+    versions = about.pop("Versions")
+    return html.facts(
+        {
+            "Phases": " · ".join(phases),
+            **about,
+            "Failure criterion": parts.verdict_text(judge(log), log.experiment.criterion),
+            "Readout check": str(check) if isinstance(check, LocoError) else check.summary(),
+            "Versions": versions,
+        }
+    )
+
+
+def animation(log: Log, path: Path | None) -> Markup:
+    """The last strides as a GIF, written to `path` and put into the page."""
+    if path is None:
+        raise BagError("the animation was left out on request")
+    strides, speed = SHOWN if log.experiment.gait else SHOWN_SMALL
+    log = figures.posed(log)
+    log = log.cut(figures.tail(log, strides * metrics.period(log) * log.dt))
+    data = render_gif(
+        path,
+        log.t,
+        log.position,
+        log.orientation,
+        log.q,
+        fps=parts.FPS,
+        size=parts.SIZE,
+        robot=log.experiment.plant,
+        speed=speed,
+    )
+    pace = "in real time" if speed == 1.0 else f"at {speed:g} of its speed"
+    text = f"The robot at the end of the run, {log.t[0]:.2f} s to {log.t[-1]:.2f} s, {pace}."
+    return html.movie(data, text)
+
+
+def driver(log: Log, check: ReadoutCheck | LocoError) -> Markup:
+    """Result of the readout check, in words and as a figure.
+
+    Raises:
+        LocoError: The check could not be made.
+    """
+    if isinstance(check, LocoError):
+        raise check
+    column, plant = (1 if log.experiment.gait else 0), log.experiment.plant
+    name = joint_figures.short(plant.joints[plant.driven[log.experiment.outputs[column]]])
+    mark = html.good("Verified:" if check.drives else "Not verified:", check.drives)
+    drawn = figures.readout(check, column, name)
+    text = html.paragraph(mark, f"{check.summary()}.")
+    return text + html.figure(drawn, "Readout check", _CHECK)
+
+
+_CHECK = (
+    "The network of the bag is run again over what the body felt, without any target. Dots that "
+    "lie on the command line, and a distance of 0, mean that nothing but the readout made it."
+)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco reproduce`: experiments of the thesis run again, claim by claim."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_learning.networks import jobs as msd_jobs
+from loco_learning.networks import page as msd_page
+from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
+from loco_learning.thesis.evidence import Entry, Evidence
+from loco_learning.thesis.registry import Claim, Verdict
+from loco_sim.msd.params import preset as known
+
+from ..calibrate import run as calibrator
+from ..calibrate.options import CalibrationParams
+from ..study.terminal import run_study, write
+from ..terminal import bar, console
+from . import page
+
+# Things to reproduce: numbers of their claims begin so.
+WHAT = {"tigrillo": ("5.",), "msd": ("6.",), "hyq": ("7.", "9."), "clock": ("8.",),
+        "all": ("5.", "6.", "7.", "8.", "9.")}  # fmt: skip
+MEASURES = (chapter5, chapter7, chapter8)  # the modules register their functions
+BAG, GAITS = "bags/surrogate_sine", ("bags/surrogate_bound", "bags/surrogate_walk")
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run what is missing, judge all claims, write the page.
+
+    Returns:
+        0: a claim that disagrees is a result, too.
+
+    Raises:
+        NameUnknownError: There is nothing of that name to reproduce, or no such plan or preset.
+        ParameterError: `workers` is below 1.
+    """
+    if a.what not in WHAT:
+        raise NameUnknownError("thing to reproduce", a.what, WHAT)
+    if a.workers < 1:
+        raise ParameterError(f"workers must be at least 1, got {a.workers}")
+    plan = "quick" if a.quick else a.plan
+    if a.what == "msd":
+        return reproduce_msd(plan, a.preset, a.out, a.workers, a.scheduler)
+    return reproduce(a.what, plan, a.out, a.workers, a.scheduler, a.cost)
+
+
+def reproduce(
+    what: str,
+    plan: str,
+    folder: Path | None = None,
+    workers: int = 2,
+    scheduler: str = "",
+    only_cost: bool = False,
+) -> int:
+    """Run the entries of a plan that the claims of `what` need; judge and write the page."""
+    folder = folder or Path("results") / f"thesis_{plan}"
+    entries = evidence.plan(plan)
+    claims = [c for c in registry.claims() if c.number.startswith(WHAT[what])]
+    needed = {name for claim in claims for name in claim.evidence}
+    for name, entry in entries.items():
+        if name in needed:
+            _run(entry, folder / name, workers, scheduler, only_cost)
+    if only_cost:
+        return 0
+    found = Evidence(entries, folder, _others(entries, folder))
+    verdicts = judge(claims, found)
+    written = page.write(verdicts, entries, found, plan, what, folder)
+    return show(verdicts, written)
+
+
+def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bool) -> None:
+    """Run what is missing of an entry, in its folder."""
+    if entry.study:
+        loaded = entry.load()
+        results = run_study(loaded, folder, workers, scheduler, only_cost)
+        if not only_cost:
+            write(loaded, results, folder)
+    elif only_cost:
+        console.print(f"{entry.name}: not timed; its own command tells its progress")
+    elif entry.name == "msd":
+        _run_msd(entry.options["plan"], entry.options["preset"], folder, workers, scheduler)
+    else:
+        options = CalibrationParams(generations=entry.options["generations"])
+        job = calibrator.prepare(
+            BAG, "tigrillo", options, GAITS, entry.options["seeds"], folder, workers, scheduler
+        )
+        if not (folder / calibrator.results.FILE).is_file():
+            calibrator.calibrate(job)
+
+
+def _others(entries: dict[str, Entry], folder: Path) -> dict:
+    """Readers of what is no study, where it was run."""
+    readers = {}
+    if (folder / "calibration" / calibrator.results.FILE).is_file():
+        readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
+    if "msd" in entries and (folder / "msd" / "runs").is_dir():
+        options = entries["msd"].options
+        readers["msd"] = lambda: msd_page.write(
+            options["plan"], options["preset"], folder / "msd" / "runs", folder / "msd"
+        )[1]
+    return readers
+
+
+def judge(claims: Iterable[Claim], found: Evidence) -> list[Verdict]:
+    """Verdicts of claims; those of chapter 6 by their own judges."""
+    verdicts = []
+    for claim in claims:
+        if claim.measure != "msd":
+            verdicts.append(registry.judge(claim, found))
+            continue
+        try:
+            v = next(v for v in found.other("msd") if v.claim == claim.number)
+            verdicts.append(
+                Verdict(v.claim, v.item, v.wanted, v.wanted, v.found, v.verdict, claim.evidence)
+            )
+        except registry.NotRunError as error:
+            verdicts.append(
+                Verdict(claim.number, "", "", "", str(error), registry.OPEN, claim.evidence)
+            )
+    return verdicts
+
+
+def show(verdicts: list[Verdict], written: Path) -> int:
+    """Print verdicts and where their page is; returns 0."""
+    for v in verdicts:
+        console.print(f"{v.claim:>5}  {v.verdict:<12} {v.says}\n       {v.wanted}\n"
+                      f"       found: {v.found}")  # fmt: skip
+    counts = Counter(v.verdict for v in verdicts)
+    words = (registry.AGREES, registry.DISAGREES, registry.OPEN)
+    console.print(f"{', '.join(f'{counts[word]} {word}' for word in words)}; page: {written}")
+    return 0
+
+
+def reproduce_msd(
+    plan: str, preset: str, folder: Path | None = None, workers: int = 2, scheduler: str = ""
+) -> int:
+    """Chapter 6, mass-spring-damper networks."""
+    known(preset)
+    folder = folder or Path("results") / f"msd_{preset}_{plan}"
+    _run_msd(plan, preset, folder, workers, scheduler)
+    written, verdicts = msd_page.write(plan, preset, folder / "runs", folder)
+    for v in verdicts:
+        console.print(f"{v.claim:>5}  {v.verdict:<12} {v.wanted}\n       found: {v.found}")
+    counts = [
+        f"{sum(v.verdict == word for v in verdicts)} {word}"
+        for word in ("agrees", "disagrees", "not decided")
+    ]
+    console.print(f"{', '.join(counts)}; page: {written}")
+    return 0
+
+
+def _run_msd(plan: str, preset: str, folder: Path, workers: int, scheduler: str) -> None:
+    with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
+        task = progress.add_task(f"msd, {preset}", total=None, last="")
+
+        def tell(done: int, total: int, name: str) -> None:
+            progress.update(task, completed=done, total=total, last=name)
+
+        msd_jobs.run(plan, preset, folder / "runs", workers, scheduler, tell)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco robot`: what was found in a URDF, what was guessed, and what to type next."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import LocoError
+from loco_sim.new_robot.make import make
+from loco_sim.robot import robot as robots
+
+from ..terminal import console, table
+
+
+def show_new(a: argparse.Namespace) -> int:
+    """`loco robot new`: write the folder, print the table and the next commands."""
+    out = a.out or Path(a.urdf.stem)
+    result = make(a.urdf, out)
+    title = f"{out}: a robot that {'stands' if result.stands else 'is bolted and swings'}"
+    console.print(table(title, ("what", "value", "from"), result.rows))
+    for note in result.notes:
+        console.print(f"note: {note}", highlight=False, markup=False)
+    seen = f"look at {out / 'picture.png'}, " if (out / "picture.png").is_file() else ""
+    sys.stdout.write(
+        f"{seen}correct {out / 'robot.yaml'}, then\n"
+        f"  loco run {out / 'experiment.yaml'}\n"
+        f"  loco gap experiments {out}\n"
+    )
+    if robots.load(out).legs is not None:
+        sys.stdout.write(f"  loco run hyq_trot_open --set robot={out}\n")
+    return 0
+
+
+def show_robots(_: argparse.Namespace) -> int:
+    """`loco robot`: the list of robots."""
+    console.print(table(*robot_table()))
+    return 0
+
+
+def robot_table() -> tuple[str, tuple, list]:
+    """Title, columns and rows of the robots of loco and of the folders here."""
+    here = sorted(str(path.parent) for path in Path().glob("*/robot.yaml"))
+    rows = []
+    for name in [*robots.names(), *here]:
+        try:
+            robot = robots.load(name)
+        except LocoError as error:
+            rows.append((name, "?", "?", str(error)))
+            continue
+        driven, count = len(robot.driven), len(robot.joints)
+        base = "bolted" if robot.fixed_base else f"floating, {len(robot.feet)} feet"
+        kinds = sorted({type(drive).__name__ for drive in robot.drives.values()})
+        words = ", ".join(kind.replace("Params", "").replace("Drive", "").lower() for kind in kinds)
+        what = f"{base}, {driven} of {count} joints driven" + (f" ({words})" if words else "")
+        rows.append((name, f"{robot.mass:.3g} kg", _size(robot), what))
+    return "Robots (loco gap experiments NAME; loco robot new URDF)", COLUMNS, rows
+
+
+COLUMNS = ("name or folder", "mass", "limits", "what it is")
+
+
+def _size(robot: robots.Robot) -> str:
+    """Largest torque limit of a robot."""
+    efforts = robot.effort[np.isfinite(robot.effort)]
+    return f"{efforts.max():.3g} N·m" if len(efforts) else "none"

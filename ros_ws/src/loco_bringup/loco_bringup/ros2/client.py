@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node of the command line: sees the graph, waits, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import rclpy
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from loco_control.exceptions import GraphError, NameUnknownError
+
+T = TypeVar("T")
+DISCOVERY = 10.0  # wall time in which what is named has to be seen [s]
+SETTLE = 1.0  # wall time in which a list of the graph fills [s]
+
+
+class Client:
+    """Context of one command.
+
+    Attributes:
+        node: Node of the command, hidden as those of the original are.
+    """
+
+    def __enter__(self) -> Client:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(f"_ros2cli_{os.getpid()}", context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Let callbacks run for a while."""
+        self.wait(lambda: False, seconds)
+
+    def wait(self, condition: Callable[[], Any], seconds: float = float("inf")) -> bool:
+        """Let callbacks run until a condition holds; False if it did not in time."""
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def result(self, future: Any, what: str) -> Any:
+        """Answer of a call.
+
+        Raises:
+            GraphError: None came within `DISCOVERY`.
+        """
+        if not self.wait(future.done, DISCOVERY):
+            raise GraphError(f"{what} did not answer within {DISCOVERY:g} s")
+        return future.result()
+
+    def settle(self) -> None:
+        """Wait until somebody is seen, and then until no new name has been for a while."""
+        self.wait(self.nodes, DISCOVERY)
+        seen, since = -1, time.monotonic()
+        while time.monotonic() - since < SETTLE:
+            self.spin(0.05)
+            now = len(self.node.get_node_names()) + len(self.node.get_topic_names_and_types())
+            if now != seen:
+                seen, since = now, time.monotonic()
+
+    def topic_type(self, name: str) -> str:
+        """Type of a topic that somebody writes or reads.
+
+        Raises:
+            NameUnknownError: Nobody does.
+        """
+        found: dict[str, list[str]] = {}
+
+        def seen() -> bool:
+            found.update(self.node.get_topic_names_and_types())
+            return name in found
+
+        if not self.wait(seen, DISCOVERY):
+            raise NameUnknownError("topic", name, found)
+        return found[name][0]
+
+    def nodes(self) -> list[str]:
+        """Full names of the nodes that are not hidden, sorted."""
+        pairs = self.node.get_node_names_and_namespaces()
+        return sorted(
+            f"{space.rstrip('/')}/{name}" for name, space in pairs if not name.startswith("_")
+        )
+
+    def existing(self, name: str) -> str:
+        """Full name of a node that runs.
+
+        Raises:
+            NameUnknownError: No such node runs.
+        """
+        name = name if name.startswith("/") else f"/{name}"
+        if not self.wait(lambda: name in self.nodes(), DISCOVERY):
+            raise NameUnknownError("node", name, self.nodes())
+        return name

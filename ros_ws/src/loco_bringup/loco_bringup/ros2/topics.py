@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 topic`: list, info, echo, hz and pub."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import GraphError
+from loco_control.ros.messages.installed import profile
+
+from .client import DISCOVERY, Client
+from .values import as_yaml, filled, type_of
+
+say = sys.stdout.write
+
+
+def list_topics(client: Client, a: argparse.Namespace) -> None:
+    """Print the topics, with their types if asked for."""
+    client.settle()
+    for name, kinds in sorted(client.node.get_topic_names_and_types()):
+        say(f"{name} [{', '.join(kinds)}]\n" if a.show_types else f"{name}\n")
+
+
+def info(client: Client, a: argparse.Namespace) -> None:
+    """Print type and number of ends of a topic."""
+    say(f"Type: {client.topic_type(a.topic)}\n")
+    client.settle()
+    say(f"Publisher count: {client.node.count_publishers(a.topic)}\n")
+    say(f"Subscription count: {client.node.count_subscribers(a.topic)}\n")
+
+
+def echo(client: Client, a: argparse.Namespace) -> None:
+    """Print messages as they come; the first alone with ``--once``."""
+    got = _listen(client, a.topic, a.type)
+    while True:
+        client.wait(lambda: got)
+        for message in got[: 1 if a.once else None]:
+            say(f"{as_yaml(message)}---\n")
+        sys.stdout.flush()
+        if a.once:
+            return
+        got.clear()
+
+
+def hz(client: Client, a: argparse.Namespace) -> None:
+    """Print once a second the rate of a topic over its newest messages, in wall time."""
+    times: list[float] = []
+    _listen(client, a.topic, None, lambda _: times.append(time.monotonic()))
+    while True:
+        before = len(times)
+        client.spin(1.0)
+        if len(times) < 2 or len(times) == before:
+            say("no new messages\n" if times else "")
+        else:
+            gaps = np.diff(times[-a.window :])
+            say(
+                f"average rate: {1.0 / gaps.mean():.3f}\n\tmin: {gaps.min():.3f}s "
+                f"max: {gaps.max():.3f}s std dev: {gaps.std():.5f}s window: {len(gaps) + 1}\n"
+            )
+        sys.stdout.flush()
+
+
+def _listen(client: Client, name: str, kind: str | None, receive: Any = None) -> list[Any]:
+    """Messages of a topic as they come; latched ones too where a writer latches."""
+    got: list[Any] = []
+    cls = type_of(kind or client.topic_type(name), "msg")
+    client.wait(lambda: client.node.get_publishers_info_by_topic(name), DISCOVERY)
+    writers = [w.qos_profile for w in client.node.get_publishers_info_by_topic(name)]
+    reliable = bool(writers) and all(w.reliability.name == "RELIABLE" for w in writers)
+    latched = bool(writers) and all(w.durability.name == "TRANSIENT_LOCAL" for w in writers)
+    quality = profile(reliable, latched, 100)
+    client.node.create_subscription(cls, name, receive or got.append, quality)
+    return got
+
+
+def pub(client: Client, a: argparse.Namespace) -> None:
+    """Publish a message at a rate, some times or once.
+
+    Raises:
+        GraphError: Nobody listened within `DISCOVERY` though a number of times was given.
+    """
+    cls = type_of(a.type, "msg")
+    message = filled(cls, a.values)
+    reliable, latched = a.qos_reliability != "best_effort", a.qos_durability == "transient_local"
+    publisher = client.node.create_publisher(cls, a.topic, profile(reliable, latched, 10))
+    times = 1 if a.once else a.times
+    wanted = a.wait_matching_subscriptions
+    wanted = int(times > 0) if wanted is None else wanted
+    if wanted and not client.wait(lambda: publisher.get_subscription_count() >= wanted, 0.1):
+        say(f"Waiting for at least {wanted} matching subscription(s)...\n")
+        sys.stdout.flush()
+        if not client.wait(lambda: publisher.get_subscription_count() >= wanted, DISCOVERY):
+            raise GraphError(f"nobody listens to {a.topic}; see `loco ros2 topic list`")
+    say("publisher: beginning loop\n")
+    count = 0
+    while True:
+        count += 1
+        publisher.publish(message)
+        say(f"publishing #{count}: {message!r}\n\n")
+        sys.stdout.flush()
+        if count == times:
+            client.spin(a.keep_alive)  # or it would be gone before it is sent
+            return
+        client.spin(1.0 / a.rate)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Types by name, messages from YAML as people type it, and YAML of messages as ROS prints it."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.reading import parse_yaml
+
+from ..bag.export import plain
+
+
+def type_of(name: str, group: str) -> Any:
+    """Class of ``package/group/Type``; the middle part may be left out.
+
+    Args:
+        name: Name as typed.
+        group: ``msg``, ``srv`` or ``action``.
+
+    Raises:
+        NameUnknownError: No such type is installed.
+    """
+    match = re.fullmatch(rf"(\w+)/(?:{group}/)?(\w+)", name)
+    if match is None:
+        raise NameUnknownError(f"{group} type", name, [])
+    try:
+        return getattr(importlib.import_module(f"{match[1]}.{group}"), match[2])
+    except (ImportError, AttributeError):
+        raise NameUnknownError(f"installed {group} type", name, []) from None
+
+
+def filled(cls: Any, text: str) -> Any:
+    """Message with the fields that a text sets.
+
+    Args:
+        cls: Class of the message, goal or request.
+        text: YAML mapping of fields, such as ``{twist: {linear: {x: 0.1}}}``.
+
+    Raises:
+        ParameterError: The text is no mapping, or a value does not fit its field.
+        NameUnknownError: There is no such field.
+    """
+    values = parse_yaml(text, "the message")
+    message = cls()
+    _fill(message, {} if values is None else values, "the message")
+    return message
+
+
+def _fill(message: Any, values: Any, where: str) -> None:
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"{where} must be a mapping of fields, such as '{{data: 1.0}}'")
+    kinds = message.get_fields_and_field_types()
+    message._check_fields = True  # or a wrong type would end the process when it is sent
+    for name, value in values.items():
+        if name not in kinds:
+            raise NameUnknownError(f"field of {where}", str(name), kinds)
+        try:
+            setattr(message, name, _value(getattr(message, name), kinds[name], value, str(name)))
+        except (AssertionError, TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError(f"{name} is of type {kinds[name]}, got {value!r}") from None
+
+
+def _value(current: Any, kind: str, value: Any, name: str) -> Any:
+    if hasattr(current, "get_fields_and_field_types"):
+        _fill(current, value, name)
+        return current
+    element = re.sub(r"^sequence<|[>,\[].*$", "", kind)
+    if "/" in element and isinstance(value, list):
+        made = []
+        for item in value:
+            made.append(type_of(element, "msg")())
+            _fill(made[-1], item, name)
+        return made
+    if element in ("double", "float"):
+        return [float(v) for v in value] if isinstance(value, list) else float(value)
+    return value
+
+
+def as_yaml(message: Any, indent: int = 0) -> str:
+    """YAML of a message, each line indented."""
+    text = yaml.safe_dump(plain(message), sort_keys=False, allow_unicode=True, width=10_000)
+    return "".join(" " * indent + line for line in text.splitlines(keepends=True))

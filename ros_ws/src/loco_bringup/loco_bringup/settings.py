@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Values that are typed as ``KEY=VALUE``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from loco_control.exceptions import ParameterError
+from loco_control.reading import parse_yaml
+
+
+def overrides(
+    pairs: list[str],
+    seed: int | None,
+    engine: str | None = None,
+    duration: float | None = None,
+) -> dict[str, Any]:
+    """Values of an experiment by dotted name, as ``--set`` and the options of these names give."""
+    values = values_of("--set", pairs, "gait.speed=0.3")
+    given = {"seed": seed, "sim.engine": engine, "duration": duration}
+    return {key: value for key, value in given.items() if value is not None} | values
+
+
+def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:
+    """Values by name from ``KEY=VALUE`` texts; the value is YAML.
+
+    Args:
+        option: Name of the command-line option, for messages.
+        pairs: The texts.
+        example: A valid text, for messages.
+
+    Raises:
+        ParameterError: A text is not ``KEY=VALUE``.
+    """
+    values = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        try:
+            value = parse_yaml(text, option)
+        except ParameterError:
+            equals = ""
+        if not equals or not key:
+            raise ParameterError(f"{option} wants KEY=VALUE, e.g. {example}, got {pair!r}")
+        values[key] = value
+    return values

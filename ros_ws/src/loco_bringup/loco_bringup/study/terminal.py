@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco study`: many runs with progress and cost, their tables, figures and maps."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from loco_control.exceptions import ParameterError
+from loco_control.reading import within
+from loco_learning.study import figures, study
+from loco_learning.study.case import CaseResult
+from loco_learning.study.study import Study
+
+from ..terminal import bar, console
+from . import map_page
+
+MOST_ROWS = 40  # cases on the terminal; more are in the table only
+
+
+def show_study(a: argparse.Namespace) -> int:
+    """Run what is missing of a study; print its table, write tables, figures and maps.
+
+    Returns:
+        0 when every case ran, whatever its verdict: a failed trial is a result.
+
+    Raises:
+        ParameterError: The number of workers, seeds or points is below 1.
+    """
+    for what in ("workers", "seeds", "points"):
+        value = getattr(a, what)
+        if value is not None and value < 1:
+            raise ParameterError(f"{what} must be at least 1, got {value}")
+    loaded = study.load(a.study, overrides={"sim.engine": a.engine} if a.engine else None)
+    if a.seeds:
+        loaded = dataclasses.replace(loaded, seeds=loaded.seeds[: a.seeds])
+    if a.points:
+        loaded = loaded.with_points(a.points)
+    folder = a.out or within("results", loaded.name, "name of a study")
+    results = run_study(loaded, folder, a.workers, a.scheduler, a.cost)
+    if a.cost:
+        return 0
+    console.print(loaded.description)
+    for row in figures.rows(loaded, results) if len(results) <= MOST_ROWS else ():
+        end = "survived" if row["survived"] else f"failed by {row['failed']}"
+        values = ", ".join(f"{m} {row[m]:.4g}" for m in loaded.metrics)
+        place = "".join(f" {axis.name} {row[axis.name]:.4g}" for axis in loaded.axes)
+        console.print(f"  {row['variant']}{place} seed {row['seed']}: {end}; {values}")
+    console.print(_upright(figures.summary(results)))
+    for path in write(loaded, results, folder):
+        console.print(f"  {path}")
+    return 0
+
+
+def run_study(
+    loaded: Study, folder: Path, workers: int, scheduler: str = "", only_cost: bool = False
+) -> list[CaseResult]:
+    """Run a study with a progress bar that tells the time left, and its cost beforehand.
+
+    Args:
+        loaded: The study.
+        folder: Folder of the results.
+        workers: Processes.
+        scheduler: Address of a dask scheduler instead.
+        only_cost: Stop when the cost is told.
+    """
+    total = sum(1 for _ in loaded.cases())
+    with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
+        task = progress.add_task(loaded.name, total=total, last="")
+
+        def tell(done: int, _: int, result: Any) -> None:
+            verdict = "survived" if result.verdict["survived"] else "failed"
+            progress.update(task, completed=done, last=f"{result.name} {verdict}")
+
+        def on_cost(cost: study.Cost) -> bool:
+            progress.console.print(f"{loaded.name}: {cost}")
+            return not only_cost
+
+        return study.run(loaded, folder, workers, tell, scheduler, on_cost)
+
+
+def write(loaded: Study, results: list[CaseResult], folder: Path) -> list[Path]:
+    """Tables, figures and, of a grid of two axes or more, the page of its maps."""
+    paths = figures.write(loaded, results, folder)
+    return [*paths, map_page.write(loaded, results, folder)] if loaded.map else paths
+
+
+def _upright(rows: list[dict[str, Any]]) -> Table:
+    """One column per row, so that many figures fit a terminal."""
+    table = Table(box=None)
+    for key in [next(iter(rows[0])), *(next(iter(row.values())) for row in rows)]:
+        table.add_column(str(key), justify="right")
+    for key in list(rows[0])[1:]:
+        cells = [row[key] for row in rows]
+        table.add_row(key, *(f"{v:.4g}" if isinstance(v, float) else str(v) for v in cells))
+    return table

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap battery`: hidden effects in robots made by other code; how often the name is right.
+
+OUT/bags/case_0000/fit_chirp …   what the workflow sees
+OUT/truth/case_0000.json         what is hidden, for the score alone
+OUT/results/case_0000.json       what the workflow said
+OUT/score.json, .md, .html       the score
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import ParameterError
+from loco_learning.jobs import pool
+
+from ...gap.run import read_json
+from . import bags, cases
+from .trial import unfinished, work
+
+SETTINGS = "battery.json"
+BASELINES = ("everything", "sparse", "cma")
+
+
+def check(a: argparse.Namespace) -> None:
+    """Check the options, and fill in all baselines if none are named.
+
+    Raises:
+        ParameterError: A number is not above 0, or there is no such baseline.
+    """
+    for what in ("cases", "workers", "limit"):
+        if getattr(a, what) <= 0:
+            raise ParameterError(f"--{what} must be above 0, got {getattr(a, what):g}")
+    a.baselines = list(BASELINES) if a.baselines is None else a.baselines
+    for name in a.baselines:
+        if name not in BASELINES:
+            raise ParameterError(f"unknown baseline {name!r}; known: {', '.join(BASELINES)}")
+
+
+def run(
+    a: argparse.Namespace, folder: Path, tell: Callable[[int, str, str], Any]
+) -> list[dict[str, Any]]:
+    """Work on the cases that have no result yet.
+
+    Args:
+        a: Options.
+        folder: Folder of the battery.
+        tell: Called with the number of cases done, the last one and what was said of it.
+
+    Returns:
+        Results of all cases, in their order.
+
+    Raises:
+        ParameterError: The folder holds a battery of other settings.
+    """
+    planned = cases.plan(a.cases, a.seed, a.robots, a.effects)
+    _settle(a, folder)
+    kept = {c.name: bags.result(folder, c.name) for c in planned}
+    baselines = tuple(a.baselines)
+    missing = [c for c in planned if unfinished(kept[c.name], baselines, a.follow)]
+    if a.bags_only:
+        missing = [c for c in planned if not bags.ready(folder, c.name)]
+    tell(len(planned) - len(missing), "", "")
+    done = len(planned) - len(missing)
+    jobs: list[tuple] = [(folder, c, tuple(a.effects), baselines, a.follow) for c in missing]
+    if a.bags_only:
+        jobs = [job[:3] for job in jobs]
+    with pool.start(make if a.bags_only else work, workers=a.workers, limit=a.limit) as place:
+        for index, result in place.outcomes(jobs):
+            case, done = missing[index], done + 1
+            reason = result.reason if isinstance(result, pool.Failure) else ""
+            if a.bags_only:
+                tell(done, case.name, reason or "made")
+                continue
+            if reason:
+                result = bags.result(folder, case.name) or {
+                    "case": case.name, "verdict": "error", "names": [], "terms": [],
+                    "error": reason,
+                }  # fmt: skip
+                bags.keep(folder, result)
+            kept[case.name] = result
+            tell(done, case.name, ", ".join(result["names"]) or result["verdict"])
+    return [] if a.bags_only else [kept[c.name] for c in planned]
+
+
+def make(folder: Path, case: cases.Case, effects: tuple[str, ...]) -> None:
+    """Bags and truth of a case."""
+    if not bags.ready(folder, case.name):
+        bags.write(folder, cases.fill(case, effects))
+
+
+def _settle(a: argparse.Namespace, folder: Path) -> None:
+    """Keep what the cases depend on; refuse a folder of another battery."""
+    mine = {"format": 1, "seed": a.seed, "robots": a.robots, "effects": a.effects}
+    path = folder / SETTINGS
+    if path.is_file():
+        theirs = read_json(path)
+        if any(theirs.get(key) != value for key, value in mine.items()):
+            raise ParameterError(
+                f"{folder} holds a battery of seed {theirs.get('seed')}, robots "
+                f"{theirs.get('robots') or 'all'} and effects {theirs.get('effects') or 'all'}; "
+                "choose another --out"
+            )
+        return
+    bags.write_json(path, mine)

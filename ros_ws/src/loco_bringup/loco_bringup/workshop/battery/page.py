@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Score of a battery as JSON, Markdown and one self-contained HTML page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from ...page import html
+from ...page.html import document, part
+from . import bags, score, score_text
+
+
+def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Score all results of a battery; writes score.json, score.md and score.html.
+
+    Returns:
+        Lines for the terminal.
+    """
+    rows = [score.row(bags.truth(folder, r["case"]), r) for r in results if _has(folder, r["case"])]
+    figures = score.figures(rows)
+    again = score.followed(rows)
+    later = score.figures(again) if again else None
+    settings = json.loads((folder / "battery.json").read_text(encoding="utf-8"))
+    title = f"Blind battery, seed {settings['seed']}"
+    table = score.confusion(rows)
+    bags.write_json(folder / "score.json", {
+        "format": 1, "settings": settings, "figures": figures, "followed": later,
+        "confusion": table, "rows": rows,
+    })  # fmt: skip
+    text = score_text.markdown(figures, rows, title, later)
+    (folder / "score.md").write_text(text, encoding="utf-8")
+    (folder / "score.html").write_text(page(title, figures, rows, table, later), encoding="utf-8")
+    head, targets = score_text.acceptance(figures, later)
+    shown = [head, *targets] if later else targets
+    lines = [f"  {a:78s} " + "  ".join(f"{b:>6s}" for b in rest) for a, *rest in shown]
+    return [f"{title}: {figures['cases']} cases", *lines, f"  {folder / 'score.html'}"]
+
+
+def _has(folder: Path, name: str) -> bool:
+    return (folder / bags.TRUTH / f"{name}.json").is_file()
+
+
+def page(
+    title: str,
+    found: Mapping[str, Any],
+    rows: Sequence[Mapping[str, Any]],
+    table: Mapping[str, Mapping[str, int]],
+    later: Mapping[str, Any] | None = None,
+) -> str:
+    """The page."""
+    seconds = score_text.number(found["seconds median"])
+    columns = ("case", "robot", "hidden", "size", "shows", "verdict", "names", "before", "after",
+               "place", "size error", "seconds", *(score_text.THEN if later else ()))  # fmt: skip
+    cells = [_case(r) for r in rows]
+    if later:
+        cells = [(*a, *b) for a, b in zip(cells, score_text.then(rows), strict=True)]
+    header = html.paragraph(
+        f"{found['cases']} cases, {found['errors']} ended by an error; median {seconds} s per "
+        "case. Hidden effects, dynamics, drives and sensors are made by code of their own",
+        Markup("({});").format(html.code("docs/gap_battery.md")),
+        "the workflow sees bags and a model only.",
+    )
+    marks = [_mark(r) for r in rows]
+    return document(
+        title,
+        header + html.table(*score_text.acceptance(found, later)),
+        [
+            part("By robot and size", lambda: _rates(found, later)),
+            part("What was hidden (rows), what was said (columns)", lambda: _matrix(table)),
+            part("Held-out error, in noise floors", lambda: _held_out(found)),
+            part("Cases", lambda: html.table(columns, cells, marks=marks), long=True),
+        ],
+    )
+
+
+def _rates(found: Mapping[str, Any], later: Mapping[str, Any] | None) -> Markup:
+    pieces = [
+        html.paragraph("Single effects; by robot and condition: medium and large."),
+        html.table(*score_text.rates(found)),
+    ]
+    if later:
+        text = f"The same {score_text.AFTER}, where the verdict was ambiguous:"
+        pieces += [html.paragraph(text), html.table(*score_text.rates(later))]
+    return html.join(pieces)
+
+
+def _held_out(found: Mapping[str, Any]) -> Markup:
+    count = found["held-out error"]["cases"]
+    return html.paragraph(f"{count} cases with something hidden.") + html.table(
+        *score_text.held_out(found["held-out error"])
+    )
+
+
+def _matrix(table: Mapping[str, Mapping[str, int]]) -> Markup:
+    """Confusion matrix, true names first and verdicts without a name last."""
+    names = {name for line in table.values() for name in line}
+    order = [n for n in table if n in names]
+    order += sorted(names - set(order) - set(score.UNNAMED))
+    order += [n for n in score.UNNAMED if n in names]
+    return html.matrix(
+        order, [(true, [_cell(true, name, line.get(name, 0)) for name in order])
+                for true, line in table.items()]
+    )  # fmt: skip
+
+
+def _cell(true: str, name: str, count: int) -> tuple[str, str]:
+    """Text and mark of a cell of the matrix."""
+    if not count:
+        return "", ""
+    right = name.split(" and ")[0] == true or (true == "nothing" and name == "no gap")
+    return str(count), "good" if right else "so" if name in score.UNNAMED else "bad"
+
+
+def _case(r: Mapping[str, Any]) -> tuple[str, ...]:
+    case, robot, true, size, verdict, names, before, after = score_text.case(r)
+    shows = ", ".join(score_text.number(v) for v in r["shows"])
+    place = "" if r["place"] is None else "right" if r["place"] else "wrong"
+    error = ", ".join(score_text.percent(s["error"]) for s in r["sizes"])
+    seconds = score_text.number(r["seconds"])
+    return case, robot, true, size, shows, verdict, names, before, after, place, error, seconds
+
+
+def _mark(r: Mapping[str, Any]) -> str:
+    """Good, wrong or undecided."""
+    if r["kind"] == "null":
+        return "good" if r["verdict"] == "no gap" else "bad" if r["named"] else "so"
+    if r["kind"] == "outsider":
+        return "good" if r["abstained"] else "bad" if r["named"] else "so"
+    if set(r["true"]) <= set(r["said"]) or r["right"]:
+        return "good"
+    return "bad" if r["named"] else "so"

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies of a machine in MuJoCo: the only module of the battery that knows this engine.
+
+The search predicts bolted robots with equations of its own and never asks MuJoCo about them.
+Nothing of `loco_sim` is used here, neither its world nor its reading of the URDF: generator and
+workflow would otherwise have their mistakes in common.
+
+A step is a leapfrog: velocities stand half a step before positions, so that the error falls with
+the square of the step as long as torques that depend on velocity get it at the time of positions.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from .tree import Tree
+
+RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of stops and dry friction: as hard as it gets
+DEAD_STOP = 10.0  # damping ratio of stops: what hits one does not come back
+NO_LIMIT = 1e3  # [rad or m] in place of infinity
+
+
+class Engine:
+    """A tree whose root is held, moved by torques.
+
+    Attributes:
+        q: Joint positions [rad], (n,).
+        v: Joint velocities half a step earlier [rad/s], (n,).
+        a: Joint accelerations over the last step [rad/s²], (n,).
+        tau: Torques on the joints, to be set before each step [N·m], (n,).
+        friction: Dry friction of the joints, to be set before each step [N·m], (n,).
+    """
+
+    def __init__(self, tree: Tree, dt: float, gravity: float):
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        spec.option.timestep, spec.option.gravity = dt, (0.0, 0.0, -gravity)
+        spec.option.tolerance, spec.option.iterations = 1e-12, 50
+        bodies = []
+        for i, (joint, link) in enumerate(zip(tree.joints, tree.links, strict=True)):
+            above = bodies[tree.parent[i]] if tree.parent[i] >= 0 else spec.worldbody
+            body = above.add_body(name=link, pos=tree.place[i], quat=_quaternion(tree.turn[i]))
+            slides = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+            body.add_joint(
+                name=joint, type=slides[0] if tree.slides[i] else slides[1], axis=tree.axis[i],
+                armature=tree.armature[i], limited=True,
+                range=np.clip((tree.lower[i], tree.upper[i]), -NO_LIMIT, NO_LIMIT),
+            )  # fmt: skip
+            own = tree.inertia[i]
+            body.mass, body.ipos, body.explicitinertial = tree.mass[i], tree.com[i], True
+            body.fullinertia = [*np.diag(own), own[0, 1], own[0, 2], own[1, 2]]
+            bodies.append(body)
+        self._model = spec.compile()
+        m, self._data = self._model, mujoco.MjData(self._model)
+        m.dof_solref[:] = 2.0 * dt, 1.0
+        m.jnt_solref[:] = 2.0 * dt, DEAD_STOP
+        m.dof_solimp[:] = m.jnt_solimp[:] = RIGID
+        self._bodies = [m.body(link).id for link in tree.links]
+        d = self._data
+        self.q, self.v, self.a = d.qpos, d.qvel, d.qacc
+        self.tau, self.friction = d.qfrc_applied, m.dof_frictionloss
+
+    def step(self) -> None:
+        """Go on by one step."""
+        mujoco.mj_step(self._model, self._data)
+
+    def point(self, link: int, at: np.ndarray) -> np.ndarray:
+        """Place of a point of a body in the world [m], (3,).
+
+        Args:
+            link: Number of the body.
+            at: Place in the body's frame [m], (3,).
+        """
+        body = self._bodies[link]
+        return self._data.xpos[body] + self._data.xmat[body].reshape(3, 3) @ at
+
+    def pull(self, link: int, point: np.ndarray, force: np.ndarray) -> None:
+        """Add to `tau` what a force [N] on a point of a body [m] does, both in the world."""
+        none, body = np.zeros(3), self._bodies[link]
+        mujoco.mj_applyFT(self._model, self._data, force, none, point, body, self.tau)
+
+    def mass(self, q: np.ndarray) -> np.ndarray:
+        """Mass matrix at joint positions [kg·m²], (n, n)."""
+        self.q[:], self.v[:] = q, 0.0
+        mujoco.mj_forward(self._model, self._data)
+        full = np.zeros((len(q), len(q)))
+        mujoco.mj_fullM(self._model, self._data, full)
+        return full
+
+    def needed(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Torques that make a motion, without stops and friction [N·m], (n,)."""
+        full = self.mass(q)
+        self.v[:] = v
+        mujoco.mj_forward(self._model, self._data)
+        return full @ a + self._data.qfrc_bias
+
+    def energy(self) -> float:
+        """Kinetic and potential energy, with velocities as they are [J]."""
+        mujoco.mj_energyPos(self._model, self._data)
+        mujoco.mj_energyVel(self._model, self._data)
+        return float(self._data.energy.sum())
+
+
+def _quaternion(turn: np.ndarray) -> np.ndarray:
+    out = np.zeros(4)
+    mujoco.mju_mat2Quat(out, turn.ravel())
+    return out

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An effect that is hidden in a machine, and the constants that it comes down to.
+
+Names of effects and parameters are those of the registry, so that verdicts can be scored;
+the laws are this package's own (`laws`, `motion`, `readings`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from . import slots
+from .machines import Machine
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect in a machine.
+
+    Attributes:
+        effect: Name in the registry, or of an outsider.
+        place: Joint or pattern of joints, link of a body effect, empty for the whole robot.
+        strength: Parameter that says how large it is.
+        params: Parameters by name.
+    """
+
+    effect: str
+    place: str
+    strength: str
+    params: dict[str, Any] = field(default_factory=dict)
+
+    def scaled(self, value: float) -> Hidden:
+        """The same with another strength; the sign, or direction of a vector, stays."""
+        now = self.params[self.strength]
+        if isinstance(now, (list, tuple)):
+            length = float(np.linalg.norm(now))
+            new: Any = [float(x) / length * value for x in now]
+        else:
+            new = float(np.copysign(value, now))
+        return Hidden(self.effect, self.place, self.strength, {**self.params, self.strength: new})
+
+    @property
+    def size(self) -> float:
+        """Its strength without sign."""
+        return float(np.linalg.norm(self.params[self.strength]))
+
+
+LAWS: dict[str, tuple[int, tuple[str, ...]]] = {  # row and the parameters in their order
+    "coulomb_friction": (slots.COULOMB, ("torque",)),
+    "viscous_friction": (slots.VISCOUS, ("damping",)),
+    "stribeck_friction": (slots.STRIBECK, ("torque", "velocity")),
+    "load_friction": (slots.LOAD, ("share",)),
+    "backlash": (slots.BACKLASH, ("width", "inertia")),
+    "command_delay": (slots.COMMAND_DELAY, ("delay",)),
+    "actuation_delay": (slots.ACTUATION_DELAY, ("delay",)),
+    "actuator_lag": (slots.LAG, ("time",)),
+    "torque_limit": (slots.LIMIT, ("reduction",)),
+    "torque_speed_line": (slots.LINE, ("slope",)),
+    "supply_sag": (slots.SAG, ("sag",)),
+    "torque_constant_error": (slots.GAIN, ("error",)),
+    "joint_offset": (slots.OFFSET, ("offset",)),
+    "added_stiffness": (slots.STIFFNESS, ("stiffness", "rest")),
+    "cubic_stiffness": (slots.STIFFNESS, ("", "", "cubic")),
+    "stiffness_error": (slots.SPRING_ERROR, ("error",)),
+    "rest_angle_error": (slots.SPRING_ERROR, ("", "", "offset")),
+    "spring_saturation": (slots.SATURATION, ("lost", "torque")),
+    "end_stop": (slots.STOP, ("angle", "stiffness", "damping")),
+    "hysteresis": (slots.HYSTERESIS, ("torque", "stroke")),
+    "viscoelasticity": (slots.MAXWELL, ("stiffness", "time")),
+    "series_elasticity": (slots.SERIES, ("compliance", "inertia", "damping")),
+    "friction_drift": (slots.DRIFT, ("torque", "time")),
+    "gear_ripple": (slots.RIPPLE, ("torque", "teeth", "phase")),
+    "quadratic_drag": (slots.DRAG, ("drag",)),
+    "rubber": (slots.RUBBER, ("torque", "stroke", "hardening")),
+    "one_way_damping": (slots.ONE_WAY, ("damping",)),
+    "torque_deadband": (slots.DEADBAND, ("band",)),
+}
+
+
+def at(machine: Machine, place: str) -> list[int]:
+    """Joints that a place names; all for an empty one."""
+    return [j for j, name in enumerate(machine.joints) if fnmatchcase(name, place or "*")]
+
+
+def constants(machine: Machine, found: Sequence[Hidden]) -> np.ndarray:
+    """Constants of the laws in the joints, (LAWS, n, 4)."""
+    rows = np.zeros((slots.LAWS, len(machine.joints), 4))
+    for effect in found:
+        p = effect.params
+        if effect.effect in LAWS:
+            law, order = LAWS[effect.effect]
+            for column, name in enumerate(order):
+                if name:
+                    rows[law, at(machine, effect.place), column] += p[name]
+        elif effect.effect == "loose_mass":
+            omega = 2.0 * np.pi * p["frequency"]
+            spring, damper = p["inertia"] * omega**2, 2.0 * p["ratio"] * p["inertia"] * omega
+            rows[slots.ABSORBER, at(machine, effect.place), :3] = spring, damper, p["inertia"]
+        elif effect.effect == "torque_jump":
+            rows[slots.JUMP, at(machine, effect.place), :3] = -p["error"], p["error"], p["time"]
+    return rows
+
+
+def to_dict(effect: Hidden) -> dict[str, Any]:
+    """Plain values for a truth file."""
+    return {"effect": effect.effect, "place": effect.place, "strength": effect.strength,
+            "params": effect.params}  # fmt: skip
+
+
+def from_dict(values: dict[str, Any]) -> Hidden:
+    """The effect of values that `to_dict` wrote."""
+    return Hidden(values["effect"], values["place"], values["strength"], values["params"])

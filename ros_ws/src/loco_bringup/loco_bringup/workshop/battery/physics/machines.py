@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The robots of the battery as they should be, written down once more.
+
+From docs/robots.md and the URDFs: drives, springs and sensors are data here and do not come
+through the plant, so that a mistake there shows as a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError
+
+from . import slots, tree
+
+GRAVITY = 9.81  # [m/s²]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The errors of a joint sensor.
+
+    Attributes:
+        step: Step of a reading [rad].
+        noise: Standard deviation before rounding [rad].
+        table: Angles [rad] and counts of a Hall sensor, empty for none; then `step` and
+            `noise` are counts.
+    """
+
+    step: float = 0.0
+    noise: float = 0.0
+    table: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A robot of the battery.
+
+    Attributes:
+        name: Name of the robot that the workflow uses.
+        body: Moving bodies.
+        rate: Rate of commands and readings [Hz].
+        drives: A row per joint, (n, DRIVE).
+        springs: A row per joint, (n, SPRING).
+        start: Joint positions of the standing pose [rad], (n,).
+        rest: Position at which each joint's spring is slack, else the standing pose [rad], (n,).
+        sensors: Sensor of each joint.
+        centre: About which the battery moves the driven joints [rad], (m,); span: how far.
+        fast: Largest speed of a command [rad/s].
+        band: Slowest and fastest frequency of a chirp [Hz].
+        torque_noise: Noise of the torque sensors [N·m], 0 without them.
+        overrides: Values of robot.yaml by which the set-up differs.
+        known: The same, as effects: weights that hang on the robot.
+        steps: Integration steps per tick.
+        quick: The same while sizes are sought; 0 is half of them.
+        motor: Torque of each drive over that of its model, (n,); None is 1.
+        robot: Name of the robot for the workflow, where it is another one.
+        urdf: URDF of a robot that loco does not have.
+    """
+
+    name: str
+    body: tree.Tree
+    rate: float
+    drives: np.ndarray
+    springs: np.ndarray
+    start: np.ndarray
+    rest: np.ndarray
+    sensors: tuple[Sensor, ...]
+    centre: np.ndarray
+    span: np.ndarray
+    fast: float
+    band: tuple[float, float]
+    torque_noise: float = 0.0
+    overrides: dict[str, Any] = field(default_factory=dict)
+    known: tuple[dict[str, Any], ...] = ()
+    steps: int = 80
+    quick: int = 0
+    motor: np.ndarray | None = None
+    robot: str = ""
+    urdf: Path | None = None
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints."""
+        return self.body.joints
+
+    @property
+    def driven(self) -> np.ndarray:
+        """Indices of the joints with a drive, (m,)."""
+        return np.flatnonzero(self.drives[:, 0] != slots.FREE)
+
+    @property
+    def sprung(self) -> np.ndarray:
+        """Indices of the joints with a spring."""
+        return np.flatnonzero(self.springs[:, 0] > 0.0)
+
+    @property
+    def servo(self) -> bool:
+        """Whether its drives are servos."""
+        return bool(np.any(self.drives[:, 0] == slots.SERVO))
+
+    def with_steps(self, steps: int) -> Machine:
+        """The same, integrated with another step."""
+        return replace(self, steps=steps)
+
+
+def _urdf(name: str, file: str = "") -> Path:
+    # The URDF is all that generator and plant share.
+    folder = find_spec("loco_sim").submodule_search_locations[0]
+    return Path(folder) / "assets" / name / f"{file or name}.urdf"
+
+
+def _servo(n: int, driven: list[int], effort: float = 2.6) -> np.ndarray:
+    """Dynamixel RX-24F at 12 V behind 193 : 1, on some of n joints."""
+    rows = np.zeros((n, slots.DRIVE))
+    rows[driven] = (slots.SERVO, 2.6, 2.6 / 13.2, 6.2, 0.00506, 0.003, 30.0, 0.05, effort, 0.0)
+    return rows
+
+
+def servo_pendulum() -> Machine:
+    """A rod of 0.5 kg and 0.4 m on a servo."""
+    body = tree.read(_urdf("servo_pendulum"), ["pivot"])
+    return Machine(
+        "servo_pendulum", body, 100.0, _servo(1, [0]), np.zeros((1, slots.SPRING)),
+        np.zeros(1), np.zeros(1), (Sensor(0.00506),), np.zeros(1), np.array([0.9]), 6.0,
+        (0.2, 3.0), steps=80,
+    )  # fmt: skip
+
+
+def linear_axis() -> Machine:
+    """A carriage of 1.5 kg on a rail, impedance 2000 N/m and 60 N·s/m."""
+    body = tree.read(_urdf("linear_axis"), ["slide"])
+    drives = np.array([[slots.IMPEDANCE, 2000.0, 60.0, 0, 0, 0, 0, 0, 60.0, 0.0]])
+    return Machine(
+        "linear_axis", body, 250.0, drives, np.zeros((1, slots.SPRING)), np.zeros(1), np.zeros(1),
+        (Sensor(1e-5, 5e-5),), np.zeros(1), np.array([0.15]), 1.0, (0.3, 5.0), steps=16,
+    )  # fmt: skip
+
+
+def hyq_leg() -> Machine:
+    """The left front leg of HyQ on a bolted trunk, with the gains of a swing leg."""
+    names = ["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint"]
+    start = np.array([-0.121072, 0.695151, -1.418375])
+    drives = np.zeros((3, slots.DRIVE))
+    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, 150.0
+    drives[:, 1], drives[:, 2] = (150.0, 250.0, 250.0), (12.0, 8.0, 6.0)
+    return Machine(
+        "hyq_leg", tree.read(_urdf("hyq"), names), 250.0, drives, np.zeros((3, slots.SPRING)),
+        start, start, (Sensor(8e-5, 4e-5),) * 3, np.array([-0.2, 0.4, -1.4]),
+        np.array([0.2, 0.5, 0.6]), 6.0, (0.3, 4.0), torque_noise=0.2, steps=16,
+    )  # fmt: skip
+
+
+HALL = {  # angles [degrees] and counts, docs/robots.md
+    "lf": ((40, 49, 55, 60, 70, 80, 90, 100, 110, 120, 180),
+           (0, 1300, 1810, 2205, 2640, 2800, 2870, 2910, 2931, 2940, 3200)),
+    "rf": ((40, 56, 60, 70, 80, 90, 100, 110, 120, 180),
+           (0, 1202, 1600, 2320, 2630, 2760, 2850, 2890, 2910, 3200)),
+    "lh": ((40, 49, 55, 60, 70, 80, 90, 100, 110, 120, 180),
+           (0, 133, 280, 1110, 2215, 2590, 2773, 2854, 2890, 2915, 3200)),
+    "rh": ((48, 54, 60, 70, 80, 90, 100, 110, 120, 180),
+           (0, 131, 640, 2170, 2620, 2760, 2850, 2895, 2920, 3200)),
+}  # fmt: skip
+STOPS = {"lf": 0.88, "rf": 0.96, "lh": 0.863, "rh": 0.94}  # smallest knee angles [rad]
+
+
+WEIGHT, FOOT = 0.15, (0.0, 0.0, -0.055)  # of lead on each foot [kg], and where [m]
+
+
+def tigrillo() -> Machine:
+    """Tigrillo with its trunk held in the air: hips on servos, knees on springs.
+
+    A weight on each foot makes the knees leave their stops; without it they never do.
+    """
+    names = [f"{leg}_{joint}" for leg in HALL for joint in ("hfe_joint", "kfe_joint")]
+    body = tree.read(_urdf("tigrillo"), names)
+    knees, hips = [1, 3, 5, 7], [0, 2, 4, 6]
+    body.lower[knees] = list(STOPS.values())
+    shanks = [f"{leg}_lower_leg" for leg in HALL]
+    for shank in shanks:
+        body.add_point(shank, WEIGHT, FOOT)
+    known = tuple(
+        {"name": "payload", "link": shank, "mass": WEIGHT, "position": list(FOOT)}
+        for shank in shanks
+    )
+    femur, tibia, length = 0.045, 0.035, 0.025
+    springs = np.zeros((8, slots.SPRING))
+    springs[knees] = (2.0, 181.6, 0.01, length, femur, tibia)
+    slack = np.arccos((femur**2 + tibia**2 - length**2) / (2.0 * femur * tibia))
+    sensors = []
+    for angles, counts in HALL.values():
+        table = tuple(np.deg2rad(angles).tolist()), tuple(map(float, counts))
+        sensors += [Sensor(0.00506), Sensor(1.0, 1.0, table)]
+    return Machine(
+        "tigrillo", body, 100.0, _servo(8, hips), springs, np.array([-0.5, 1.0] * 4),
+        np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, 0.3), np.full(4, 0.6), 9.0,
+        (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=known,
+        steps=160, quick=40,
+    )  # fmt: skip
+
+
+def hyq_air() -> Machine:
+    """HyQ whole, its trunk held in the air: twelve joints, gains of legs in stance."""
+    names = [f"{leg}_{joint}_joint" for leg in HALL for joint in ("haa", "hfe", "kfe")]
+    start = np.tile([-0.121072, 0.695151, -1.418375], 4)
+    start[6:] *= (1.0, -1.0, -1.0) * 2  # hind legs bend the other way
+    drives = np.zeros((12, slots.DRIVE))
+    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, 150.0
+    drives[:, 1], drives[:, 2] = np.tile((150.0, 250.0, 150.0), 4), np.tile((10.0, 8.0, 6.0), 4)
+    return Machine(
+        "hyq_air", tree.read(_urdf("hyq"), names), 250.0, drives, np.zeros((12, slots.SPRING)),
+        start, start, (Sensor(8e-5, 4e-5),) * 12, start, np.tile([0.15, 0.4, 0.5], 4), 6.0,
+        (0.3, 4.0), torque_noise=0.2, overrides={"fixed_base": True, "height": 1.5}, steps=16,
+        robot="hyq",
+    )  # fmt: skip
+
+
+def _foreign(name: str, file: str, joints: list[str], gains: list, start: list) -> Machine:
+    """A robot of `pybullet_data` that hangs in the air, with impedance drives."""
+    urdf = Path(find_spec("pybullet_data").submodule_search_locations[0]) / file
+    body, n = tree.read(urdf, joints), len(joints)
+    drives, at = np.zeros((n, slots.DRIVE)), np.array(start)
+    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, body.effort
+    drives[:, 1], drives[:, 2] = np.transpose(gains)
+    return Machine(
+        name, body, 250.0, drives, np.zeros((n, slots.SPRING)), at, at,
+        (Sensor(5e-5, 2e-5),) * n, at, np.full(n, 0.4), 2.0, (0.2, 2.0), torque_noise=0.1,
+        steps=32, urdf=urdf,
+    )  # fmt: skip
+
+
+def kuka_iiwa() -> Machine:
+    """An arm of seven joints that `pybullet_data` brings along, with gains of a soft arm."""
+    gains = [(200.0, 15.0), (800.0, 60.0), (100.0, 6.0), (300.0, 20.0), (20.0, 1.0), (20.0, 0.8),
+             (8.0, 0.12)]  # fmt: skip
+    joints = [f"lbr_iiwa_joint_{i}" for i in range(1, 8)]
+    start = [0.0, 0.4, 0.0, -1.0, 0.0, 0.6, 0.0]
+    return _foreign("kuka_iiwa", "kuka_iiwa/model.urdf", joints, gains, start)
+
+
+def a1_air() -> Machine:
+    """A quadruped of twelve joints that `pybullet_data` brings along, its trunk held."""
+    joints = [f"{leg}_{j}_joint" for leg in ("FR", "FL", "RR", "RL")
+              for j in ("hip", "upper", "lower")]  # fmt: skip
+    gains = [(40.0, 1.5), (40.0, 1.5), (30.0, 0.8)] * 4
+    return _foreign("a1_air", "a1/a1.urdf", joints, gains, [0.0, 0.8, -1.6] * 4)
+
+
+MACHINES: dict[str, Callable[[], Machine]] = {
+    "servo_pendulum": servo_pendulum,
+    "linear_axis": linear_axis,
+    "hyq_leg": hyq_leg,
+    "tigrillo": tigrillo,
+    "hyq_air": hyq_air,
+    "kuka_iiwa": kuka_iiwa,
+    "a1_air": a1_air,
+}
+_made: dict[str, Machine] = {}
+
+
+def get(name: str) -> Machine:
+    """A machine by name; do not change it.
+
+    Raises:
+        NameUnknownError: There is none of that name.
+    """
+    if name not in MACHINES:
+        raise NameUnknownError("robot of the battery", name, MACHINES)
+    if name not in _made:
+        _made[name] = MACHINES[name]()
+    return _made[name]

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of a machine: its bodies in an engine, drives, springs and hidden laws compiled.
+
+Numba keeps what it compiled of this file until the file changes: whoever changes `laws` or the
+numbers in `slots` changes `LAWS_OF` here, or runs go on with the laws of before.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from . import laws
+from .engine import Engine
+from .slots import (
+    ACTUATION_DELAY,
+    BACKLASH,
+    BENT,
+    COMMAND_DELAY,
+    COULOMB,
+    DRIFT,
+    FADING,
+    FREE,
+    LAG,
+    LAGGED,
+    LOAD,
+    LOOSE,
+    LOOSE_V,
+    MOTOR,
+    MOTOR_V,
+    OFFSET,
+    ROTOR,
+    ROTOR_V,
+    RUBBER_A,
+    RUBBER_C,
+    SAG,
+    SERIES,
+    SERVO,
+    STATES,
+    STRIBECK,
+    Q,
+    V,
+)
+
+LAWS_OF = 2  # see above
+LINE = 4096  # steps that a delayed torque may be old
+
+
+class Packed(NamedTuple):
+    """Constants of a machine of n joints."""
+
+    drives: np.ndarray  # (n, slots.DRIVE)
+    springs: np.ndarray  # (n, slots.SPRING)
+    rest: np.ndarray  # positions from which hidden springs and stops count [rad], (n,)
+    damping: np.ndarray  # viscous damping of the joints [N·m·s/rad], (n,)
+
+
+class Memory(NamedTuple):
+    """State of all but the bodies of a machine, from step to step."""
+
+    state: np.ndarray  # (STATES, n)
+    rate: np.ndarray  # of the states over the last step, (STATES, n)
+    target: np.ndarray  # position, velocity, feed-forward, (3, n)
+    held: np.ndarray  # push of servos, or torques that are due [N·m], (n,)
+    through: np.ndarray  # 1 where the motor leans on a flank of its play, (n,)
+    drive: np.ndarray  # torque of drives and springs on the joints [N·m], (n,)
+    line: np.ndarray  # torques that act late, (LINE, n)
+    gap: np.ndarray  # place, speed and whether it has begun, of a motor in its play, (3, n)
+
+
+class Port(NamedTuple):
+    """Arrays of the engine; see `Engine`."""
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    friction: np.ndarray
+
+
+def simulate(
+    engine: Engine,
+    packed: Packed,
+    command: np.ndarray,
+    hidden: np.ndarray,
+    outside: np.ndarray,
+    start: np.ndarray,
+    times: tuple[int, int, float, int],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions and torques of a machine that follows commands.
+
+    Args:
+        engine: Bodies of the machine.
+        packed: Constants of the machine.
+        command: Position, velocity, feed-forward at each tick, (ticks, 3, n).
+        hidden: Constants of the hidden laws, (LAWS, n, 4).
+        outside: Body or -1, kind (0 push, 1 cable), point (3), force or anchor (3),
+            start or stiffness, stop or length, (10,).
+        start: Joint positions [rad], (n,).
+        times: Ticks for which the first command is held before the record begins, steps per
+            tick, step [s], steps between two rows of the answer.
+
+    Returns:
+        Readings of the encoders and true velocities at every row, (rows, n) each, and the mean
+        torque over the period before each tick, (ticks, n).
+    """
+    settle, steps, dt, every = times
+    n, ticks = len(start), len(command)
+    total = ticks * steps
+    seen, speed = np.zeros((total // every + 1, n)), np.zeros((total // every + 1, n))
+    torque, summed = np.zeros((ticks, n)), np.zeros(n)
+    memory = _memory(n, start)
+    engine.q[:] = start
+    port = Port(engine.q, engine.v, engine.a, engine.tau, engine.friction)
+    late = hidden[COMMAND_DELAY, 0, 0]
+    for step in range(-settle * steps, total + 1):
+        if step % steps == 0:
+            if 0 < step < total:
+                torque[step // steps] = summed / steps
+            summed[:] = 0.0
+        if step >= 0 and step % every == 0:
+            encode(seen[step // every], speed[step // every], memory.state, port, hidden, dt)
+        t = (step + 0.5) * dt  # at which positions stand: commands change at whole steps
+        tick = min(max(0, int((t - late) // (steps * dt))), ticks - 1)
+        torques(packed, hidden, memory, port, command[tick], step, dt)
+        if outside[0] >= 0.0:
+            _outside(engine, outside, t)
+        summed += memory.drive
+        engine.step()
+    torque[0] = torque[1] if ticks > 1 else memory.drive
+    return seen, speed, torque
+
+
+def _memory(n: int, start: np.ndarray) -> Memory:
+    state = np.zeros((STATES, n))
+    state[[Q, ROTOR, MOTOR, LOOSE]] = start
+    return Memory(
+        state, np.zeros((STATES, n)), np.zeros((3, n)), np.zeros(n), np.ones(n), np.zeros(n),
+        np.zeros((LINE, n)), np.zeros((3, n)),
+    )  # fmt: skip
+
+
+def _outside(engine: Engine, outside: np.ndarray, t: float) -> None:
+    """Add the torques of a push or a cable."""
+    link, other = int(outside[0]), outside[5:8]  # a force, or an anchor
+    if outside[1] == 0.0:
+        if outside[8] <= t < outside[9]:
+            engine.pull(link, engine.point(link, outside[2:5]), other)
+        return
+    point = engine.point(link, outside[2:5])
+    way = other - point
+    length = float(np.linalg.norm(way))
+    if length > outside[9]:
+        engine.pull(link, point, outside[8] * (length - outside[9]) / length * way)
+
+
+@njit(cache=True, error_model="numpy")
+def encode(q, v, state, port, hidden, dt):
+    """Readings of the encoders at whole steps: the motor when a spring is behind it."""
+    for j in range(len(q)):
+        soft = hidden[SERIES, j, 0] > 0.0
+        v[j] = state[MOTOR_V, j] if soft else port.v[j]
+        q[j] = (state[MOTOR, j] if soft else port.q[j]) - 0.5 * dt * v[j]
+
+
+@njit(cache=True, error_model="numpy")
+def torques(packed, hidden, memory, port, command, step, dt):
+    """Torques and dry friction on the joints until the next step, into the port.
+
+    Args:
+        packed: Constants of the machine.
+        hidden: Constants of the hidden laws, (LAWS, n, 4).
+        memory: Filled in.
+        port: Arrays of the engine.
+        command: Position, velocity, feed-forward that the machine is told, (3, n).
+        step: Number of the step, 0 at the beginning of the record.
+        dt: Step [s].
+    """
+    state, rate, target, drives = memory.state, memory.rate, memory.target, packed.drives
+    n, t = state.shape[1], (step + 0.5) * dt
+    for j in range(n):
+        _remember(state, rate, port, hidden, j, dt)
+        state[Q, j] = port.q[j]
+        state[V, j] = port.v[j] + 0.5 * dt * port.a[j]
+        for k in (ROTOR_V, MOTOR_V):
+            state[k, j] += 0.5 * dt * rate[k, j]  # now at the time of positions
+        for k in range(3):
+            target[k, j] = command[k, j]
+        target[0, j] += hidden[OFFSET, j, 0]
+        soft = hidden[SERIES, j, 0] > 0.0
+        seen = state[MOTOR, j] if soft else state[Q, j]
+        if drives[j, 0] == SERVO:
+            error = _rounded(target[0, j], drives[j, 4]) - _rounded(seen, drives[j, 4])
+            memory.held[j] = drives[j, 1] * laws.within(drives[j, 3] * error, 1.0)
+    _hold_late(state, target, packed, hidden, memory.held, memory.line, step, dt)
+    for j in range(n):
+        memory.through[j] = 1.0
+        if hidden[BACKLASH, j, 0] > 0.0 and drives[j, 0] != SERVO and drives[j, 0] != FREE:
+            want = _asked(state, j, target, packed, hidden, memory.held, 0.0, t)
+            memory.through[j] = _in_play(memory.gap, j, want, state[V, j], hidden[BACKLASH, j], dt)
+    load = _load(state, target, packed, hidden, memory.held, t)
+    for j in range(n):
+        before = rate[ROTOR_V, j], rate[MOTOR_V, j]
+        tau = _drive(j, packed, hidden, memory, load, t, dt)
+        tau += laws.elastic(state, j, packed.springs[j], packed.rest[j], hidden)
+        memory.drive[j] = tau
+        tau += laws.strange(state, j, hidden) - packed.damping[j] * state[V, j]
+        port.tau[j] = tau
+        port.friction[j] = _budget(state[V, j], memory.drive[j], hidden, j, t)
+        state[ROTOR_V, j] += dt * (rate[ROTOR_V, j] - 0.5 * before[0])  # half a step after
+        state[MOTOR_V, j] += dt * (rate[MOTOR_V, j] - 0.5 * before[1])
+        state[ROTOR, j] += dt * state[ROTOR_V, j]
+        state[MOTOR, j] += dt * state[MOTOR_V, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _remember(state, rate, port, hidden, j, dt):
+    """Bring what bends, fades and swings beside the joint to the time of positions (midpoint)."""
+    before = state[BENT, j], state[FADING, j], state[LOOSE, j], state[LOOSE_V, j]
+    wound = state[RUBBER_A, j], state[RUBBER_A + 1, j], state[RUBBER_C, j]
+    state[V, j] = port.v[j]
+    state[Q, j] = port.q[j] - dt * port.v[j]
+    for part in (0.5, 1.0):
+        laws.memories(state, rate, j, hidden)
+        state[Q, j] = port.q[j] - 0.5 * dt * port.v[j]
+        state[BENT, j] = before[0] + part * dt * rate[BENT, j]
+        state[FADING, j] = before[1] + part * dt * rate[FADING, j]
+        state[LOOSE, j] = before[2] + part * dt * rate[LOOSE, j]
+        state[LOOSE_V, j] = before[3] + part * dt * rate[LOOSE_V, j]
+        for k in range(3):
+            state[RUBBER_A + k, j] = wound[k] + part * dt * rate[RUBBER_A + k, j]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _budget(v, drive, hidden, j, t):
+    """Dry friction of a joint [N·m]."""
+    budget = hidden[COULOMB, j, 0] + hidden[LOAD, j, 0] * abs(drive)
+    if hidden[STRIBECK, j, 0] > 0.0:
+        budget += hidden[STRIBECK, j, 0] * np.exp(-((v / hidden[STRIBECK, j, 1]) ** 2))
+    if hidden[DRIFT, j, 0] > 0.0:
+        budget += hidden[DRIFT, j, 0] * np.exp(-max(0.0, t) / hidden[DRIFT, j, 1])
+    return budget
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _rounded(x, step):
+    return step * np.floor(x / step + 0.5) if step > 0.0 else x
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _hold_late(state, target, machine, hidden, held, line, step, dt):
+    """Torques that act late: put the one of now in line, take the one that is due."""
+    drives = machine.drives
+    for j in range(state.shape[1]):
+        delay = hidden[ACTUATION_DELAY, j, 0]
+        if delay <= 0.0 or drives[j, 0] == SERVO or drives[j, 0] == FREE:
+            continue
+        soft = hidden[SERIES, j, 0] > 0.0
+        seen = state[MOTOR, j] if soft else state[Q, j]
+        speed = state[MOTOR_V, j] if soft else state[V, j]
+        line[step % LINE, j] = laws.wanted(drives[j], target[:, j], seen, speed)
+        whole = int(delay / dt)
+        part = delay / dt - whole
+        due, before = line[(step - whole) % LINE, j], line[(step - whole - 1) % LINE, j]
+        held[j] = (1.0 - part) * due + part * before
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _in_play(gap, j, want, v, row, dt):
+    """1 when the motor leans on a flank of its play, else 0 and it moves freely."""
+    half = 0.5 * row[0]
+    if gap[2, j] == 0.0:
+        gap[2, j], gap[1, j] = 1.0, v
+        gap[0, j] = half if want > 0.0 else -half
+    pushes = (gap[0, j] >= half and want > 0.0) or (gap[0, j] <= -half and want < 0.0)
+    if pushes:
+        gap[1, j] = v
+        return 1.0
+    gap[0, j] += dt * (gap[1, j] - v) + 0.5 * dt * dt * want / row[1]
+    gap[1, j] += dt * want / row[1]
+    if abs(gap[0, j]) >= half:
+        gap[0, j] = half if gap[0, j] > 0.0 else -half
+        gap[1, j] = v
+    return 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _asked(state, j, target, machine, hidden, held, load, t):
+    """Torque of a drive that is no servo [N·m]."""
+    drives = machine.drives
+    soft = hidden[SERIES, j, 0] > 0.0
+    seen = state[MOTOR, j] if soft else state[Q, j]
+    speed = state[MOTOR_V, j] if soft else state[V, j]
+    if hidden[ACTUATION_DELAY, j, 0] > 0.0:
+        tau = held[j]
+    else:
+        tau = laws.wanted(drives[j], target[:, j], seen, speed)
+    return laws.weakened(tau, speed, drives[j], hidden, j, load, t)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _load(state, target, machine, hidden, held, t):
+    """Share of the supply that is lost to the load of all drives."""
+    sag = hidden[SAG, 0, 0]
+    if sag == 0.0:
+        return 0.0
+    drives, total, count = machine.drives, 0.0, 0
+    for j in range(state.shape[1]):
+        if drives[j, 0] == FREE:
+            continue
+        if drives[j, 0] == SERVO:
+            tau = laws.within(held[j] - drives[j, 2] * state[ROTOR_V, j], drives[j, 8])
+        else:
+            tau = _asked(state, j, target, machine, hidden, held, 0.0, t)
+        total += abs(tau) / drives[j, 8]
+        count += 1
+    return sag * total / max(1, count)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _drive(j, machine, hidden, memory, load, t, dt):
+    """Torque of a drive on its joint; rates of rotor, motor and lag [N·m]."""
+    row, target, held = machine.drives[j], memory.target, memory.held
+    state, rate = memory.state, memory.rate
+    if row[0] == FREE:
+        return 0.0
+    soft = hidden[SERIES, j, 0] > 0.0
+    seen = state[MOTOR, j] if soft else state[Q, j]
+    speed = state[MOTOR_V, j] if soft else state[V, j]
+    if row[0] == SERVO:
+        motor = laws.within(held[j] - row[2] * state[ROTOR_V, j], row[8])
+        motor = laws.weakened(motor, state[ROTOR_V, j], row, hidden, j, load, t)
+        play = laws.play_of(hidden, j, row[0])
+        tau = laws.gear(row, state[ROTOR, j] - seen, state[ROTOR_V, j] - speed, play)
+        rate[ROTOR, j], rate[ROTOR_V, j] = state[ROTOR_V, j], (motor - tau) / row[5]
+    else:
+        tau = _asked(state, j, target, machine, hidden, held, load, t)
+        if hidden[LAG, j, 0] > 0.0:
+            share = 0.5 * dt / hidden[LAG, j, 0]  # trapezoids; the rate holds the torque before
+            both = share * (tau + rate[LAGGED, j]) + (1.0 - share) * state[LAGGED, j]
+            rate[LAGGED, j], state[LAGGED, j] = tau, both / (1.0 + share)
+            tau = state[LAGGED, j]
+        tau *= memory.through[j]
+    if soft:
+        twist = (state[MOTOR, j] - state[Q, j]) / hidden[SERIES, j, 0]
+        twist += hidden[SERIES, j, 2] * (state[MOTOR_V, j] - state[V, j])
+        rate[MOTOR, j] = state[MOTOR_V, j]
+        rate[MOTOR_V, j] = (tau - twist) / hidden[SERIES, j, 1]
+        tau = twist
+    return tau

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine with something hidden in it, and what its sensors say when it is moved."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from zlib import crc32
+
+import numpy as np
+
+from . import hidden, machines, motion, readings, slots
+from .engine import Engine
+from .hidden import Hidden
+from .machines import GRAVITY, Machine
+
+SETTLE = 1.5  # for which the first command is held before a record begins [s]
+FINE = 1000.0  # rows per second of what sensors may look back on [Hz], at least
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The recording of a robot.
+
+    Attributes:
+        t: Times of the commands [s], (T,).
+        stamp: Stamps of the readings [s], (S,).
+        q: Joint sensors [rad], (S, n).
+        command: Positions, velocities wanted of the driven joints, (T, m) each.
+        tau: Torque sensors [N·m], (S, n), or None.
+        driven: Names of the driven joints.
+        joints: Names of all joints.
+    """
+
+    t: np.ndarray
+    stamp: np.ndarray
+    q: np.ndarray
+    command: np.ndarray
+    rate: np.ndarray
+    tau: np.ndarray | None
+    driven: tuple[str, ...]
+    joints: tuple[str, ...]
+
+
+def truth(
+    machine: Machine, effects: Sequence[Hidden], command: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Fine times [s], encoder positions and velocities there, mean torque at each tick.
+
+    Args:
+        machine: Machine without hidden effects.
+        effects: Hidden effects.
+        command: Positions and velocities of the driven joints at each tick, (T, m) each.
+    """
+    body = copy.deepcopy(machine.body)
+    for effect in effects:
+        _change(body, effect)
+    n, ticks = len(machine.joints), len(command[0])
+    full = np.zeros((ticks, 3, n))
+    full[:, 0, machine.driven], full[:, 1, machine.driven] = command
+    dt = 1.0 / (machine.rate * machine.steps)
+    every = max(1, int(machine.steps * machine.rate / FINE))
+    while machine.steps % every:
+        every -= 1
+    readings, speed, tau = motion.simulate(
+        Engine(body, dt, GRAVITY), packed(machine, body), full,
+        _constants(machine, effects), _outside(machine, effects), machine.start,
+        (round(SETTLE * machine.rate), machine.steps, dt, every),
+    )  # fmt: skip
+    return np.arange(len(readings)) * dt * every, readings, speed, tau
+
+
+def record(
+    machine: Machine,
+    effects: Sequence[Hidden],
+    command: tuple[np.ndarray, np.ndarray],
+    seed: int,
+    name: str = "",
+) -> Reading:
+    """The recording of a robot that is moved; `seed` and `name` key the noise."""
+    t, encoders, speed, tau = truth(machine, effects, command)
+    rng = np.random.default_rng([seed, crc32(name.encode())])
+    ticks = np.arange(len(command[0])) / machine.rate
+    q = readings.joints(machine, effects, t, encoders, speed, ticks, rng)
+    torque = readings.torques(machine, effects, tau, rng) if machine.torque_noise else None
+    driven = tuple(machine.joints[j] for j in machine.driven)
+    return Reading(ticks, ticks, q, command[0], command[1], torque, driven, machine.joints)
+
+
+def _constants(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
+    """Constants of the laws in the joints, with those of motors that differ from their model."""
+    rows = hidden.constants(machine, tuple(effects))
+    if machine.motor is not None:
+        rows[slots.GAIN, :, 0] = (1.0 + rows[slots.GAIN, :, 0]) * machine.motor - 1.0
+    return rows
+
+
+def _change(body, effect: Hidden) -> None:
+    """Effects that are built into the body."""
+    if effect.effect == "payload":
+        body.add_point(effect.params["link"], effect.params["mass"], effect.params["position"])
+    elif effect.effect == "com_offset":
+        body.move_com(effect.params["link"], effect.params["offset"])
+    elif effect.effect == "armature":
+        for j, name in enumerate(body.joints):
+            if fnmatchcase(name, effect.place):
+                body.armature[j] += effect.params["inertia"]
+
+
+def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
+    """Row of a push or cable for the kernel; body -1 when there is none."""
+    row = np.full(10, -1.0)
+    for effect in effects:
+        p = effect.params
+        if effect.effect not in ("push", "cable_force"):
+            continue
+        row[0] = machine.body.links.index(p["link"])
+        row[2:5] = p["point"]
+        if effect.effect == "push":
+            row[1], row[5:8], row[8:] = 0.0, p["force"], (p["start"], p["stop"])
+        else:
+            row[1], row[5:8], row[8:] = 1.0, p["anchor"], (p["stiffness"], p["length"])
+    return row
+
+
+def packed(machine: Machine, body) -> motion.Packed:
+    """Constants of a machine with a body, for the kernel."""
+    return motion.Packed(machine.drives, machine.springs, machine.rest, body.damping)
+
+
+def joint_inertia(machine: Machine) -> np.ndarray:
+    """Inertia of all that hangs on each joint, in the standing pose [kg·m²], (n,)."""
+    if machines.MACHINES.get(machine.name):
+        return _inertia(machine.name)
+    return _diagonal(machine)
+
+
+@lru_cache
+def _inertia(name: str) -> np.ndarray:
+    return _diagonal(machines.get(name))
+
+
+def _diagonal(machine: Machine) -> np.ndarray:
+    return np.diag(Engine(machine.body, 1e-3, GRAVITY).mass(machine.start)).copy()
+
+
+def loose(machine: Machine) -> Machine:
+    """The machine without drives, springs and damping."""
+    body = copy.deepcopy(machine.body)
+    body.damping[:] = 0.0
+    body.lower[:], body.upper[:] = -np.inf, np.inf
+    drives, springs = np.zeros_like(machine.drives), np.zeros_like(machine.springs)
+    return replace(machine, body=body, drives=drives, springs=springs)
+
+
+def coarser(machine: Machine) -> Machine:
+    """The same machine with two thirds of the steps: for what integration alone changes."""
+    return replace(machine, steps=max(2, 2 * machine.steps // 3))

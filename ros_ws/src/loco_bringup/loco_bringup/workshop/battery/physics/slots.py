@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places of the constants of drives, springs and hidden laws in the kernel's arrays.
+
+A hidden law has a row of four constants per joint; all zeros is absent.
+"""
+
+from __future__ import annotations
+
+FREE, TORQUE, IMPEDANCE, SERVO = 0.0, 1.0, 2.0, 3.0  # kinds of drive
+DRIVE = 10  # kind, stall or kp, slope or kd, kp, resolution, rotor, gear k, gear d, effort, -
+SPRING = 6  # kind (1 linear, 2 knee), stiffness, damping, rest or free length, femur, tibia
+
+(
+    COULOMB,  # torque
+    VISCOUS,  # damping
+    STRIBECK,  # torque, velocity
+    LOAD,  # share
+    BACKLASH,  # width, inertia
+    COMMAND_DELAY,  # delay, of all joints: row 0
+    ACTUATION_DELAY,  # delay
+    LAG,  # time
+    LIMIT,  # reduction
+    LINE,  # slope
+    SAG,  # sag, of all joints: row 0
+    GAIN,  # error
+    OFFSET,  # offset
+    STIFFNESS,  # stiffness, rest, cubic
+    SPRING_ERROR,  # error, -, rest offset
+    SATURATION,  # lost, torque
+    STOP,  # angle, stiffness, damping
+    HYSTERESIS,  # torque, stroke
+    MAXWELL,  # stiffness, time
+    SERIES,  # compliance, inertia, damping
+    DRIFT,  # dry friction at the start, time in which it fades
+    RIPPLE,  # torque, teeth, phase
+    DRAG,  # torque per speed squared
+    ABSORBER,  # stiffness, damping, inertia
+    RUBBER,  # torque, stroke, share of hardening
+    ONE_WAY,  # viscous friction of motions to the positive side
+    JUMP,  # torque error before and after `time`
+    DEADBAND,  # torque below which a drive gives none
+    LAWS,
+) = range(29)
+
+# What changes with time, a row each; columns are joints.
+(
+    Q, V, ROTOR, ROTOR_V, LAGGED, BENT, FADING, MOTOR, MOTOR_V, LOOSE, LOOSE_V,
+    RUBBER_A, RUBBER_B, RUBBER_C, STATES,
+) = range(15)  # fmt: skip

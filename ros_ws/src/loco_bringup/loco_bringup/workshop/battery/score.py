@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The share of right verdicts: a row per case, then figures over rows.
+
+A single effect is right when it alone is named. Where data cannot tell two effects apart
+even in principle (`twins`), naming both as ambiguous is right, and naming one is not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from loco_learning.gap.verdict.kinds import kind_of
+from loco_sim.effects import EFFECTS
+
+from .physics.machines import get
+
+TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
+LATE = frozenset({"command_delay", "sensor_latency"})  # late stamps are what these say
+UNNAMED = ("ambiguous", "unknown", "no gap", "error")
+OFF, EXACT = "model a little off", "model exact"
+BASELINES = {
+    "everything": "fit everything", "sparse": "sparse terms", "cma": "CMA-ES calibration",
+}  # fmt: skip
+
+
+def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a case.
+
+    Args:
+        truth: Hidden effects, as `cases.truth` writes them.
+        result: Parts of gap.json, with the seconds it took.
+    """
+    true = sorted({e["effect"] for e in truth["effects"]})
+    how = truth.get("condition", {})
+    besides = LATE - set(true) if how.get("way") == "late" else frozenset()
+    names, verdict = sorted(set(result.get("names", [])) - besides), result["verdict"]
+    kind = truth["kind"]
+    options = _options(result)
+    cells = {
+        "case": truth["name"], "robot": truth["robot"], "kind": kind, "size": truth["size"],
+        "true": true, "shows": truth["shows"], "verdict": verdict, "said": names,
+        "condition": (how.get("way") or "clean", OFF if how.get("off") else EXACT),
+        "seconds": result.get("seconds"), "options": options, "error": result.get("error", ""),
+    }  # fmt: skip
+    twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
+    if true == ["sensor_latency"] and get(truth["robot"]).torque_noise:
+        twin = None  # its torques come in time
+    hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
+    cells["named"] = verdict == "named" and bool(names or not result.get("names"))
+    cells["top1"] = bool(true) and verdict == "named" and names == true
+    cells["first"] = bool(true) and sorted({t["effect"] for t in result.get("terms", [])}) == true
+    cells["kind_told"] = (
+        cells["top1"]
+        or verdict == "ambiguous"
+        and any(
+            kind_of(true[0]) and {kind_of(name) for name in group} == {kind_of(true[0])}
+            for group in (_groups(result) if len(true) == 1 else ())
+        )
+    )
+    cells["right"] = cells["top1"] if twin is None else hedged
+    if kind == "pair":
+        cells["right"] = cells["top1"] or verdict == "ambiguous" and _both(true, names, result)
+    cells["top2"] = cells["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
+    cells["with_others"] = verdict == "named" and bool(true) and set(true) < set(names)
+    cells["false"] = cells["named"] and kind in ("null", "outsider")
+    cells["abstained"] = verdict in ("ambiguous", "unknown")
+    cells["place"], cells["sizes"] = _found(truth, result)
+    cells["closed"], cells["before"], cells["after"] = _gap(result)
+    cells["baselines"] = {
+        name: {"after": found.get("after"), "seconds": found.get("seconds")}
+        for name, found in result.get("baselines", {}).items()
+    }
+    later = result.get("followed")
+    cells["experiment"] = later["experiment"] if later else ""
+    cells["then"] = row(truth, later) if later else None
+    return cells
+
+
+def followed(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows as they are after the experiments that ambiguous verdicts proposed; none if none ran."""
+    return [r["then"] or r for r in rows] if any(r["then"] for r in rows) else []
+
+
+def _groups(result: Mapping[str, Any]) -> list[list[str]]:
+    """Sets of effects that the workflow cannot tell apart."""
+    groups = [[str(name).split(" ")[0] for name in g] for g in result.get("ambiguous", [])]
+    return groups or ([list(result["names"])] if result.get("names") else [])
+
+
+def _both(true: Sequence[str], said: Sequence[str], result: Mapping[str, Any]) -> bool:
+    """All is named, but for twins that are told as such."""
+    groups = [set(group) for group in _groups(result)]
+    groups_named = {name for group in groups for name in group if name in true}
+    return all(group in TWINS for group in groups) and {*said, *groups_named} == set(true)
+
+
+def _options(result: Mapping[str, Any]) -> list[str]:
+    """Effects in the order in which the workflow believes in them, each once."""
+    ordered = list(result.get("names", []))
+    for group in result.get("ambiguous", []):
+        ordered += [str(name).split(" ")[0] for name in group]
+    for rival in result.get("rivals", []):
+        ordered += rival.get("names", [])
+    return list(dict.fromkeys(ordered))
+
+
+def _found(
+    truth: Mapping[str, Any], result: Mapping[str, Any]
+) -> tuple[bool | None, list[dict[str, Any]]]:
+    """Whether all true effects that were named are where they are, and how large they seem."""
+    terms = {t["effect"]: t for t in result.get("terms", []) if t["verdict"] == "named"}
+    if result["verdict"] != "named":
+        return None, []
+    machine = get(truth["robot"])
+    places, sizes = [], []
+    for effect in truth["effects"]:
+        term = terms.get(effect["effect"])
+        if term is None:
+            continue
+        places.append(same_place(machine, effect["place"], term["place"]))
+        measured = _strength(term["parameters"], effect["strength"])
+        if measured is not None:
+            sizes.append(_error(effect, measured))
+    return (all(places) if places else None), sizes
+
+
+def same_place(machine: Any, true: str, said: str) -> bool:
+    """Whether two places are the same joints, or the same link."""
+    parts = (*machine.joints, *machine.body.links)
+
+    def members(place: str) -> list[str]:
+        pool = machine.joints if place in ("", "*") else parts
+        return [name for name in pool if fnmatchcase(name, place or "*")]
+
+    return members(true) == members(said)
+
+
+def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray] | None:
+    """Value and interval of a strength, NaN without one; the parts of a vector side by side."""
+    labels = [k for k in sorted(parameters) if k == name or k.startswith(f"{name}.")]
+    if not labels:
+        return None
+    keys = ("value", "low", "high")
+    return {key: np.array([parameters[k][key] for k in labels], dtype=float) for key in keys}
+
+
+def _error(effect: Mapping[str, Any], said: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Relative error; parts of a vector that the data do not determine do not count."""
+    true = np.atleast_1d(np.asarray(effect["params"][effect["strength"]], float))
+    known = np.isfinite(said["low"]) & np.isfinite(said["high"])
+    if len(true) == len(known) and known.any():
+        true, said = true[known], {key: values[known] for key, values in said.items()}
+    if len(true) != len(said["value"]):
+        true, value = np.array([np.linalg.norm(true)]), np.array([np.linalg.norm(said["value"])])
+        inside = None
+    else:
+        value = said["value"]
+        inside = bool(np.all((said["low"] <= true) & (true <= said["high"])))
+    gap = float(np.linalg.norm(value - true) / np.linalg.norm(true))
+    return {"effect": effect["effect"], "error": gap, "inside": inside}
+
+
+def _gap(result: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    gap = result.get("gap") or {}
+    before, after = gap.get("before"), gap.get("after")
+    return reducible(before, after), before, after
+
+
+def reducible(before: float | None, after: float | None) -> float | None:
+    """Share of the gap above the floor that is closed; None where there was next to none."""
+    if before is None or after is None or before**2 - 1.0 < 0.1:
+        return None
+    return float(1.0 - (after**2 - 1.0) / (before**2 - 1.0))
+
+
+def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Figures over all rows: acceptance, by robot, by size, and baselines."""
+    singles = [r for r in rows if r["kind"] == "single"]
+    larger = [r for r in singles if r["size"] in ("medium", "large")]
+    pairs = [r for r in rows if r["kind"] == "pair"]
+    nulls = [r for r in rows if r["kind"] == "null"]
+    strange = [r for r in rows if r["kind"] == "outsider"]
+    sizes = [s for r in rows for s in r["sizes"]]
+    return {
+        "cases": len(rows),
+        "errors": sum(r["verdict"] == "error" for r in rows),
+        "singles medium and large": rates(larger),
+        "singles small": rates([r for r in singles if r["size"] == "small"]),
+        "by size": {s: rates([r for r in singles if r["size"] == s])
+                    for s in ("small", "medium", "large")},
+        "by robot": {name: rates([r for r in larger if r["robot"] == name])
+                     for name in sorted({r["robot"] for r in rows})},
+        "by condition": {name: rates([r for r in larger if name in r["condition"]])
+                         for name in sorted({c for r in rows for c in r["condition"]})},
+        "false names, model a little off": share(
+            _false(r) for r in rows if OFF in r["condition"]),
+        "pairs both named": share(set(r["true"]) <= set(r["said"]) for r in pairs),
+        "pairs right": share(r["right"] or set(r["true"]) <= set(r["said"]) for r in pairs),
+        "pairs one named": share(bool(set(r["true"]) & set(r["said"])) for r in pairs),
+        "pairs": len(pairs),
+        "nulls": len(nulls),
+        "false names on nulls": share(r["named"] for r in nulls),
+        "nulls not called no gap": share(r["verdict"] != "no gap" for r in nulls),
+        "outsiders": len(strange),
+        "outsiders unknown or ambiguous": share(r["abstained"] for r in strange),
+        "outsiders named": share(r["named"] for r in strange),
+        "false names": share(_false(r) for r in rows),
+        "abstained": share(r["abstained"] for r in [*singles, *pairs]),
+        "place right": share(r["place"] for r in rows if r["place"] is not None),
+        "places judged": sum(r["place"] is not None for r in rows),
+        "size error median": median(s["error"] for s in sizes),
+        "intervals that hold the truth": share(
+            s["inside"] for s in sizes if s["inside"] is not None),
+        "held-out gap closed median": median(
+            r["closed"] for r in [*larger, *pairs] if r["closed"] is not None),
+        "seconds median": median(r["seconds"] for r in rows if r["seconds"] is not None),
+        "seconds most": max((r["seconds"] for r in rows if r["seconds"] is not None), default=None),
+        "held-out error": held_out(rows),
+    }  # fmt: skip
+
+
+def _false(r: Mapping[str, Any]) -> bool:
+    """A name was given that is not hidden."""
+    return r["named"] and not set(r["said"]) <= set(r["true"])
+
+
+def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares of right verdicts among single effects."""
+    return {
+        "cases": len(rows),
+        "top-1": share(r["top1"] for r in rows),
+        "right": share(r["right"] for r in rows),
+        "kind told": share(r["kind_told"] for r in rows),
+        "first choice": share(r["first"] for r in rows),
+        "top-2": share(r["top2"] for r in rows),
+        "with others": share(r["with_others"] for r in rows),
+        "abstained": share(r["abstained"] for r in rows),
+        "no gap": share(r["verdict"] == "no gap" for r in rows),
+    }
+
+
+def held_out(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Held-out error in floors: of the model as it came, the workflow, and the baselines.
+
+    Over cases with something hidden for which all of them have a figure.
+    """
+    names = [n for n in BASELINES if any(n in r["baselines"] for r in rows)]
+    both = [
+        r for r in rows
+        if r["kind"] != "null" and r["after"] is not None
+        and all(r["baselines"].get(n, {}).get("after") is not None for n in names)
+    ]  # fmt: skip
+    table = {"cases": len(both)}
+    table["model as it came"] = _spread([r["before"] for r in both], both)
+    table["loco gap"] = _spread([r["after"] for r in both], both)
+    for n in names:
+        spread = _spread([r["baselines"][n]["after"] for r in both], both)
+        spread["worse than loco gap"] = share(
+            r["baselines"][n]["after"] > r["after"] * 1.001 for r in both
+        )
+        table[BASELINES[n]] = spread
+    return table
+
+
+def _spread(after: Sequence[float], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    closed = [reducible(r["before"], a) for r, a in zip(rows, after, strict=True)]
+    return {
+        "median": median(after),
+        "geometric mean": float(np.exp(np.mean(np.log(after)))) if after else None,
+        "closed": median(c for c in closed if c is not None),
+    }
+
+
+def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
+    """Counts of the names and verdicts that each hidden effect (`nothing` for nulls) got.
+
+    Cases of several names count as the true one with others, or as the first wrong name.
+    """
+    table: dict[str, dict[str, int]] = {}
+    for r in rows:
+        if r["kind"] not in ("single", "null", "outsider"):
+            continue
+        line = table.setdefault(r["true"][0] if r["true"] else "nothing", {})
+        name = said(r)
+        line[name] = line.get(name, 0) + 1
+    return {key: dict(sorted(table[key].items())) for key in sorted(table)}
+
+
+def said(r: Mapping[str, Any]) -> str:
+    """Verdict of a row in one word."""
+    if r["verdict"] != "named" or not r["said"]:
+        return r["verdict"]
+    if set(r["true"]) & set(r["said"]):
+        return r["true"][0] if r["said"] == r["true"] else f"{r['true'][0]} and others"
+    return r["said"][0]
+
+
+def share(flags: Iterable[Any]) -> float | None:
+    """Share of true flags, None of no flags."""
+    flags_known = [bool(f) for f in flags]
+    return sum(flags_known) / len(flags_known) if flags_known else None
+
+
+def median(values: Iterable[float]) -> float | None:
+    """Median, None of no values."""
+    numbers = [float(v) for v in values if v is not None]
+    return float(np.median(numbers)) if numbers else None

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The strengths at which a hidden effect is small, medium or large.
+
+Size is what shows: the largest deviation of any sensor from the machine without the effect,
+rms over a record, in units of what sensors and integration alone leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from .physics import excitation, kinds, machines, plant
+from .physics.hidden import Hidden
+from .physics.machines import Machine
+
+TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
+TOLERANCE, TRIES = 0.25, 7
+CHANCE = 2.5  # floors that integration alone may change
+SEEN = 0.75  # share of the target that a size must reach to count
+
+
+@lru_cache(maxsize=8)
+def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Readings without anything hidden, (T, C) per fit record, and their floor, (C,)."""
+    machine = _quick(robot)
+    bare, gap, count = [], 0.0, 0
+    for kind in excitation.FIT:
+        moved = excitation.command(machine, kind, seed)
+        a = columns(plant.record(machine, (), moved, 1, kind))
+        b = columns(plant.record(plant.coarser(machine), (), moved, 2, kind))
+        bare.append(a)
+        gap, count = gap + np.sum((a - b) ** 2, axis=0), count + len(a)
+    steps = [s.step if not len(s.table[0]) else 1e-4 for s in machine.sensors]
+    if machine.torque_noise:
+        steps += [machine.torque_noise] * len(machine.joints)
+    return tuple(bare), np.sqrt(gap / count / 2.0 + np.square(steps) / 12.0)
+
+
+def _quick(robot: str) -> Machine:
+    """The machine at fewer steps: sizes need not be exact."""
+    machine = machines.get(robot)
+    return machine.with_steps(machine.quick or machine.steps // 2)
+
+
+def columns(reading: plant.Reading) -> np.ndarray:
+    """All sensors of a reading side by side, (T, C)."""
+    return reading.q if reading.tau is None else np.hstack((reading.q, reading.tau))
+
+
+def visibility(robot: str, effects: Sequence[Hidden], seed: int, least: float = 0.0) -> float:
+    """Whitened rms of the sensor that shows most, 1 for nothing; inf if it diverges.
+
+    Args:
+        robot: Machine.
+        effects: Hidden effects.
+        seed: Seed of the excitation.
+        least: Stop looking at records when this much shows already.
+    """
+    machine = _quick(robot)
+    bare, floor = reference(robot, seed)
+    square, rows = np.zeros(len(floor)), 0
+    for kind, base in zip(excitation.FIT, bare, strict=True):
+        moved = excitation.command(machine, kind, seed)
+        now = columns(plant.record(machine, effects, moved, 1, kind))
+        if not np.all(np.isfinite(now)) or np.max(np.abs(now)) > 1e4:
+            return float("inf")
+        square, rows = square + np.sum(((now - base) / floor) ** 2, axis=0), rows + len(now)
+        if least and np.sqrt(np.max(square) / (3 * len(now))) > least:
+            break
+    return float(np.sqrt(1.0 + np.max(square) / (len(bare) * len(bare[0]))))
+
+
+def sized(
+    name: str, robot: str, size: str, rng: np.random.Generator, seed: int
+) -> tuple[Hidden, float] | None:
+    """A random effect that shows as much as its size says, and how much it shows.
+
+    None if it has no place on the robot, or never shows that much within its bounds.
+    """
+    drawn = kinds.draw(name, machines.get(robot), rng)
+    if drawn is None:
+        return None
+    effect, low, high = drawn
+    target, found = TARGETS[size], (effect, 0.0)
+    bounds = [np.log(low), np.log(high)]
+    at = 0.5 * (bounds[0] + bounds[1])
+    for _ in range(TRIES):
+        effect = effect.scaled(float(np.exp(at)))
+        shows = visibility(robot, (effect,), seed, 4.0 * target)
+        if np.isfinite(shows) and abs(shows - target) < abs(found[1] - target):
+            found = (effect, shows)
+        if abs(np.log(shows / target)) < TOLERANCE:
+            break
+        bounds[0 if shows < target else 1] = at
+        slope = np.clip(0.5 * np.log((target**2 - 1.0) / max(shows**2 - 1.0, 1e-3)), -2.5, 2.5)
+        inside = (
+            bounds[0] + 0.05 * (bounds[1] - bounds[0]),
+            bounds[1] - 0.05 * (bounds[1] - bounds[0]),
+        )
+        at = float(np.clip(at + slope, *inside)) if np.isfinite(shows) else np.mean(bounds)
+    seen = found[1] >= SEEN * target and found[1] > 1.2
+    return found if seen and chance(robot, found[0], seed) < CHANCE else None
+
+
+def chance(robot: str, effect: Hidden, seed: int) -> float:
+    """Change of the readings by the step of integration alone [floors].
+
+    Sticking and hunting may grow differences of rounding until they are seen; then no model
+    can be judged on the record.
+    """
+    machine = _quick(robot)
+    _, floor = reference(robot, seed)
+    worst = 0.0
+    for kind in excitation.FIT:
+        moved = excitation.command(machine, kind, seed)
+        a = columns(plant.record(machine, [effect], moved, 1, kind))
+        b = columns(plant.record(plant.coarser(machine), [effect], moved, 2, kind))
+        worst = max(worst, float(np.max(np.sqrt(np.mean(((a - b) / floor) ** 2, axis=0)))))
+    return worst / np.sqrt(2.0)
+
+
+def rounded(effect: Hidden) -> Hidden:
+    """Four digits of every parameter, so that a truth file is read easily."""
+    return Hidden(
+        effect.effect, effect.place, effect.strength,
+        {key: _short(value) for key, value in effect.params.items()},
+    )  # fmt: skip
+
+
+def _short(value):
+    if isinstance(value, float):
+        return float(f"{value:.4g}")
+    return [_short(v) for v in value] if isinstance(value, (list, tuple)) else value
+
+
+def check(machine: Machine, effect: Hidden) -> bool:
+    """Whether a machine can have the effect at its place."""
+    places = (*machine.joints, *machine.body.links, "")
+    return effect.place in places

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco bench bolted`: a bolted robot without the engine, beside the same robot with it.
+
+Both run the same commands with the same drives, springs and physics steps. In the time of ours
+is what each run needs once (effects, tree, sensors), spread over 4 s, as `loco gap` pays it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from loco_control.types import MotionCommand, TrunkTorque
+from loco_sim import effects
+from loco_sim.bolted.loop import Bolted
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot as robots
+
+AIR = {"fixed_base": True, "height": 1.0}
+ROBOTS = {"servo_pendulum": {}, "linear_axis": {}, "hyq_leg": {}, "tigrillo": AIR}
+FRICTION = {"name": "coulomb_friction", "torque": 0.05}
+SECONDS, TURNS = 4.0, 3
+
+
+def bench_bolted() -> list[dict[str, Any]]:
+    """Time of a physics step, with and without dry friction, best of some turns."""
+    return [
+        _row(name, overrides, listed)
+        for name, overrides in ROBOTS.items()
+        for listed in ([], [FRICTION])
+    ]
+
+
+def _row(name: str, overrides: dict[str, Any], listed: list[dict[str, Any]]) -> dict[str, Any]:
+    robot = robots.load(name, overrides)
+    if robot.sensors:
+        robot = replace(robot, sensors=robot.sensors.replace(exact=True))
+    t = np.arange(round(SECONDS * robot.control_rate)) / robot.control_rate
+    targets = np.tile(robot.standing, (len(t), 1))
+    targets[:, robot.driven] += 0.05 * np.sin(2.0 * np.pi * t)[:, None]
+    best = {"ours": np.inf, "engine": np.inf}
+    for _ in range(TURNS):
+        for who, way in (("ours", _alone), ("engine", _with_engine)):
+            began = time.process_time()
+            steps = way(robot, listed, targets)
+            best[who] = min(best[who], 1e6 * (time.process_time() - began) / steps)
+    return {
+        "robot": name,
+        "joints": len(robot.joints),
+        "dry friction": "yes" if listed else "no",
+        "ours µs": best["ours"],
+        "with PyBullet µs": best["engine"],
+        "ratio": best["engine"] / best["ours"],
+    }
+
+
+def _alone(robot: Any, listed: list[dict[str, Any]], targets: np.ndarray) -> int:
+    plant = Bolted(robot, effects.from_list(listed))
+    plant.run(targets)
+    return round(len(targets) * plant.dt / plant.physics_dt)
+
+
+def _with_engine(robot: Any, listed: list[dict[str, Any]], targets: np.ndarray) -> int:
+    still, flags = np.zeros(len(robot.joints)), np.ones(len(robot.feet), dtype=bool)
+    with Simulation(None, effects.from_list(listed), 0, None, robot) as sim:
+        sim.reset()
+        for k, q in enumerate(targets):
+            trunk = TrunkTorque(k, k * sim.dt, still, np.zeros(6), flags)
+            sim.step(MotionCommand(k, k * sim.dt, q, still), trunk)
+        return round(len(targets) * sim.dt / sim.physics_dt)

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco bench effects`: what effects cost, in shares of a physics step.
+
+A step is one physics step of the bare robot that moves its legs in place: drive, engine
+and joint states, with a share of the sensing at the end of its control period.
+
+* off: every effect that applies is listed, none is switched on.
+* on, calls: time in hooks and kernels, with what passes numbers to and from them, called
+  again and again without the engine in between: the least they can cost.
+* on, whole step: time of the whole step with all effects on over that of the bare one.
+  In it is what the engine itself does more: brakes, soft contacts, a joint in the trunk.
+
+Bare and other plants run in turns, block by block; medians of ratios are told, so that
+other work on the machine does not count.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from loco_control.types import MotionCommand, TrunkTorque
+from loco_sim import effects
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot as robots
+
+ROBOTS = ("hyq", "tigrillo")
+BLOCK, BLOCKS = 10, 60  # control periods per block, blocks
+
+
+class Bench:
+    """A robot that moves its legs in place, with effects."""
+
+    def __init__(self, robot: str, listed: list[dict[str, Any]]):
+        self.robot = robots.load(robot)
+        n, m = len(self.robot.joints), len(self.robot.feet)
+        self.sim = Simulation(effects=effects.from_list(listed), robot=self.robot)
+        wave = 0.05 * np.sin(2.0 * np.pi * 1.5 * self.sim.dt * np.arange(BLOCK * BLOCKS))
+        sign = np.where(np.arange(n) % 2, -1.0, 1.0)
+        self._q = self.robot.standing + wave[:, None] * sign
+        self._rest, self._flags = np.zeros(n), np.ones(m, dtype=bool)
+        self._tick = 0
+
+    def block(self) -> float:
+        """Time of a physics step, mean over a block [µs]."""
+        began = time.perf_counter()
+        for _ in range(BLOCK):
+            k = self._tick % len(self._q)
+            self.sim.step(
+                MotionCommand(k, 0.0, self._q[k], self._rest),
+                TrunkTorque(k, 0.0, self._rest, np.zeros(6), self._flags),
+            )
+            self._tick += 1
+        steps = round(self.sim.dt / self.sim.physics_dt)
+        return 1e6 * (time.perf_counter() - began) / BLOCK / steps
+
+
+def weak(name: str) -> dict[str, Any]:
+    """The effect at a strength at which the robot goes on as before."""
+    identity = effects.EFFECTS[name].identity
+    values: dict[str, Any] = {"channel": "tau"} if name == "sensor_stuck" else {}
+    for key in identity.strengths:
+        low, _, high = identity.priors[key]
+        size = low if low > 0.0 else 0.01 * high
+        now = getattr(effects.EFFECTS[name], key)
+        values[key] = (size,) * 3 if isinstance(now, tuple) else size
+    return {"name": name, **values}
+
+
+def bench_effects() -> list[dict[str, Any]]:
+    """Cost of effects that are off, and of all that apply at once."""
+    rows = []
+    for robot in ROBOTS:
+        names = effects.applicable(robots.load(robot))
+        bare = Bench(robot, [])
+        off = Bench(robot, [{"name": name} for name in names])
+        on = Bench(robot, [weak(name) for name in names])
+        times = np.array([[b.block() for b in (bare, off, on)] for _ in range(BLOCKS)])
+        step = float(np.median(times[:, 0]))
+        ratio = np.median(times[:, 1:] / times[:, :1], axis=0) - 1.0
+        calls = _calls(on.sim, bare.sim)
+        rows.append(
+            {
+                "robot": robot,
+                "effects": len(names),
+                "bare step µs": step,
+                "off %": 100.0 * float(ratio[0]),
+                "on, calls µs": calls[0],
+                "on, calls %": 100.0 * calls[0] / calls[1],
+                "on, whole step %": 100.0 * float(ratio[1]),
+            }
+        )
+        for b in (bare, off, on):
+            b.sim.close()
+    return rows
+
+
+def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
+    """Least time of all effects in a step, and of the bare step [µs]."""
+    per_tick = round(on.dt / on.physics_dt)
+    joints, state = on.loop._joints, bare.reset()
+    plain = _least(lambda: bare._drive.torque(*bare.loop._joints))
+
+    def affected() -> None:
+        on._world._frames.clear()  # as a step of the engine does
+        on.loop._affected_torque(*joints)
+
+    torque = _least(affected) - plain
+    hooks = on._on_measurement
+    sensing = sum(_least(lambda f=change: f(state)) for *_, change in hooks) / per_tick
+    tick = MotionCommand(0, 0.0, bare.robot.standing, np.zeros(len(bare.robot.joints)))
+    return torque + sensing, _least(lambda: bare.step(tick), 20) / per_tick
+
+
+def _least(call: Any, calls: int = 50, repeats: int = 60) -> float:
+    """Least mean time of a call [µs]."""
+    best = float("inf")
+    for _ in range(repeats):
+        began = time.perf_counter()
+        for _ in range(calls):
+            call()
+        best = min(best, (time.perf_counter() - began) / calls)
+    return 1e6 * best

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small changes of Python source, one at a time: each should make some test fail.
+
+Comparisons move by one, signs and ``and``/``or`` swap, conditions turn round, numbers and
+flags change, and calls whose result nobody uses disappear.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_SWAPS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
+    ast.And: ast.Or, ast.Or: ast.And,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A changed source file.
+
+    Attributes:
+        line: Line of the change, counted from 1.
+        function: Function or method around it, empty at the top of the module.
+        before: Source of the changed part.
+        after: The same part, changed.
+        text: Source of the whole module, changed.
+    """
+
+    line: int
+    function: str
+    before: str
+    after: str
+    text: str
+
+    @property
+    def key(self) -> str:
+        """Name that stays when other lines move: function and change."""
+        return f"{self.function}: {self.before} -> {self.after}"
+
+
+def mutants(source: str) -> list[Mutant]:
+    """All mutants of a module, in the order of its lines; docstrings and hints are left alone."""
+    tree = ast.parse(source)
+    _mark(tree)
+    found = [
+        mutant
+        for node in ast.walk(tree)
+        if not getattr(node, "skipped", False)
+        for mutant in _of(node, tree)
+        if mutant.before != mutant.after
+    ]
+    return sorted(found, key=lambda mutant: (mutant.line, mutant.before, mutant.after))
+
+
+def _mark(tree: ast.Module) -> None:
+    """Note the function around each node, and nodes that are not code that runs."""
+
+    def visit(node: ast.AST, function: str, skipped: bool) -> None:
+        node.function, node.skipped = function, skipped  # type: ignore[attr-defined]
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            function = f"{function}.{node.name}".strip(".")
+        for name, value in ast.iter_fields(node):
+            hint = name in ("annotation", "returns", "decorator_list")
+            for i, child in enumerate(value if isinstance(value, list) else [value]):
+                if isinstance(child, ast.AST):
+                    bound = name in ("args", "keywords") and _is_parameter(node) and i > 0
+                    visit(child, function, skipped or hint or bound)
+
+    visit(tree, "", False)
+
+
+def _is_parameter(node: ast.AST) -> bool:
+    """A declared parameter: its default counts, its bounds are a matter of taste."""
+    return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "parameter"
+
+
+def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
+    """Mutants of one node: it is changed, the module is written, and it is changed back."""
+    if isinstance(node, ast.Compare):
+        for i, op in enumerate(node.ops):
+            if type(op) in _SWAPS:
+                yield _changed(node, tree, node.ops, i, _SWAPS[type(op)]())
+    elif isinstance(node, (ast.BinOp, ast.BoolOp, ast.AugAssign)) and type(node.op) in _SWAPS:
+        yield _changed(node, tree, node, "op", _SWAPS[type(node.op)]())
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield _changed(node, tree, node, "value", not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        yield _changed(node, tree, node, "value", node.value + 1)
+    elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
+        turned = ast.UnaryOp(ast.Not(), node.test)
+        yield _changed(node.test, tree, node, "test", turned)
+    for name in ("body", "orelse", "finalbody"):
+        block = getattr(node, name, None)
+        for i, child in enumerate(block if isinstance(block, list) else []):
+            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Call):
+                yield _changed(child, tree, block, i, ast.Pass())
+
+
+def _changed(shown: ast.AST, tree: ast.Module, place: object, key: object, new: object) -> Mutant:
+    before = ast.unparse(shown)
+    listed = isinstance(place, list)
+    old = place[key] if listed else getattr(place, key)
+    put = place.__setitem__ if listed else lambda k, v: setattr(place, k, v)
+    put(key, new)
+    still = shown is not old  # the part that is shown is there, changed inside
+    after = ast.unparse(shown if still else ast.fix_missing_locations(new))
+    text = ast.unparse(ast.fix_missing_locations(tree))
+    put(key, old)
+    return Mutant(shown.lineno, getattr(shown, "function", ""), before, after, text)

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco mutants`: verdicts at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+
+from ...terminal import console
+from .run import PROTECTING, Verdict, score, survey, write
+
+ROOT = Path(__file__).resolve().parents[6]
+
+
+def show_mutants(a: argparse.Namespace) -> int:
+    """Test mutants of the protecting modules; 1 if fewer than 90 % are noticed, else 0.
+
+    Raises:
+        NameUnknownError: No protecting module has this name.
+        ParameterError: A number is out of its range.
+    """
+    if a.limit < 0 or a.workers < 1:
+        raise ParameterError(
+            f"--limit must be at least 0 and --workers at least 1, got {a.limit} and {a.workers}"
+        )
+    chosen = [module for module in PROTECTING if a.only in module]
+    if not chosen:
+        raise NameUnknownError("protecting module", a.only, list(PROTECTING))
+    verdicts = survey(ROOT, chosen, a.limit, a.seed, a.workers, _tell)
+    write(verdicts, a.out)
+    share = score(verdicts)
+    console.print(f"  {len(verdicts)} mutants, {100 * share:.0f} % noticed: {a.out}", markup=False)
+    return int(share < 0.9)
+
+
+def _tell(verdict: Verdict) -> None:
+    where = f"{Path(verdict.module).name}:{verdict.line}"
+    console.print(f"  {verdict.end:10} {where:20} {verdict.change}", markup=False)

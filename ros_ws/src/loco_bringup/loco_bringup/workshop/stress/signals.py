@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chaos by signals: processes of a realtime graph are stopped and killed at random moments.
+
+What has to happen stands in ``docs/faults.md``. A graph lives on where its processes do: it
+is stopped and woken, or starts a killed controller again. Otherwise each kill takes a new one.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from loco_control.exceptions import GraphError
+from loco_learning.runs import experiment
+
+from ...bag.reader import Bag
+from ...graph import run
+from .faults import SAFE_TICKS, time_outs
+from .motion import Motion
+from .traces import Traces, opened_by, tagged
+
+EXPERIMENT = "hyq_trot_open"
+CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
+STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
+KILL = [("SIGKILL", name) for name in (*CONTROLLERS, "robot_sim", "recorder", "supervisor")]
+_LONG = {"learner.train": 3600.0}
+_REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
+_STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
+_BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
+_ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
+_ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
+_PATIENCE = 40.0  # wall time in which commands must be back [s]
+
+
+def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """Send a signal to a process many times; a row.
+
+    Args:
+        how: SIGSTOP or SIGKILL.
+        who: Process, or ``supervisor``.
+        repeats: Number of repetitions.
+        seed: Seed of the moments.
+        folder: New folder of the bags.
+    """
+    rng = np.random.default_rng([seed, *f"{how} {who}".encode()])
+    row: dict[str, Any] = {"what": who, "how": how, "repeats": 0, "safe": 0, "worst": 0}
+    row |= {"ridden": 0, "ended": 0, "stalls": 0}
+    traces = Traces()
+    if how == "SIGSTOP" or who in CONTROLLERS:
+        _run_on(Hits(how, who, repeats, rng), folder, row, traces)
+    else:
+        for k in range(repeats):
+            end = _kill_supervisor if who == "supervisor" else _kill_one
+            row["ended"] += end(who, rng, folder / f"{k:02d}", traces)
+            row["repeats"] += 1
+    row |= {"bags": traces.bags, "whole": traces.whole, "notes": traces.notes}
+    row |= {"orphans": traces.orphans, "segments": traces.segments}
+    good = row["safe"] + row["ridden"] + row["ended"]
+    row["ok"] = good == row["repeats"] == repeats and traces.clean
+    return [row]
+
+
+def node_set(path: Path) -> str:
+    """The nodes of HyQ, of which controllers start again when they are killed."""
+    source = resources.files("loco_bringup") / "node_sets" / "hyq.yaml"
+    content = yaml.safe_load(source.read_text())
+    for node in content["nodes"]:
+        if node["name"] in CONTROLLERS:
+            node |= {"restart": "on_failure", "restarts_per_minute": 60}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump(content))
+    return str(path)
+
+
+class Hits:
+    """Signals to one process of a graph that lives on; called with its progress.
+
+    Attributes:
+        times: Times at which each signal was sent, `time.monotonic` [s].
+        opened: Shared memory of all processes.
+        trouble: Why it was given up.
+    """
+
+    def __init__(self, how: str, who: str, repeats: int, rng: np.random.Generator):
+        self._number = getattr(signal, how)
+        self.who, self._left, self._rng = who, repeats, rng
+        self.times: list[float] = []
+        self._woken: list[float] = []
+        self.events: list[tuple[float, Any]] = []
+        self.opened: set[str] = set()
+        self.trouble = ""
+        self._due = self._wake = 0.0  # times; 0: not set
+        self._pid = 0
+
+    def __call__(self, progress: Any) -> bool:
+        """Do what is due; true when all is done."""
+        now, self.events = time.monotonic(), progress.events
+        if progress.sim_time <= 0.0:
+            return False
+        if self._wake:
+            if now >= self._wake:
+                os.kill(self._pid, signal.SIGCONT)
+                self._wake = 0.0
+                self._woken.append(now)
+            return False
+        if not self._fresh(now) or progress.pids[self.who] == self._pid and self._is_kill:
+            self._due = 0.0
+            self.trouble = self._lost(now)
+            return bool(self.trouble)
+        if not self._due:
+            self._due = now + float(self._rng.uniform(*_BETWEEN))
+        if now < self._due:
+            return False
+        if not self._left:
+            return True
+        self._hit(progress.pids)
+        return False
+
+    @property
+    def _is_kill(self) -> bool:
+        return self._number == signal.SIGKILL
+
+    def _hit(self, pids: dict[str, int]) -> None:
+        self.opened |= opened_by(pids.values())
+        time.sleep(float(self._rng.uniform(0.0, 0.1)))
+        self._pid, self._due, self._left = pids[self.who], 0.0, self._left - 1
+        self.times.append(time.monotonic())
+        os.kill(self._pid, self._number)
+        if not self._is_kill:
+            self._wake = self.times[-1] + float(self._rng.uniform(*_STOPPED))
+
+    def _fresh(self, now: float) -> bool:
+        """Commands come, and a killed controller is back."""
+        said = [e for t, e in self.events if e.kind == "timeout"]
+        if said and "no command" in said[-1].text:
+            return False
+        since = self.times[-1] if self.times else 0.0
+        heard = [t for t, e in self.events if e.kind == "resumed" and t > since]
+        return not (self._is_kill and self.times) or bool(heard)
+
+    def _lost(self, now: float) -> str:
+        if not self.times or now - self.times[-1] < _PATIENCE:
+            return ""
+        return f"commands were not back {_PATIENCE:g} s after signal {len(self.times)}"
+
+    def count(self, row: dict[str, Any], takes: bool | None) -> None:
+        """Add to a row what happened.
+
+        Args:
+            row: Gets repeats, safe, ridden, worst and stalls.
+            takes: Whether the signal takes the command away; None: it may.
+        """
+        late = [
+            (t, event.tick - int(found[1]))
+            for t, event in self.events
+            if event.kind == "timeout"
+            and (found := re.search(r"no command since tick (-?\d+)", event.text))
+        ]
+        ends = [*self.times[1:], np.inf]
+        for k, (begin, end) in enumerate(zip(self.times, ends, strict=True)):
+            until = end if k >= len(self._woken) else self._woken[k] + _ECHO
+            ages = [age for t, age in late if begin < t < until]
+            good = all(age <= SAFE_TICKS for age in ages)
+            row["repeats"] += 1
+            row["safe"] += good and bool(ages) and takes is not False
+            row["ridden"] += not ages and not takes
+            row["worst"] = max([row["worst"], *ages])
+            row["stalls"] += len([t for t, _ in late if until <= t < end]) + max(0, len(ages) - 1)
+
+
+def _run_on(hits: Hits, folder: Path, row: dict[str, Any], traces: Traces) -> None:
+    """A graph that outlives its signals."""
+    nodes = node_set(folder / "nodes.yaml")
+    try:
+        run.run_robots(
+            {"": experiment.load(EXPERIMENT, _LONG)}, folder / "run", "processes", "realtime",
+            nodes=nodes, on_progress=hits, stop_on_fall=False, realtime=_REALTIME,
+        )  # fmt: skip
+    except GraphError as error:
+        hits.trouble = str(error).splitlines()[0]
+    hits.count(row, {"robot_sim": None, "recorder": False}.get(hits.who, True))
+    if hits.trouble:
+        traces.notes.append(hits.trouble)
+    bag = traces.look(folder / "run", hits.opened)
+    if bag is not None:
+        undamped = _undamped(bag)
+        row["damped"] = row["safe"] - len(undamped)
+        row["safe"] = max(0, row["damped"])
+        traces.notes += undamped
+    if not traces.notes:
+        shutil.rmtree(folder)
+
+
+def _undamped(bag: Bag) -> list[str]:
+    """Times that were announced as the safe state and in which the joints were driven."""
+    motion, (late, back) = Motion(bag.records("/robot_state")), time_outs(bag)
+    spans = [(tick + 1, min((b for b in back if b > tick), default=None)) for tick, _ in late]
+    return [
+        f"driven, not damped, in ticks {first} to {last}"
+        for first, last in spans
+        if last is not None and last > first and motion.is_driven(first, last)
+    ]
+
+
+def _kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> bool:
+    """Kill a process without which the run ends; whether it ended and said why."""
+    killed, opened, due = 0, set(), 0.0
+
+    def hit(progress: Any) -> bool:
+        nonlocal killed, due
+        if progress.sim_time > 0.0 and not killed:
+            due = due or time.monotonic() + float(rng.uniform(*_ALIVE))
+            if time.monotonic() >= due:
+                opened.update(opened_by(progress.pids.values()))
+                killed = progress.pids[who]
+                os.kill(killed, signal.SIGKILL)
+        return False
+
+    said = ""
+    try:
+        run.run_robots(
+            {"": experiment.load(EXPERIMENT, _LONG)}, folder, "processes", "realtime",
+            on_progress=hit, stop_on_fall=False,
+        )  # fmt: skip
+    except GraphError as error:
+        said = str(error).splitlines()[0]
+    return _looked(said.startswith(f"{who} died with exit code -9"), said, folder, opened, traces)
+
+
+def _kill_supervisor(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> bool:
+    """Kill `loco run` itself; whether all that it started ends."""
+    command = ["run", EXPERIMENT, "--layout", "processes", "--clock", "realtime"]
+    supervisor = subprocess.Popen(
+        [sys.executable, "-m", "loco_bringup.cli.main", *command, "--out", str(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + _PATIENCE
+    while sum(p.stat().st_size for p in folder.glob("*.mcap")) < 2e5 and time.monotonic() < end:
+        time.sleep(0.02)
+    time.sleep(float(rng.uniform(*_ALIVE)))
+    opened = opened_by(tagged() - {supervisor.pid})
+    supervisor.kill()
+    code = supervisor.wait()
+    return _looked(code == -9, f"exit code {code}", folder, opened, traces)
+
+
+def _looked(good: bool, said: str, folder: Path, opened: set[str], traces: Traces) -> bool:
+    known = len(traces.notes)
+    if not good:
+        traces.notes.append(f"{folder.name}: {said or 'the run did not end'}")
+    traces.look(folder, opened)
+    if len(traces.notes) == known:
+        shutil.rmtree(folder)
+        shutil.rmtree(folder.with_name(f"{folder.name}_recovered"), ignore_errors=True)
+    return good

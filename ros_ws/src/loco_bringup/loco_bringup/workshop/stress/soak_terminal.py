@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco soak` at the terminal: progress, table, CSV and picture."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from loco_learning.runs.experiment import load
+
+from ...page.style import canvas, style
+from ...terminal import bar, console
+from . import soak as soaking
+
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#222222", "#e69f00", "#56b4e9")
+
+
+def show_soak(a: argparse.Namespace) -> int:
+    """Run, judge, write; returns 1 if something grows, else 0."""
+    folder = a.out or Path("results") / "soak"
+    experiment = load(a.experiment)
+    with bar("{task.completed:,.0f}/{task.total:,} ticks", "{task.fields[rtf]:.1f} x") as progress:
+        task = progress.add_task(experiment.name, total=a.ticks, rtf=0.0)
+
+        def tell(p: soaking.runner.Progress) -> None:
+            progress.update(task, completed=p.sim_time / experiment.dt, rtf=p.real_time_factor)
+
+        outcome = soaking.soak(experiment, a.ticks, folder / "soak.csv", a.layout, tell)
+    samples = soaking.read(folder / "soak.csv")
+    verdicts = soaking.judge(samples)
+    draw(samples, folder / "soak.png")
+    text = page(experiment.name, a.layout, samples, outcome, verdicts)
+    (folder / "soak.md").write_text(text)
+    console.print(text, markup=False)
+    console.print(f"  {folder}: soak.md, soak.csv, soak.png")
+    if outcome.interrupted:
+        return 130
+    return int(any(v.says == "grows" for v in verdicts))
+
+
+def page(
+    name: str,
+    layout: str,
+    samples: list[soaking.Sample],
+    outcome: soaking.runner.Outcome,
+    verdicts: list[soaking.Verdict],
+) -> str:
+    """Markdown table of the verdicts."""
+    ticks, wall = (samples[-1].tick, samples[-1].wall) if samples else (0, 0.0)
+    memory = [v for v in verdicts if v.what == "memory"]
+    lines = [
+        f"`{name}`, {layout}, lockstep: {ticks:,} ticks in {wall / 60:.0f} min, "
+        f"{len(samples):,} samples; {outcome.text}; {outcome.dropped} messages dropped",
+        "",
+        "| process | memory [MB] | growth [MB in 10⁶ ticks] | memory is "
+        "| descriptors | threads | files of /dev/shm |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for v in memory:
+        counts = [c for c in verdicts if c.process == v.process and c.what != "memory"]
+        cells = (f"{c.start:.0f} → {c.end:.0f}, {c.says}" for c in counts)
+        growth = f"{v.slope:+.2f} ± {v.error:.2f}"
+        lines.append(
+            f"| {v.process} | {v.start:.1f} → {v.end:.1f} | {growth} | {v.says} | "
+            + " | ".join(cells) + " |"
+        )  # fmt: skip
+    lines += ["", f"Flat is: below {soaking.LIMIT:g} MB in 10⁶ ticks at the upper end of the 95 % "
+              f"interval; the first {soaking.WARM_UP:.0%} are not judged."]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def draw(samples: list[soaking.Sample], path: Path) -> None:
+    """Memory and counts of each process over the ticks."""
+    names = list(dict.fromkeys(s.process for s in samples))
+    panels = (
+        ("memory", "memory, change [MB]"), ("descriptors", "descriptors"),
+        ("threads", "threads"), ("shm_files", "files of /dev/shm"),
+    )  # fmt: skip
+    with style():
+        figure, axes = canvas(2, 2, 4.6, sharex=True)
+        for ax, (what, label) in zip(axes.flat, panels, strict=True):
+            for name, color in zip(names, COLORS * len(names), strict=False):
+                rows = [s for s in samples if s.process == name]
+                values = [getattr(s, what) for s in rows]
+                if what == "memory":
+                    values = [v - values[int(soaking.WARM_UP * len(values))] for v in values]
+                ticks = [s.tick / 1e6 for s in rows]
+                ax.plot(ticks, values, color=color, linewidth=1.0, label=name)
+            ax.set_ylabel(label)
+            if what != "memory":
+                ax.set_ylim(bottom=0)
+            end = max(s.tick for s in samples) / 1e6 if samples else 1.0
+            ax.axvspan(0, soaking.WARM_UP * end, color="#f1f1f1", linewidth=0, zorder=-10)
+        for ax in axes[-1]:
+            ax.set_xlabel("ticks [10⁶]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper left", ncols=4)
+        figure.savefig(path, dpi=130)

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Target generator: stride clock, foot paths and joint references of a gait.
+
+The arithmetic is in `cpg` (oscillators and filter) and `kinematics` (joints);
+here are the parameters, the patterns and the smooth changes at run time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import NameUnknownError, ParameterError
+from ..legs.geometry import FRONT, HIP_X, HYQ, LEFT
+from ..params import Params, parameter
+from ..types import GaitTarget, RobotState
+
+PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
+    "trot": (0.0, 0.5, 0.5, 0.0),
+    "walk": (0.0, 0.5, 0.25, 0.75),  # lh lf rh rf, a quarter stride apart
+    "bound": (0.0, 0.0, 0.5, 0.5),
+    "pace": (0.0, 0.5, 0.0, 0.5),
+}
+# What may change at run time, in the order of the vector `gait` of `cpg.advance`.
+LIVE = ("speed", "frequency", "duty_factor", "step_height", "lateral_speed", "yaw_rate")
+TWIST = ("speed", "lateral_speed", "yaw_rate")  # of the trunk
+HALVINGS = 7  # a twist out of reach is cut to within a percent of what can be reached
+
+
+@dataclass(frozen=True)
+class GaitParams(Params):
+    """Gait of the RCF generator; the defaults are the thesis's simulated trot.
+
+    Source: thesis section 4.3.3; Barasuol et al., ICRA 2013 (RCF).
+    """
+
+    pattern: str = parameter("trot", "order in which the legs step", choices=tuple(PATTERNS))
+    speed: float = parameter(0.25, "forward speed of the trunk", "m/s", low=-1.0, high=1.0)
+    lateral_speed: float = parameter(0.0, "speed of the trunk to the left", "m/s", -1.0, 1.0)
+    yaw_rate: float = parameter(0.0, "turning rate of the trunk to the left", "rad/s", -2.0, 2.0)
+    frequency: float = parameter(1.7, "stride frequency without coupling", "Hz", low=0.2, high=4.0)
+    duty_factor: float = parameter(0.5, "stance share of the stride", low=0.2, high=0.9)
+    step_height: float = parameter(0.10, "foot clearance of the swing", "m", low=0.005, high=0.3)
+    origin: tuple[float, float, float] = parameter(
+        (0.375, 0.28, -0.60), "foot centre: |x|, |y| and z in the base frame", "m"
+    )
+    start_time: float = parameter(1.0, "the robot stands before", "s", low=0.0)
+    smoothing: float = parameter(0.25, "time constant of two lags on each change", "s", low=0.0)
+    coupling: float = parameter(0.5, "gain of the coupling of the legs", low=0.0, high=10.0)
+    convergence: float = parameter(40.0, "alpha, pull to the cycle", "1/s", low=1.0, high=400.0)
+    sharpness: float = parameter(50.0, "b, steepness of the swing/stance switch", low=1.0)
+    swing_skew: float = parameter(1.0, "k_vf, speed of early over late swing", low=0.6, high=10.0)
+    filter_gain: float = parameter(60.0, "k_c, pull of a swing foot to its oscillator", "1/s", 0.0)
+    substeps: int = parameter(20, "integration steps per control period", low=1, high=1000)
+    schedule: list[dict[str, float]] | None = parameter(
+        None,
+        "list of {time, speed?, frequency?, duty_factor?, step_height?, lateral_speed?, "
+        "yaw_rate?}, applied at their times",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.schedule, (list, tuple, type(None))):
+            raise ParameterError(f"GaitParams.schedule must be a list, got {self.schedule!r}")
+        for change in self.schedule or ():
+            _check_change(self, change)
+
+
+def _check_change(params: GaitParams, change: Any) -> None:
+    time = change.get("time") if isinstance(change, dict) else None
+    if not isinstance(time, (int, float)) or not time >= 0.0:
+        raise ParameterError(f"each change in GaitParams.schedule needs a time [s], got {change!r}")
+    params.replace(schedule=None, **_live({k: v for k, v in change.items() if k != "time"}))
+
+
+def _live(changes: dict[str, float]) -> dict[str, float]:
+    for name in changes:
+        if name not in LIVE:
+            raise NameUnknownError("gait parameter that changes at run time", name, LIVE)
+    return changes
+
+
+def foot_centres(origin: tuple[float, float, float], legs: np.ndarray | None = None) -> np.ndarray:
+    """Foot centres in the base frame [m], (4, 3), from |x|, |y| and z of one of them.
+
+    |x| counts from the middle between the hips of `legs` (HyQ's by default), (4, 16).
+    """
+    (x, y, z), middle = origin, 0.25 * float((HYQ if legs is None else legs)[:, HIP_X].sum())
+    return np.stack([x * FRONT + middle, y * LEFT, np.full(4, z)], axis=1)
+
+
+def standing_pose(origin: tuple[float, float, float], legs: np.ndarray | None = None) -> np.ndarray:
+    """Joint positions of the robot standing on its foot centres [rad], (12,).
+
+    Args:
+        origin: Foot centre, as `GaitParams` has it.
+        legs: Geometry, columns named by `legs.geometry.COLUMNS`, (4, 16); default HyQ's.
+
+    Raises:
+        ParameterError: The foot centres are out of reach.
+    """
+    from ..legs import kinematics
+
+    legs = HYQ if legs is None else legs
+    return kinematics.joint_position(foot_centres(origin, legs), legs)
+
+
+class TargetGenerator:
+    """Foot paths and joint references of a gait, one `step` per control period.
+
+    The robot stands until `start_time`; then the oscillators grow from a small
+    seed and the speed rises from zero. What `set` or the schedule changes goes
+    through two cascaded lags.
+
+    Args:
+        params: The gait.
+        dt: Control period [s].
+        legs: Geometry, columns named by `legs.geometry.COLUMNS`, (4, 16); default HyQ's.
+
+    Attributes:
+        standing: Joint positions of the robot standing on its foot centres [rad], (12,).
+
+    Raises:
+        ParameterError: The foot centres or the steps are out of reach.
+    """
+
+    def __init__(self, params: GaitParams, dt: float, legs: np.ndarray | None = None):
+        # Kernels are imported here so that reading an experiment does not load numba.
+        from ..legs import kinematics
+        from . import cpg
+
+        self.params, self.dt = params, float(dt)
+        self._cpg, self._kinematics = cpg, kinematics
+        self._legs = HYQ if legs is None else legs
+        self._centre = foot_centres(params.origin, self._legs)
+        self.standing = standing_pose(params.origin, self._legs)
+        self._offsets = np.array(PATTERNS[params.pattern])
+        self._schedule = self._planned(params)
+        blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        shape = np.array([getattr(params, name) for name in cpg.SHAPE])
+        self._constants = (
+            *(float(blend), cpg.coupling_matrices(self._offsets), shape, self.dt, params.substeps),
+            *(self._centre, self._legs),
+        )
+        self.reset()
+        self._target(moving=True)  # compile now, not in the first tick
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand again at time 0; changes made by `set` are forgotten."""
+        self._goal = self.params.replace(schedule=None)
+        self._changes = list(self._schedule)
+        self._wanted = self._vector(self._goal)
+        gait = self._wanted.copy()
+        gait[[self._cpg.SPEED, self._cpg.LATERAL, self._cpg.YAW]] = 0.0
+        self._memory = (self._cpg.seed_state(self._offsets), np.zeros((4, 3)), gait, gait.copy())
+
+    def set(self, **changes: float) -> None:
+        """Change what `LIVE` names smoothly from now on.
+
+        Raises:
+            NameUnknownError: The parameter cannot change at run time.
+            ParameterError: The value is out of range, or its steps are out of reach.
+        """
+        goal = self._goal.replace(**_live(changes))
+        self._wanted = self._vector(goal)
+        self._goal = goal
+
+    def follow(self, speed: float, lateral_speed: float, yaw_rate: float) -> dict[str, float]:
+        """Take the twist of the trunk over, or the nearest in its direction that legs can reach.
+
+        Args:
+            speed: Speed forwards [m/s].
+            lateral_speed: Speed to the left [m/s].
+            yaw_rate: Rate of turning to the left [rad/s].
+
+        Returns:
+            The twist that is followed, by the names in `TWIST`.
+
+        Raises:
+            ParameterError: A value is not finite.
+        """
+        asked = dict(zip(TWIST, (speed, lateral_speed, yaw_rate), strict=True))
+        if not np.isfinite(list(asked.values())).all():
+            raise ParameterError(f"the velocity of the trunk must be finite, got {asked}")
+        limits = {f.name: f.metadata["high"] for f in fields(GaitParams) if f.name in TWIST}
+        share = 1.0 / max(1.0, *(abs(asked[name]) / limits[name] for name in TWIST))
+        if not self._takes(asked, share):
+            low, high = 0.0, share
+            for _ in range(HALVINGS):
+                share = 0.5 * (low + high)
+                low, high = (share, high) if self._takes(asked, share) else (low, share)
+            share = low
+            self._takes(asked, share)
+        return {name: share * value for name, value in asked.items()}
+
+    def _takes(self, twist: dict[str, float], share: float) -> bool:
+        """Follow a share of a twist, if the legs reach that far."""
+        try:
+            self.set(**{name: share * value for name, value in twist.items()})
+        except ParameterError:
+            return False
+        return True
+
+    def step(self, state: RobotState) -> GaitTarget:
+        """Target for the tick of `state`; call it once per tick."""
+        while self._changes and state.t >= self._changes[0][0] - 0.5 * self.dt:
+            self.set(**self._changes.pop(0)[1])
+        moving = state.t >= self.params.start_time - 0.5 * self.dt
+        return GaitTarget(state.tick, state.t, *self._target(moving))
+
+    def _target(self, moving: bool) -> tuple:
+        return self._cpg.target(moving, self._memory, self._wanted, *self._constants)
+
+    def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
+        """Times and changes of the schedule in order; raises when one is out of reach."""
+        goal, planned = params.replace(schedule=None), []
+        for change in sorted(params.schedule or (), key=lambda change: change["time"]):
+            values = {name: value for name, value in change.items() if name != "time"}
+            goal = goal.replace(**values)
+            self._vector(goal)
+            planned.append((change["time"], values))
+        return planned
+
+    def _vector(self, params: GaitParams) -> np.ndarray:
+        """References of the oscillators, (6,); raises when a step leaves the reach of the legs."""
+        ahead = params.speed - params.yaw_rate * self._centre[:, 1]
+        left = params.lateral_speed + params.yaw_rate * self._centre[:, 0]
+        half_time = 0.5 * params.duty_factor / params.frequency
+        half_step = half_time * np.stack([ahead, left, np.zeros(4)], axis=1)  # (4, 3)
+        for offset in (half_step, -half_step, [0.0, 0.0, params.step_height]):
+            self._kinematics.joint_position(self._centre + offset, self._legs)
+        return np.array([getattr(params, name) for name in LIVE])

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs nodes until a signal; the only way a node is spun.
+
+``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals. Waiting for a
+future with a time-out does neither and stays in C++ between messages, unlike ``spin_once``,
+but leaves 32 bytes behind each time. So the waits are long, and a timer looks for signals.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import logging
+import signal
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from .. import realtime
+from ..exceptions import LocoError
+from . import in_process
+from .guest import Herald
+from .node import LocoNode
+
+log = logging.getLogger(__name__)
+
+_LOOK = 0.2  # wall time between two looks for a signal [s]
+_SLICE = 5.0  # longest wait in C++ [s]
+_EARLY = 1e-4  # wake so long before a deadline and look at the clock: waking takes 0.05 ms [s]
+_BURST = 20  # messages that are handled between two ticks that are both late
+
+
+def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
+    """Spin nodes in one EventsExecutor until a signal.
+
+    Args:
+        makers: Constructors of the nodes, called after ``rclpy.init``. A plain rclpy node gets
+            a `Herald`, so that it can take the place of one of ours.
+        args: ROS arguments, ``sys.argv`` when None.
+
+    Returns:
+        Exit code: 0 after a signal, 2 for a user's mistake.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
+    # rclpy ends the context on a signal, and that is looked for between messages. Python's
+    # KeyboardInterrupt would come in the middle of one, perhaps with a lock held for good.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
+    rclpy.init(args=args)
+    nodes: list[LocoNode] = []
+    guests: list[Node] = []
+    code = 0
+    try:
+        executor = EventsExecutor()
+        with _in_process(executor, makers):
+            for make in makers:
+                node = make()
+                if not isinstance(node, LocoNode):
+                    guests.append(node)
+                    executor.add_node(node)
+                    node = Herald(node)
+                nodes.append(node)
+                executor.add_node(node)
+        _prepare(nodes)
+        _spin(executor, nodes)
+    except ExternalShutdownException:
+        code = 0
+    except LocoError as error:
+        code = 2
+        log.error("%s", error)
+        if nodes and rclpy.ok():
+            nodes[-1].event("error", str(error))
+    except Exception:
+        if rclpy.ok():
+            raise
+        code = 0  # a signal came while a node was being made
+    finally:
+        for node in nodes:
+            node.close()
+        for node in (*nodes, *guests):
+            node.destroy_node()
+        rclpy.try_shutdown()
+        LocoNode.post = None
+    return code
+
+
+def _in_process(executor: Any, makers: Sequence[Any]) -> contextlib.AbstractContextManager:
+    """Hand messages over within the process, where several nodes are there and all are ours."""
+    ours = all(isinstance(make, type) and issubclass(make, LocoNode) for make in makers)
+    if not ours or len(makers) < 2:
+        return contextlib.nullcontext()
+    if found := in_process.obstacle():
+        log.info("%s, so the nodes of this process talk over DDS", found)
+        return contextlib.nullcontext()
+    LocoNode.post = in_process.Post(executor)
+    return in_process.deaf_to_itself()
+
+
+def _prepare(nodes: Sequence[LocoNode]) -> None:
+    """Ask the kernel for what the nodes want, and keep what is there out of garbage collection.
+
+    A full collection takes some 50 ms; what is there now stays to the end anyway.
+    """
+    gc.collect()
+    gc.freeze()
+    for wanted in {node.realtime for node in nodes}:
+        granted = realtime.prepare(wanted)
+        for line in granted:
+            log.info("%s", line)
+        for node in nodes:
+            node.granted += granted
+
+
+def _spin(executor: Any, nodes: Sequence[LocoNode]) -> None:
+    timed = next((node for node in nodes if node.timed), None)
+    if LocoNode.post and timed:
+        LocoNode.post.timed = True
+    while timed is not None and rclpy.ok():
+        until_deadline(executor, timed, _LOOK)
+    stop = Future()
+    look = lambda: None if rclpy.ok() else stop.set_result(None)  # noqa: E731
+    nodes[0].create_timer(_LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    while rclpy.ok():
+        executor.spin_until_future_complete(stop, timeout_sec=_SLICE)
+
+
+def until_deadline(executor: Any, node: LocoNode, patience: float) -> None:
+    """Handle a message, or wait for one until the node's deadline, which is absolute.
+
+    Args:
+        executor: Executor of all nodes of the process.
+        node: The one with deadlines.
+        patience: Longest wait [s].
+    """
+    left = node.deadline - _EARLY - time.monotonic()
+    if left > 0.0:
+        _handle(executor, min(left, patience))
+        return
+    while time.monotonic() < node.deadline:
+        pass
+    node.on_deadline()
+    if node.deadline <= time.monotonic():
+        for _ in range(_BURST):
+            _handle(executor, 0.0)
+
+
+def _handle(executor: Any, patience: float) -> None:
+    """Handle one message, of this process first."""
+    if not LocoNode.post or not LocoNode.post.hand_over():
+        executor.spin_once(timeout_sec=patience)

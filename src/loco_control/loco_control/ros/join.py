@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of several topics that belong to one tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import LocoError
+from .health import PeriodMeter
+from .messages.convert import TICK
+
+_PENDING = 8  # messages of a topic that wait for those of others
+_BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
+
+
+def loco_tick(data: bytes) -> int:
+    """Tick in the bytes of a message of `loco_msgs`."""
+    return int.from_bytes(data[TICK], "little")
+
+
+class TickJoin:
+    """Collects one message per topic and calls `step` when all have the same tick.
+
+    A tick is any number that grows: the tick itself, or the stamp. One that was answered
+    already, or an older one, is stale: counted and not answered. A message that cannot be
+    used is refused: nobody steps with numbers that are not finite.
+
+    Args:
+        readers: Readers by topic: `read` decodes its bytes, ``finite(data, value)`` judges them.
+        step: Gets what they read.
+        meter: Is told of each step.
+        tick_of: Number in the bytes of a message that all messages of a tick share.
+        newest: Newest tick, in plants, that anyone can know of; what claims to be newer
+            is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
+            is believed: the plant's clock was set back. A message more than a tick ahead of
+            the first topic waits, for that may be late; when another one of its topic comes
+            before that tick its clock was wrong, and it is stale.
+        refuse: Is told why a tick was refused: an error in words, or "" for not finite;
+            without it an error is raised. Where it is given without `newest`, by controllers,
+            numbers for which `step` has no answer are refused, too.
+    """
+
+    def __init__(
+        self,
+        readers: dict[str, Any],
+        step: Callable,
+        meter: PeriodMeter,
+        tick_of: Callable[[bytes], int] = loco_tick,
+        newest: Callable[[], int] | None = None,
+        refuse: Callable[[str], None] | None = None,
+    ):
+        self._readers, self._tick_of = readers, tick_of
+        self._step, self._meter = step, meter
+        self._newest, self._refuse = newest, refuse
+        self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
+        self._heard = -1  # tick of the newest message that waits
+        self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
+        self._begun = -1  # tick of the last message of the first topic
+        self.done = -1  # newest tick answered
+        self.stale = self.refused = 0
+
+    def receiver(self, name: str) -> Callable[[bytes], None]:
+        """Callback for the raw bytes of one topic."""
+        tick_of, own, others = self._tick_of, self._waiting[name], self._waiting.values()
+        first, count = own is next(iter(others)), len(self._readers)
+
+        def receive(data: bytes) -> None:
+            tick = tick_of(data)
+            if first:
+                self._begun = tick
+            elif own and self._newest is None:
+                self._forget_early(own)
+            if tick <= self.done or (self._newest is not None and tick > self._newest()):
+                self.stale += 1
+                if not first or not self._set_back(tick):
+                    return
+            own[tick], self._heard = data, tick
+            found = [messages[tick] for messages in others if tick in messages]
+            if len(found) == count:
+                self._answer(tick, found)
+            elif len(own) > _PENDING:
+                del own[next(iter(own))]
+
+        return receive
+
+    def _forget_early(self, own: dict[int, bytes]) -> None:
+        """Another message came after one of a tick that did not begin: its clock was wrong."""
+        for tick in [t for t in own if self._period and t > self._begun + self._period]:
+            del own[tick]
+            self.stale += 1
+
+    def _set_back(self, tick: int) -> bool:
+        """Whether the clock was set back, and not a message late; then begin anew there."""
+        known = self._period and self._newest is None
+        if not known or tick > self.done - _BACK * self._period:
+            return False
+        self.done = tick - self._period
+        for messages in self._waiting.values():
+            messages.clear()
+        return True
+
+    def missing(self) -> list[str]:
+        """Topics that the next step still waits for."""
+        return [name for name, own in self._waiting.items() if self._heard not in own]
+
+    def _answer(self, tick: int, found: list[bytes]) -> None:
+        readers = self._readers.values()
+        values = []
+        for name, data in zip(self._readers, found, strict=True):
+            try:
+                values.append(self._readers[name].read(data))
+            except Exception as error:  # of ours, of rclpy, or whatever these bytes led it to
+                if self._refuse is None:
+                    raise
+                self.refused += 1
+                for own in self._waiting.values():
+                    del own[tick]  # what comes once more may be right
+                known = isinstance(error, LocoError)
+                self._refuse(str(error) if known else f"{name}: {len(data)} bytes cannot be read")
+                return
+        if self.done >= 0:
+            self._period = min(self._period or tick, tick - self.done)
+        self.done = tick
+        for own in self._waiting.values():
+            for old in [t for t in own if t <= tick]:
+                del own[old]
+        judged = zip(readers, found, values, strict=True)
+        if not all(reader.finite(data, value) for reader, data, value in judged):
+            self.refused += 1
+            if self._refuse is not None:
+                self._refuse("")
+            return
+        self._meter.mark()
+        if self._newest is not None or self._refuse is None:
+            self._step(*values)
+            return
+        try:
+            self._step(*values)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            self.refused += 1
+            self._refuse(f"no answer at tick {tick}: {error or type(error).__name__}")

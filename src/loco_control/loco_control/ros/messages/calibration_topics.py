@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of a calibration; the robots that it listens to have tables of their own.
+
+Beside them are the actions ``calibrate`` (``loco_msgs/action/Calibrate``) and ``find_gap``
+(``loco_msgs/action/FindGap``).
+"""
+
+from __future__ import annotations
+
+from .topics import LATCHED_LOG, STATE, TOPICS, Topic
+
+CALIBRATOR = "calibrator"
+
+CALIBRATION_TOPICS = {
+    topic.name: topic
+    for topic in (
+        Topic("calibration", "loco_msgs/CalibrationState", LATCHED_LOG, 0, CALIBRATOR, (),
+              "progress of a calibration and how it ended"),
+        Topic("gap", "loco_msgs/Gap", STATE, 0, CALIBRATOR, (),
+              "how far the model is from the measured robot, once per period of the actuation"),
+        Topic("gap_search", "loco_msgs/GapSearch", LATCHED_LOG, 0, CALIBRATOR, (),
+              "progress of a search for the cause of the gap, and what was found"),
+        TOPICS["/diagnostics"],
+        TOPICS["events"],
+    )
+}  # fmt: skip

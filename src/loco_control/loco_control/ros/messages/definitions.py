@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Message definitions as ROS writes them in ``.msg`` files: their fields, whole texts and hashes.
+
+A bag carries the text of each of its messages, so it is read without the packages that they
+come from. Where ROS is not installed, the texts of our own topics come from `_OURS` and
+`_STANDARD`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from ...exceptions import NameUnknownError, ParameterError
+
+SEPARATOR = "=" * 80  # between a message and those that it contains
+MOST_FIELDS = 1000  # of one message
+_FOLDER = Path(__file__).parent / "texts"
+_STANDARD, _OURS = _FOLDER / "standard.msg", _FOLDER / "loco_msgs"
+# Words of .msg files, words of IDL, and the numbers of types that go into a hash.
+_PRIMITIVES = {
+    "bool": ("boolean", 15), "byte": ("octet", 16), "char": ("uint8", 3),
+    "float32": ("float", 10), "float64": ("double", 11), "int8": ("int8", 2),
+    "uint8": ("uint8", 3), "int16": ("int16", 4), "uint16": ("uint16", 5), "int32": ("int32", 6),
+    "uint32": ("uint32", 7), "int64": ("int64", 8), "uint64": ("uint64", 9),
+    "string": ("string", 17), "wstring": ("wstring", 18),
+}  # fmt: skip
+_NESTED, _BOUNDED_TEXT = 1, 4  # number of a message; what a bounded text's number is higher by
+_ARRAYS = {"fixed": 48, "bounded": 96, "sequence": 144}  # what an array's number is higher by
+_LINE = re.compile(
+    r"(?P<base>[A-Za-z][\w/]*)(?:<=(?P<text>\d+))?(?P<array>\[(?P<most><=)?(?P<count>\d*)\])?"
+    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)$"
+)
+
+
+class Field(NamedTuple):
+    """One field of a message.
+
+    Attributes:
+        name: Name of the field.
+        base: Type of an element: a word of ``.msg`` files or ``package/Type``.
+        text: Most characters of a text; 0 for no limit.
+        array: ``fixed``, ``bounded``, ``sequence``, or empty for a single value.
+        count: Length of a fixed array, greatest length of a bounded sequence, else 0.
+        default: Value of a new message; None for zero.
+    """
+
+    name: str
+    base: str
+    text: int = 0
+    array: str = ""
+    count: int = 0
+    default: Any = None
+
+    @property
+    def kind(self) -> str:
+        """Type as the message classes of ROS name it, e.g. ``sequence<double>``."""
+        element = _PRIMITIVES[self.base][0] if self.base in _PRIMITIVES else self.base
+        element += f"<{self.text}>" if self.text else ""
+        if self.array == "fixed":
+            return f"{element}[{self.count}]"
+        if self.array == "bounded":
+            return f"sequence<{element}, {self.count}>"
+        return f"sequence<{element}>" if self.array else element
+
+    @property
+    def is_message(self) -> bool:
+        """Whether an element is a message itself."""
+        return self.base not in _PRIMITIVES
+
+
+def parse(text: str, package: str) -> tuple[Field, ...]:
+    """Fields of the text of one ``.msg`` file; constants are left out.
+
+    Args:
+        text: Content of the file.
+        package: Package that types without one belong to.
+
+    Raises:
+        ParameterError: A line is no field, or there are too many.
+    """
+    found = []
+    for line in text.splitlines():
+        line = line.split("#")[0].strip()
+        if not line or re.match(r"[\w<=]+\s+\w+\s*=", line):  # empty, or a constant
+            continue
+        match = _LINE.match(line)
+        if match is None:
+            raise ParameterError(f"{line[:80]!r} is no field of a message")
+        found.append(_field(match, package))
+        if len(found) > MOST_FIELDS:
+            raise ParameterError(f"a message has more than {MOST_FIELDS} fields")
+    return tuple(found)
+
+
+def _field(match: re.Match, package: str) -> Field:
+    base = match["base"]
+    if base not in _PRIMITIVES and "/" not in base:
+        base = f"std_msgs/{base}" if base == "Header" else f"{package}/{base}"
+    base = base.replace("/msg/", "/")
+    array = ""
+    if match["array"]:
+        array = "bounded" if match["most"] else "fixed" if match["count"] else "sequence"
+    default = yaml.safe_load(match["rest"]) if match["rest"] else None
+    return Field(
+        match["name"], base, int(match["text"] or 0), array, int(match["count"] or 0), default
+    )
+
+
+def split(text: str, name: str) -> dict[str, tuple[Field, ...]]:
+    """Fields of a message and of all that it contains, by ``package/Type``.
+
+    Args:
+        text: Texts of several ``.msg`` files, in the form of MCAP's ``ros2msg`` schemas.
+        name: Name of the first, ``package/msg/Type``.
+
+    Raises:
+        ParameterError: The text is no definition.
+    """
+    found = {}
+    for short, part in _parts(text, name.replace("/msg/", "/")):
+        found[short] = parse(part, short.partition("/")[0])
+    return found
+
+
+def _parts(text: str, name: str) -> Iterator[tuple[str, str]]:
+    for i, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
+        if i:
+            head, _, part = part.lstrip().partition("\n")
+            name = head.removeprefix("MSG:").strip().replace("/msg/", "/")
+        yield name, part
+
+
+# ---- texts that are installed, and our own --------------------------------------------------
+
+
+@cache
+def definition(name: str) -> str:
+    """Text of a message and of all it contains, as MCAP's ``ros2msg`` schema wants it.
+
+    Args:
+        name: Full name, ``package/msg/Type``.
+
+    Raises:
+        NameUnknownError: The message is neither installed nor one of our topics.
+    """
+    short = name.replace("/msg/", "/")
+    texts = [_text(short)]
+    texts += [f"{SEPARATOR}\nMSG: {other}\n{_text(other)}" for other in _contained(short)]
+    return "\n".join(texts)
+
+
+@cache
+def fields_of(short: str) -> tuple[Field, ...]:
+    """Fields of a message ``package/Type``.
+
+    Raises:
+        NameUnknownError: The message is neither installed nor one of our topics.
+    """
+    return parse(_text(short), short.partition("/")[0])
+
+
+def _contained(short: str) -> list[str]:
+    """Messages that a message contains, at any depth, sorted."""
+    found: set[str] = set()
+    todo = [short]
+    while todo:
+        inner = {f.base for f in fields_of(todo.pop()) if f.is_message} - found
+        found |= inner
+        todo += inner
+    return sorted(found)
+
+
+@cache
+def _text(short: str) -> str:
+    package, _, name = short.partition("/")
+    folders = [Path(prefix) / "share" / package / "msg" for prefix in _prefixes()]
+    if package == _OURS.name:
+        folders.append(_OURS)
+    folder = next((f for f in folders if f.is_dir()), None)
+    if folder is not None and (folder / f"{name}.msg").is_file():
+        return (folder / f"{name}.msg").read_text(encoding="utf-8")
+    if short in _standard():
+        return _standard()[short]
+    if folder is None:
+        raise NameUnknownError("installed message package", package, _packages())
+    raise NameUnknownError(f"message in {package}", name, [p.stem for p in folder.glob("*.msg")])
+
+
+@cache
+def _standard() -> dict[str, str]:
+    text = _STANDARD.read_text(encoding="utf-8")
+    return {name: part.strip() + "\n" for name, part in _parts(text, "") if name}
+
+
+def _prefixes() -> list[str]:
+    # Wheels install into the environment's prefix, which no ament path names.
+    return [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+
+
+def _packages() -> list[str]:
+    ours = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
+    there = {p.parent.name for prefix in _prefixes() for p in Path(prefix).glob("share/*/msg")}
+    return sorted(ours | there)
+
+
+# ---- hashes ---------------------------------------------------------------------------------
+
+
+@cache
+def type_hash(name: str) -> str:
+    """RIHS01 hash of a message, as DDS endpoints announce it (REP 2016).
+
+    Args:
+        name: Full name, ``package/msg/Type``.
+
+    Raises:
+        NameUnknownError: The message is neither installed nor one of our topics.
+    """
+    short = name.replace("/msg/", "/")
+    described = {
+        "type_description": _described(short),
+        "referenced_type_descriptions": [_described(other) for other in _contained(short)],
+    }
+    text = json.dumps(described, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
+
+
+def _described(short: str) -> Mapping[str, Any]:
+    fields = fields_of(short) or (Field("structure_needs_at_least_one_member", "uint8"),)
+    return {
+        "type_name": short.replace("/", "/msg/"),
+        "fields": [{"name": f.name, "type": _described_type(f)} for f in fields],
+    }
+
+
+def _described_type(field: Field) -> Mapping[str, Any]:
+    number = _NESTED if field.is_message else _PRIMITIVES[field.base][1]
+    number += (_BOUNDED_TEXT if field.text else 0) + _ARRAYS.get(field.array, 0)
+    return {
+        "type_id": number,
+        "capacity": field.count,
+        "string_capacity": field.text,
+        "nested_type_name": field.base.replace("/", "/msg/") if field.is_message else "",
+    }

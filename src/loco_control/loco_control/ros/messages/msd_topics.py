@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of the graph of a mass-spring-damper network: standard messages, equal stamps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .topics import COMMAND, TOPICS, Topic
+
+MSD_NODES = ("robot_sim", "reflex_network")
+RATE = 200.0  # one tick per integration step of 5 ms
+
+
+def _rows() -> tuple[Topic, ...]:
+    sim, reflex = MSD_NODES
+    state = "position [m], velocity [m/s] and, as effort, acceleration [m/s²] of the nodes along "
+    state += "each axis; starts the tick"
+    events = "ready, phase, finished, error"
+    return (
+        Topic("node_states", "sensor_msgs/JointState", COMMAND, RATE, sim, (reflex,), state),
+        Topic("link_command", "sensor_msgs/JointState", COMMAND, RATE, reflex, (sim,),
+              "lengths that the links are driven to, as position, over their rest lengths [-]"),
+        Topic("link_prediction", "sensor_msgs/JointState", COMMAND, RATE, reflex, (),
+              "what the readout says, in the units of link_command"),
+        Topic("link_target", "sensor_msgs/JointState", COMMAND, RATE, reflex, (),
+              "what the open loop would do, in the units of link_command"),
+        replace(TOPICS["/clock"], rate=0, writer=sim, readers=()),
+        replace(TOPICS["/diagnostics"], readers=()),
+        replace(TOPICS["events"], readers=(*MSD_NODES, "recorder"), doc=events),
+        replace(TOPICS["recorder_status"], writer="recorder", readers=(sim,)),
+        TOPICS["heartbeat"],
+        TOPICS["estop"],
+    )  # fmt: skip
+
+
+MSD_TOPICS = {topic.name: topic for topic in _rows()}
+
+
+def node_names(nodes: int, axes: int) -> list[str]:
+    """Names of the rows of node_states: all of x first."""
+    return [f"node_{i}_{axis}" for axis in ("xz" if axes == 2 else "xyz") for i in range(nodes)]
+
+
+def link_names(links: list[tuple[int, int]]) -> list[str]:
+    """Names of the links by their ends."""
+    return [f"link_{i}_{j}" for i, j in links]

@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contents of ``gap.json``: what was decided, in plain numbers and words."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import to_dict
+from loco_sim.plant.model import Model
+
+from ..plain import plain
+from .fitting.fit import Fitted
+from .localisation import correction
+from .localisation.localise import localise
+from .localisation.regions import regions
+from .params import GapParams
+from .prediction import horizon
+from .prediction.case import Case
+from .prediction.channels import ON_SLIDES, Channel, slides
+from .proposals.following import following
+from .statistics import evidence, identify
+from .verdict import kinds, rounding, scale
+from .verdict.candidates import Candidate
+from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Ruling
+from .verdict.judge import Judged
+
+FORMAT = 1
+WHERE = 3  # key of a random stream
+MOST_CELLS = 40  # cells that are told
+EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None, "next": []}
+
+log = logging.getLogger(__name__)
+
+
+def contents(
+    model: Model,
+    case: Case,
+    judged: Judged,
+    params: GapParams,
+    not_tried: Sequence[tuple[str, str]] = (),
+) -> dict[str, Any]:
+    """Contents of ``gap.json`` that say what was decided, without those that `details` adds.
+
+    Args:
+        model: Robot, overrides and effects before the search.
+        case: Model and data.
+        judged: Decision with its evidence.
+        params: Settings.
+        not_tried: Effects that no model of the search had, each with the reason.
+    """
+    decision = judged.decision
+    after = judged.after
+    told = decision.verdict != NO_GAP
+    warnings = [f"{r.name}: {warning}" for r in case.records for warning in r.warnings]
+    return plain(
+        {
+            "format": FORMAT,
+            "verdict": decision.verdict,
+            "evidence": decision.evidence,
+            "names": list(decision.names),
+            "terms": in_metres(terms(judged), case.forward.channels) if told else [],
+            "rivals": rivals(judged) if told else [],
+            "ambiguous": [list(group) for group in decision.ambiguous],
+            "kinds": kinds_of(judged) if told else [],
+            "gap": gap(case, judged.given, after),
+            "alarms": [*judged.alarms, *warnings],
+            "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
+            "notes": [
+                *horizon.words(case.forward),
+                *rounding.notes(case.records, case.forward.robot()),
+            ],
+            "pieces": case.forward.params.ground,
+            "not_tried": [{"effect": name, "reason": why} for name, why in not_tried],
+            "compared": case.forward.how,
+            "nuisance": {**after.overrides, **after.loose},
+            "settings": to_dict(params),
+            "model": {
+                "robot": model.robot,
+                "overrides": {**model.overrides, **after.overrides, **after.loose},
+                "effects": [*model.effects, *after.specs],
+            },
+            **EMPTY,
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Detail:
+    """A part of ``gap.json`` that the verdict does not need.
+
+    Attributes:
+        key: Key of the part.
+        stage: Words for the work on it, for the progress.
+        make: Function that makes the part; it may add sentences to a list of notes.
+    """
+
+    key: str
+    stage: str
+    make: Callable[[list[str]], Any]
+
+
+def details(model: Model, case: Case, judged: Judged, params: GapParams) -> list[Detail]:
+    """Parts of ``gap.json`` that are made once the verdict is on disk, in order."""
+    verdict, found = judged.decision.verdict, []
+    if verdict != NO_GAP:
+        found += [
+            Detail("where", "locating the gap", lambda notes: where(case, judged, params.seed)),
+            Detail("regions", "locating the gap", lambda notes: regions_of(case, judged.given)),
+            Detail("identifiability", "asking what can be told apart",
+                   lambda notes: told_apart(case, judged)),
+        ]  # fmt: skip
+    if verdict == UNKNOWN:
+        found.append(
+            Detail("correction", "fitting a correction", lambda notes: fallback(case, judged.base))
+        )
+    return [*found, Detail("next", "looking for the next experiment",
+                           lambda notes: following(model, case, judged, notes))]  # fmt: skip
+
+
+def add(result: Mapping[str, Any], detail: Detail) -> dict[str, Any]:
+    """Contents of ``gap.json`` with a detail, or with a note why it is missing.
+
+    Whatever goes wrong: no detail may cost a search that is done.
+    """
+    notes: list[str] = []
+    try:
+        made = {detail.key: plain(detail.make(notes))}
+    except Exception as error:
+        log.exception("%s failed", detail.stage)
+        made, notes = {}, [f"{detail.stage} failed: {error}"]
+    return {**result, **made, "notes": [*result["notes"], *notes]}
+
+
+def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -> list[dict]:
+    """The terms of ``gap.json`` with the units of slides where that is what their joint does."""
+    sliding = slides(channels)
+    return [
+        {**term, "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()}}
+        if sliding.intersection(term["place"].split())
+        else dict(term)
+        for term in terms
+    ]
+
+
+def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
+    return {**parameter, "unit": ON_SLIDES.get(parameter["unit"], parameter["unit"])}
+
+
+def terms(judged: Judged) -> list[dict[str, Any]]:
+    """Effects of the selected model with their evidence."""
+    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
+    return [_term(candidate, ruling) for candidate, ruling in pairs]
+
+
+def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
+    return {
+        "effect": candidate.name,
+        "place": candidate.place,
+        "places": list(ruling.places),
+        "verdict": ruling.verdict,
+        "parameters": {
+            e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
+            for e in candidate.estimates
+        },
+        "gain": _gain(candidate.gain),
+        "odds": ruling.odds,
+        "closed": candidate.closed,
+        "look_alikes": list(ruling.look_alikes),
+        "evidence": ruling.evidence,
+    }
+
+
+def kinds_of(judged: Judged) -> list[dict[str, Any]]:
+    """Kinds that are named although their law is not."""
+    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
+    found = [kinds.shared(candidate, ruling) for candidate, ruling in pairs]
+    return [asdict(one) for one in found if one]
+
+
+def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
+    """Answers of the data about parameters, free values and the scale of the torque."""
+    found = identifiability(judged.identifiability) | left_out(judged)
+    if judged.decision.verdict in (NAMED, MORE, AMBIGUOUS):
+        found["scale_of_the_torque"] = scale.words(case, judged.best)
+    return found
+
+
+def left_out(judged: Judged) -> dict[str, Any]:
+    """Effects that were not considered, since refitted nominal values do the same."""
+    there = {(h.effect, h.place) for h, _ in judged.best.parts}
+    rows = [
+        {
+            "effect": effect,
+            "place": place,
+            "value": name,
+            "goes_to": one.model.overrides[name],
+            "cosine": cosine,
+            "gap_would_fall_to": one.model.held.rms,
+        }
+        for one in judged.left_out
+        for effect, place, cosine in one.effects
+        for name in one.values
+        if (effect, place) not in there
+    ]
+    return {"cannot_be_told_from_free_values": rows} if rows else {}
+
+
+def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
+    """Models with another effect, the hardest to exclude first."""
+    base = judged.base.held.residuals
+    return [
+        {
+            "names": list(model.names),
+            "places": [h.place for h, _ in model.parts],
+            "odds": over.odds,
+            "gain": _gain(over),
+            "closed": evidence.closed_by(base, model.held.residuals),
+        }
+        for model, over in judged.rivals[:most]
+    ]
+
+
+def _gain(found: evidence.Comparison) -> dict[str, float]:
+    return {"mean": found.gain, "low": found.low, "high": found.high}
+
+
+def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
+    """Whitened rms before and after: on held-out data, per record and per channel."""
+    every = range(len(case.records))
+    held = [case.masked(m.whole, every, held=True) for m in (before, after)]
+    channels = [
+        {
+            "signal": c.signal,
+            "name": c.name,
+            "unit": c.unit,
+            "floor": float(case.floor[i]),
+            "before": evidence.rms([r[:, i] for r in held[0]]),
+            "after": evidence.rms([r[:, i] for r in held[1]]),
+        }
+        for i, c in enumerate(case.forward.channels)
+    ]
+    records = [
+        {
+            "name": record.name,
+            "role": "fit" if case.fit_rows[i].any() else "held-out",
+            "before": evidence.rms([before.whole[i]]),
+            "after": evidence.rms([after.whole[i]]),
+        }
+        for i, record in enumerate(case.records)
+    ]
+    rms = (evidence.rms(held[0]), evidence.rms(held[1]))
+    closed = evidence.closed_by(*held)
+    numbers = {"before": rms[0], "after": rms[1], "floor": 1.0, "closed": closed}
+    return {**numbers, "records": records, "channels": channels}
+
+
+def where(case: Case, judged: Judged, seed: int) -> list[dict[str, Any]]:
+    """Cells that hold most of the gap before."""
+    rng = np.random.default_rng([seed, WHERE])
+    found = localise(case.records, case.forward.channels, judged.given.whole, rng)
+    return [asdict(cell) for cell in found.cells[: min(found.main, MOST_CELLS)]]
+
+
+def regions_of(case: Case, before: Fitted) -> list[str]:
+    """States in which the gap before lives, in words."""
+    return [str(r) for r in regions(case.records, case.forward.channels, before.whole)]
+
+
+def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
+    """Correction of a gap without a name, fitted on what is not held out."""
+    rows = [np.where(r[:, None], 1.0, np.nan) for r in case.fit_rows]
+    left = [-r * case.floor * keep for r, keep in zip(before.whole, rows, strict=True)]
+    found = correction.fit(case.records, case.forward.channels, left, case.floor)
+    return (
+        None
+        if found is None
+        else {**asdict(found), "channels": [asdict(c) for c in found.channels]}
+    )
+
+
+def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
+    """Answers of the data about the parameters of the selected model."""
+    if known is None:
+        return {}
+    errors: Sequence[float] = known.errors
+    return {
+        "worst_direction": known.worst,
+        "standard_errors": dict(zip(known.names, map(float, errors), strict=True)),
+        "cannot_be_told_apart": [
+            {"a": a, "b": b, "cosine": cosine} for a, b, cosine in known.alike
+        ],
+        "imitated_by_nominal_values": known.imitated if any(known.imitated.values()) else {},
+        "without_effect_on_the_data": list(known.dead),
+        "hardly_determined": list(known.weak),
+    }

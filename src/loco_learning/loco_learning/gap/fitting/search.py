@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Search for effects that together explain the data: screening, fits, one more at a time."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from loco_sim.effects import EFFECTS
+
+from ...jobs.pool import Jobs
+from ..hypotheses.bundles import Bundle
+from ..hypotheses.families import families
+from ..hypotheses.hypotheses import Hypothesis
+from ..params import GapParams
+from ..prediction.case import Case
+from ..statistics import evidence, noise
+from .fit import Fitted, Setting, fit, polish, rough, weigh
+from .screen import Screened, screen
+
+log = logging.getLogger(__name__)
+Report = Callable[[float, str, str], Any]
+AT_LEAST = 6  # effects that are tried beside others
+NEAR_FLOOR = 5.0  # floors: more is not the end, however much is closed
+FITTED_PLACES, CLOSE = 2, 0.8  # of an effect that are fitted, and share of the best that is close
+LEAST_OF_BEST = 0.1  # share of what the best explains below which an effect is not fitted
+CLOSE_RACE = 1.1  # times the smallest rms of a rough fit up to which twice as many go on
+LEAST_GAIN = 0.05  # of the logarithm of what is left that makes another effect worth a search
+REFITS = 3  # of nominal values, each with the scale that the one before leaves
+TANGENT_STEP = 0.05  # of a strength or of the logarithm of a nominal value, for what it can do
+DEEP = 3  # models of two effects and more that are fitted to the end at each step
+
+
+@dataclass
+class Found:
+    """Result of a search.
+
+    Attributes:
+        given: The user's own model.
+        base: The same with nominal values refitted: what effects have to beat.
+        models: All models that were fitted, the best first.
+        screened: Share that each hypothesis may explain by itself.
+    """
+
+    given: Fitted
+    base: Fitted
+    models: list[Fitted] = field(default_factory=list)
+    screened: list[Screened] = field(default_factory=list)
+
+    @property
+    def best(self) -> Fitted:
+        """The best model, the one without effects if none was fitted."""
+        return self.models[0] if self.models else self.base
+
+
+def call(case: Case, function: Callable[..., Any], arguments: tuple) -> Any:
+    """Call a function of a case and plain arguments: the one job of a search's processes."""
+    return function(case, *arguments)
+
+
+class Search:
+    """Forward selection with look-alikes, backward elimination and swaps.
+
+    Args:
+        case: Model and data.
+        hypotheses: Hypotheses about what is missing.
+        params: Settings.
+        tasks: Place where `call` runs with the case.
+        report: Progress: share done, stage, best name so far.
+        nominal: Nominal values that are refitted.
+        bundled: Puts hypotheses together that may be tried at once.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        hypotheses: Sequence[Hypothesis],
+        params: GapParams,
+        tasks: Jobs,
+        report: Report,
+        nominal: Mapping[str, float],
+        bundled: Callable[[Sequence[Hypothesis]], list[Bundle]],
+    ):
+        self.case, self.hypotheses, self.params, self.tasks = case, hypotheses, params, tasks
+        self.report, self.nominal, self.bundled = report, dict(nominal), bundled
+        self.joints = case.forward.robot().joints
+        self.fits: dict[str, Fitted] = {}
+
+    def _records_to_screen(self, base: Fitted) -> list[int]:
+        """Fit records in which the residual is largest, until there is enough of them."""
+        size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
+        chosen, seconds = [], 0.0
+        for i in sorted(size, key=lambda i: (size[i], i)):
+            if chosen and seconds >= self.params.screen_seconds:
+                break
+            chosen.append(i)
+            seconds += self.case.records[i].duration
+        return sorted(chosen)
+
+    def run(self) -> Found:
+        """Look for effects, all from the user's own model on.
+
+        Refitted nominal values are what effects have to beat, and never where these start: values
+        that make up for a missing effect would hide it.
+        """
+        self.report(0.02, "fitting the model as it came", "")
+        given = weigh(self.case, (), self.nominal, given=True)
+        base = weigh(self.case, (), self.nominal)
+        for _ in range(
+            REFITS if self.nominal else 0
+        ):  # from a loss as wide as the gap to a tight one
+            setting = Setting(self.params, self.nominal, base.overrides, self._scale(base), ())
+            base = next(iter(self.each(fit, [((), setting)])))
+        if self.nominal:
+            base = next(iter(self.each(polish, [(base, setting)])))
+        found, self.only = Found(given, base), self._records_to_screen(given)
+        self.setting = Setting(
+            self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
+        )
+        if self.adequate(base):
+            return found
+        found.screened = self._screen(given, 0.05, 0.35)
+        together = [(one,) for one in families(found.screened, self.joints)]
+        singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
+        self._tournament([*together, *singles], self.params.finalists)
+        self.report(0.6, "fitted single effects", self._best(base))
+        level = self._leading(self._ranked(base))
+        for depth in range(2, self.params.most_terms + 1):
+            ranked = self._ranked(base)
+            if not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1):
+                break
+            self._deepen(level, found, depth)
+            level = self._leading([m for m in self._ranked(base) if len(m.parts) == depth])
+            if not level:
+                break
+        found.models = self._ranked(base)
+        self.report(0.95, "weighing", self._best(base))
+        return found
+
+    def _scale(self, model: Fitted) -> float:
+        """Scale of a robust loss about a model: three deviations of what it usually leaves."""
+        residual = self.case.vector(model.specs, model.overrides)
+        return 3.0 * max(1.0, noise.TO_DEVIATION * float(np.median(np.abs(residual))))
+
+    def _leading(self, ranked: Sequence[Fitted]) -> list[Fitted]:
+        """Models to which another effect is sought; of families of a kind only the best."""
+        best: dict[tuple, Fitted] = {}
+        for model in ranked:
+            kinds = [EFFECTS[h.effect].identity.kind if h.joints else h.key for h, _ in model.parts]
+            best.setdefault(tuple(sorted(kinds)), model)
+        return list(best.values())[: self.params.beam]
+
+    def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
+        """The last effect added next to nothing: one more would not, either."""
+        best = {len(m.parts): self.energy(m) for m in reversed(ranked)}
+        return depth - 1 in best and best.get(depth, math.inf) > best[depth - 1] - LEAST_GAIN
+
+    # ---- judging ---------------------------------------------------------------------
+
+    def adequate(self, model: Fitted) -> bool:
+        """Nothing is left to explain in any channel, neither in what was fitted nor beyond."""
+        worst = 0.0
+        for held in (False, True):
+            rows = self.case.masked(model.whole, range(len(model.whole)), held)
+            stacked = np.concatenate(rows)
+            seen = np.maximum(np.isfinite(stacked).sum(0), 1)  # a channel may be in one alone
+            worst = max(worst, math.sqrt(np.max(np.nansum(np.square(stacked), axis=0) / seen)))
+        return worst <= self.params.adequate
+
+    def enough(self, model: Fitted, base: Fitted) -> bool:
+        """Nothing is left that another effect would be worth, or could be seen to close."""
+        if self.adequate(model):
+            return True
+        every = range(len(model.whole))
+        pairs = [
+            [self.case.masked(m.whole, every, held) for m in (base, model)]
+            for held in (True, False)
+        ]
+        near = max(model.held.rms, model.fit_rms) <= NEAR_FLOOR
+        return near and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
+
+    def _ranked(self, base: Fitted) -> list[Fitted]:
+        """Models that are better than the one as it came, the best first."""
+        worst = self.energy(base)
+        better = [m for m in self.fits.values() if self.energy(m) < worst and m.parts]
+        return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
+
+    def energy(self, model: Fitted) -> float:
+        """Logarithm of the residual of a model: held-out counts as much as fitted."""
+        return math.log(model.held.rms) + math.log(model.fit_rms)
+
+    def each(self, function: Callable, arguments: Sequence[tuple]) -> Iterator[Any]:
+        """Results of calls with the case, in the order of the arguments."""
+        return self.tasks.ordered([(function, entry) for entry in arguments])
+
+    # ---- steps -----------------------------------------------------------------------
+
+    def _tournament(self, wanted: Sequence[tuple], most: int) -> list[Fitted]:
+        """Fit roughly, and the best of them to the end."""
+        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        tasks = [(parts, self.setting) for parts in new]
+        tried = sorted(
+            ((rms, _key(parts), parts) for rms, parts in self.each(rough, tasks)),
+            key=lambda one: one[:2],
+        )
+        for rms, key, _ in tried:
+            log.info("rough %-50s %8.3f", key, rms)
+        near = CLOSE_RACE * tried[0][0] if tried else 0.0
+        last = [
+            parts
+            for i, (rms, _, parts) in enumerate(tried)
+            if i < most or (i < 2 * most and rms <= near)
+        ]
+        fitted = self._fit(last)
+        best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
+        tasks = [(model, self.setting) for model in best]
+        for old, model in zip(best, self.each(polish, tasks), strict=True):
+            log.info("polished %-45s %8.3f held %8.3f", model.key, model.fit_rms, model.held.rms)
+            if self.energy(model) < self.energy(old):
+                self.fits[model.key] = model
+        return fitted
+
+    def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
+        """Fit models, each a tuple of (hypothesis, start), that were not fitted before."""
+        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        tasks = [(parts, self.setting) for parts in new]
+        for parts, fitted in zip(new, self.each(fit, tasks), strict=True):
+            self.fits[_key(parts)] = fitted
+            log.info("fit %-50s %8.3f held %8.3f", fitted.key, fitted.fit_rms, fitted.held.rms)
+        return [self.fits[_key(parts)] for parts in wanted]
+
+    def _best(self, base: Fitted) -> str:
+        """Name of the best model so far."""
+        ranked = self._ranked(base)
+        return " + ".join(ranked[0].names) if ranked else ""
+
+    def _screen(
+        self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
+    ) -> list[Screened]:
+        """Try every hypothesis on top of a model."""
+        starts = {s.hypothesis.key: s.x for s in before}
+        hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
+        there = {h.key for h, _ in model.parts}
+        wanted = [h for h in hypotheses if h.key not in there]
+        found = self._tried(model, wanted, self.only, (start, stop), starts)
+        return found if before else self._alone(model, found, stop)
+
+    @staticmethod
+    def failed(screened: Sequence[Screened]) -> list[tuple[str, str]]:
+        """Hypotheses that the robot cannot be built with, and why."""
+        return [(s.hypothesis.key, s.failed) for s in screened if s.failed]
+
+    def _alone(self, model: Fitted, found: list[Screened], at: float) -> list[Screened]:
+        """Second chance, on the loudest record, for what explains nothing in all records.
+
+        A large friction stops a joint in one record; in another one it only shifts a swing, by
+        more than was amiss as long as its size is not right.
+        """
+        loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
+        idle = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
+        if len(self.only) < 2 or not idle:
+            return found
+        here, every = (
+            float(np.sum(np.square(self.case.vector(model.specs, model.overrides, only))))
+            for only in ([loud], self.only)
+        )
+        better = {}
+        for s in self._tried(model, idle, [loud], (at, at), {}):
+            better[s.hypothesis.key] = replace(s, share=s.share * here / max(every, 1e-300))
+        return [max(s, better.get(s.hypothesis.key, s), key=lambda s: s.share) for s in found]
+
+    def _tried(
+        self,
+        model: Fitted,
+        hypotheses: Sequence[Hypothesis],
+        only: Sequence[int],
+        span: tuple[float, float],
+        starts: Mapping[str, Sequence[float]],
+    ) -> list[Screened]:
+        """Shares that hypotheses explain of some records on top of a model."""
+        specs, overrides = model.specs, model.overrides
+        residual = self.case.vector(specs, overrides, only, coarse=True)
+        tangent = self._tangent(model, residual, only)
+        wanted, (start, stop) = self.bundled(hypotheses), span
+        tasks = [
+            (
+                bundle, specs, overrides, only, residual, tangent,
+                [starts.get(h.key) for h in bundle.hypotheses],
+            )
+            for bundle in wanted
+        ]  # fmt: skip
+        found = []
+        for i, some in enumerate(self.each(screen, tasks)):
+            found += some
+            share = start + (stop - start) * (i + 1) / len(tasks)
+            self.report(share, f"screening {wanted[i].key}", " + ".join(model.names))
+            for one in some:
+                log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
+        return found
+
+    def _tangent(
+        self, model: Fitted, residual: np.ndarray, only: Sequence[int]
+    ) -> np.ndarray | None:
+        """Orthonormal columns of what the model's own parameters and nominal values can do."""
+        columns = []
+        for name, value in self.nominal.items():
+            moved = {
+                **model.overrides,
+                name: model.overrides.get(name, value) * math.exp(TANGENT_STEP),
+            }
+            columns.append(self.case.vector(model.specs, moved, only, coarse=True) - residual)
+        for i, (hypothesis, x) in enumerate(model.parts):
+            for j in range(len(x)):
+                moved = list(x)
+                moved[j] += (
+                    0.1 if hypothesis.coordinates[j].logarithmic else TANGENT_STEP * (x[j] or 1.0)
+                )
+                specs = model.moved(i, moved)
+                there = self.case.vector(specs, model.overrides, only, coarse=True)
+                columns.append(there - residual)
+        live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
+        return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
+
+    def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
+        """Best places of each effect, those effects that explain most."""
+        ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
+        most = ordered[0].share if ordered else 0.0
+        least = max(self.params.screen_share, LEAST_OF_BEST * most)
+        chosen: dict[tuple[str, str], list[Screened]] = {}
+        for one in ordered:
+            places = chosen.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
+            close = not places or (
+                len(places) < FITTED_PLACES and one.share > CLOSE * places[0].share
+            )
+            if one.share >= least and close:
+                places.append(one)
+        kept = [places for places in chosen.values() if places][: count or self.params.keep]
+        return [one for places in kept for one in places]
+
+    def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
+        """One effect more on each of some models, until one of them leaves nothing."""
+        for i, model in enumerate(level):
+            at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
+            more = self._screen(model, at, at + 0.05, found.screened)
+            chosen = self._chosen(more, AT_LEAST)
+            wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
+            fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
+            if any(self.enough(m, found.base) for m in fitted):
+                break  # rivals of its effects are sought when it is weighed
+
+
+def _key(parts: Sequence[tuple]) -> str:
+    """Names of the hypotheses of a model, sorted."""
+    return " + ".join(sorted(hypothesis.key for hypothesis, _ in parts))

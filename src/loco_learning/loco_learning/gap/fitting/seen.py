@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a fitted model that the data can see at all: only these are paid for.
+
+The offset of a centre of mass along the axis of its hinge moves nothing. An effect with such a
+parameter is no more flexible than one without it, and pays no more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..prediction.case import Case
+from ..statistics import evidence, identify
+from .fit import Fitted, Setting, polish
+
+MOVED = 0.05  # part of a typical change that is simulated; the rest is taken as linear
+# Deviations of the noise that a typical change of the parameter makes. Theory: with less, the
+# data say less of it than its prior does.
+NOTICED = 1.0
+
+
+def finish(case: Case, model: Fitted, setting: Setting) -> Fitted:
+    """Polish a model and ask which of its parameters the data can see."""
+    polished = polish(case, model, setting)
+    return replace(polished, seen=seen(case, polished))
+
+
+def seen(case: Case, model: Fitted) -> int:
+    """Number of parameters that change what was measured, each by itself.
+
+    Args:
+        case: Model and data.
+        model: Fitted model.
+    """
+    here = identify.flat(model.whole)
+    weight = np.sqrt(identify.weights(evidence.score(model.whole)))
+    count = 0
+    for i, (hypothesis, x) in enumerate(model.parts):
+        for j, c in enumerate(hypothesis.coordinates):
+            typical = 1.0 if c.logarithmic else max(1.0, abs(x[j]))
+            step = MOVED * typical
+            step = step if c.clipped(x[j] + step) == x[j] + step else -step
+            specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
+            there = identify.flat(case.whitened(specs, model.overrides))
+            change = np.clip(np.nan_to_num(there - here), -case.cap, case.cap) * weight
+            count += float(np.linalg.norm(change)) / MOVED >= NOTICED
+    return count

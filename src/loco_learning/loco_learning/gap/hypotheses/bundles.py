@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hypotheses that one simulation can try together, because they cannot touch each other.
+
+On a robot whose base is bolted the branches do not feel each other: an effect on the hip of
+every leg at once tells as much as one leg after the other. Each hypothesis is then judged by
+the channels of its own branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_sim.effects.places import chains
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+
+from .hypotheses import Hypothesis
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Hypotheses to try together.
+
+    Attributes:
+        hypotheses: One per branch.
+        channels: Channels of the branch of each, (C,) flags; None is all.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    channels: tuple[np.ndarray | None, ...]
+
+    @property
+    def key(self) -> str:
+        """Name of the first, for messages."""
+        return self.hypotheses[0].key
+
+
+def bundles(
+    robot: Robot,
+    channels: Sequence,
+    hypotheses: Sequence[Hypothesis],
+    fixed_base: bool,
+    led: bool = False,
+) -> list[Bundle]:
+    """Hypotheses in bundles, in the order of the first of each.
+
+    Args:
+        robot: Robot that the hypotheses are about.
+        channels: Channels of the residual, with `name`.
+        hypotheses: Hypotheses to try.
+        fixed_base: The base is bolted in every record.
+        led: The robot is led along the measured motion, so that what acts in one joint is felt
+            in no other.
+    """
+    spots = _spots(robot) if fixed_base else {}
+    if led:
+        spots = {joint: (i, 0) for i, joint in enumerate(robot.joints)}
+    branches = {branch for branch, _ in spots.values()}
+    if len(branches) < 2:
+        return [Bundle((h,), (None,)) for h in hypotheses]
+    flags = {
+        branch: np.array([spots.get(c.name, (-1, 0))[0] == branch for c in channels])
+        for branch in branches
+    }
+    made: dict[tuple, list[Hypothesis]] = {}
+    for i, h in enumerate(hypotheses):
+        at = spots.get(h.place)
+        key = (h.effect, h.variant, at[1]) if at else (h.effect, h.variant, i, "")
+        made.setdefault(key, []).append(h)
+    found = []
+    for group in made.values():
+        alone = group[0].place not in spots
+        masks = [None if alone else flags[spots[h.place][0]] for h in group]
+        found.append(Bundle(tuple(group), tuple(masks)))
+    return found
+
+
+def _spots(robot: Robot) -> dict[str, tuple[int, int]]:
+    """Branch of each joint and link, and how far out it is there."""
+    text, found = Description(robot.urdf), {}
+    for branch, chain in enumerate(chains(robot)):
+        for depth, joint in enumerate(chain):
+            found[joint] = (branch, depth)
+        for depth, link in enumerate(text.below(text.child(chain[0]))):
+            found[link] = (branch, depth)
+    return found

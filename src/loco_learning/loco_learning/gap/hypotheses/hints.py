@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hints of the data before any fit: where the joints went, and when the residual is large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_sim.effects.offers import Hints
+from loco_sim.robot.robot import Robot
+
+from ..prediction.case import Case
+
+ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
+QUIET, LOUD_SHARE = 3.0, 0.1  # times the usual energy, and share of the largest: above both is loud
+LONGEST_SHARE = 0.7  # share of a record that an interval may last
+APART = 0.3  # between the beginnings of the same interval in different records [s]
+MOST_INTERVALS = 3  # intervals
+
+
+def find(case: Case, robot: Robot) -> Hints:
+    """Look at the records and at what the model as it came leaves of them."""
+    n = len(robot.joints)
+    low, high = np.full(n, np.nan), np.full(n, np.nan)
+    for record in case.records:
+        q = record.joints_of(robot, "q")
+        for j in range(n):
+            values = q[np.isfinite(q[:, j]), j]
+            if len(values):
+                low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
+    fitted = case.fitted
+    residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
+    dts = [case.records[i].dt for i in fitted]
+    alone = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
+    found = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in alone)]
+    return Hints(low, high, distinct([each for each in found if each]))
+
+
+def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The first few intervals that do not begin and end together."""
+    kept: list[tuple[float, float]] = []
+    for each in intervals:
+        if all(np.ptp([each, other], axis=0).max() > 2.0 * ENERGY_TIME for other in kept):
+            kept.append(each)
+    return tuple(kept[:MOST_INTERVALS])
+
+
+def interval(
+    residuals: Sequence[np.ndarray], dts: Sequence[float], agree: bool = False
+) -> tuple[float, float] | None:
+    """Time in which the residual of all records is large and outside of which it is not.
+
+    Args:
+        residuals: Whitened, (T, C) per record.
+        dts: Time between samples [s].
+        agree: It must begin at about the same time wherever it is found.
+    """
+    starts, stops = [], []
+    for r, dt in zip(residuals, dts, strict=True):
+        energy = np.nanmean(np.where(np.isfinite(r), np.square(r), 0.0), axis=1)
+        width = max(1, round(ENERGY_TIME / dt))
+        energy = np.convolve(energy, np.ones(width) / width, mode="same")
+        loud = np.flatnonzero(
+            energy > max(QUIET * max(np.median(energy), 1.0), LOUD_SHARE * energy.max())
+        )
+        if (
+            len(loud) == 0
+            or (loud[-1] - loud[0]) > LONGEST_SHARE * len(energy)
+            or loud[0] < 2 * width
+        ):
+            continue
+        starts.append(loud[0] * dt)
+        stops.append(loud[-1] * dt)
+    if 2 * len(starts) < len(residuals) or not starts:
+        return None
+    if agree and np.ptp(starts) > APART:
+        return None
+    return round(float(np.median(starts)), 3), round(float(np.median(stops)), 3)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hypotheses about a model: every effect of the registry that fits the robot, everywhere.
+
+A `Hypothesis` is an effect at a place with its free parameters as `Coordinate`s: strengths,
+which are 0 when the effect is absent, and shapes, which say how it acts while it is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from loco_sim import effects
+from loco_sim.effects import EFFECTS
+from loco_sim.effects.coordinates import Coordinate, assemble
+from loco_sim.effects.offers import Hints
+from loco_sim.robot.robot import Robot
+
+NOTHING_TO_TRY = "these recordings give it no place, time or signal to act on"
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect with its parameters, as it stands in a model.
+
+    Attributes:
+        effect: Name of the effect.
+        place: Joint, link or foot, by name or pattern; empty where it has none.
+        params: Values as in an experiment's list, without the name.
+    """
+
+    effect: str
+    place: str
+    params: dict[str, Any]
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        """Entry of an experiment's list of effects."""
+        return {"name": self.effect, **self.params}
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect at a place, with what data shall tell of it.
+
+    Attributes:
+        effect: Name of the effect.
+        place: Joint, link or foot, by name or pattern; empty where it has none.
+        fixed: Parameters that stay as they are.
+        coordinates: Free parameters, strengths first.
+        variant: Part of an effect with many, e.g. the signal of a sensor.
+        joints: Joints that share the law, each with a size of its own: their coordinates come
+            one joint after the other. Empty for an effect at one place.
+    """
+
+    effect: str
+    place: str
+    fixed: tuple[tuple[str, Any], ...]
+    coordinates: tuple[Coordinate, ...]
+    variant: str = ""
+    joints: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Name of the hypothesis, for sorting, messages and random streams."""
+        return " ".join(filter(None, (self.effect, self.variant, self.place)))
+
+    @property
+    def strengths(self) -> list[int]:
+        """Indices of the coordinates that are 0 when the effect is absent."""
+        return [i for i, c in enumerate(self.coordinates) if c.strength]
+
+    def term(self, x: Sequence[float]) -> Term:
+        """The effect at values of its coordinates, each forced into its bounds."""
+        values = assemble(self.coordinates, x)
+        if "stop" in values:  # never before its start, see `Effect.start`
+            values["stop"] = max(values["stop"], values["start"])
+        return Term(self.effect, self.place, {**dict(self.fixed), **values})
+
+    def terms(self, x: Sequence[float]) -> list[Term]:
+        """The effect at each of its joints; one term where it is at one place."""
+        if not self.joints:
+            return [self.term(x)]
+        count = len(self.coordinates) // len(self.joints)
+        found = []
+        for i, joint in enumerate(self.joints):
+            mine = slice(i * count, (i + 1) * count)
+            values = assemble(self.coordinates[mine], x[mine])
+            found.append(Term(self.effect, joint, {**dict(self.fixed), "joint": joint, **values}))
+        return found
+
+    def starts(self) -> list[list[float]]:
+        """Values of the shapes that are worth a try, strengths one typical unit.
+
+        A lone strength of two signs is tried with the other one, too: a joint that is bolted on
+        with a turn starts elsewhere, however small the turn, which hides its sign.
+        """
+        count = max(len(c.start) for c in self.coordinates)
+        made = [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
+        lone = self.strengths if len(self.strengths) == 1 else ()
+        if lone and not self.coordinates[lone[0]].one_sided:
+            made.append([-v if i in lone else v for i, v in enumerate(made[0])])
+        return made
+
+
+def separable(
+    hypotheses: Sequence[Hypothesis],
+) -> tuple[list[Hypothesis], list[tuple[str, str]]]:
+    """Hypotheses without those that no recording tells from another one (`Identity.twins`).
+
+    Returns:
+        The hypotheses that stay, and the effects that are not tried with the reason.
+    """
+    twins = {twin: h.effect for h in hypotheses for twin in EFFECTS[h.effect].identity.twins}
+    kept = [h for h in hypotheses if h.effect not in twins or h.variant]
+    left = {h.effect for h in hypotheses} - {h.effect for h in kept}
+    return kept, [(name, f"no recording tells it from {twins[name]}") for name in sorted(left)]
+
+
+def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:
+    """All hypotheses about a robot.
+
+    Args:
+        robot: Robot that may lack something.
+        signals: Measured signals, e.g. ("q", "dq", "gyro").
+        hints: Travel of the joints, and times at which the residual is large.
+    """
+    return [
+        Hypothesis(name, *entry)
+        for name in effects.applicable(robot)
+        if not EFFECTS[name].identity.untried
+        for entry in EFFECTS[name].offers(robot, signals, hints)
+    ]
+
+
+def untried(robot: Robot, offered: Sequence[Hypothesis]) -> list[tuple[str, str]]:
+    """Effects that apply to a robot and that nobody offered, each with the reason."""
+    there = {h.effect for h in offered}
+    return [
+        (name, EFFECTS[name].identity.untried or NOTHING_TO_TRY)
+        for name in effects.applicable(robot)
+        if name not in there
+    ]

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hypotheses that are worth a search, where a run of the model costs seconds: on the ground.
+
+Each is tried twice on few pieces of the recordings: at a typical size, and at the size that
+explains most if the model were linear. What an effect in one joint does shows in that joint first:
+joints that show no more than the others are tried together with those that are like them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import LocoError
+
+from ..prediction.case import Case
+from ..statistics import evidence
+from .hypotheses import Hypothesis
+
+PIECES = 6  # pieces of each record that are looked at
+CONSPICUOUS = 0.5  # of the gap of the joint that shows most: a joint is looked at by itself
+MOST_JOINTS = 4  # joints by themselves: more of them are no few
+KEPT = 24  # hypotheses that are left
+PLACES = 1  # of these of one effect, at least
+GROW, SHRINK = 30.0, 0.03  # most that a size changes between both tries
+JOINT_SIGNALS = ("q", "dq", "tau")
+
+Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
+
+
+def likely(
+    case: Case, hypotheses: Sequence[Hypothesis], each: Each
+) -> tuple[list[Hypothesis], list[tuple[str, str]]]:
+    """Hypotheses to search among.
+
+    Args:
+        case: Model and data.
+        hypotheses: All of them.
+        each: Calls a function of the case with arguments, many at once, in order.
+
+    Returns:
+        Those that stay, and the effects of which none does, each with the reason.
+    """
+    joints = {c.name for c in case.forward.channels if c.signal in JOINT_SIGNALS}
+    alone = conspicuous(case)
+    tried = [h for h in hypotheses if h.place not in joints or h.place in alone]
+    shares = list(each(share, [(h,) for h in tried]))
+    order = sorted(range(len(tried)), key=lambda i: (-shares[i], tried[i].key))
+    kept = set(order[:KEPT])
+    for effect in {h.effect for h in tried}:
+        mine = [i for i in order if tried[i].effect == effect and shares[i] > 0.0]
+        kept |= set(mine[:PLACES])
+    left = [h for i, h in enumerate(tried) if i in kept]
+    gone = {h.effect for h in hypotheses} - {h.effect for h in left}
+    return left, [
+        (name, "it explains nothing of a few pieces on the ground") for name in sorted(gone)
+    ]
+
+
+def conspicuous(case: Case) -> set[str]:
+    """Joints whose own signals show more of the gap than those of most; none if all do."""
+    whole = [np.where(r[:, None], w, np.nan) for r, w in _rows(case)]
+    power: dict[str, float] = {}
+    for i, channel in enumerate(case.forward.channels):
+        if channel.signal in JOINT_SIGNALS:
+            excess = evidence.excess([w[:, [i]] for w in whole])
+            power[channel.name] = power.get(channel.name, 0.0) + excess
+    most = max(power.values(), default=0.0)
+    found = {name for name, value in power.items() if value > CONSPICUOUS * most}
+    return found if len(found) <= MOST_JOINTS else set()
+
+
+def _rows(case: Case) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    return zip(case.fit_rows, case.whitened([]), strict=True)
+
+
+def share(case: Case, hypothesis: Hypothesis) -> float:
+    """Share of the residual's energy that a hypothesis explains at the best of a few sizes."""
+    few = replace(case, forward=case.forward.fewer(PIECES))
+    before = few.vector([], coarse=True)
+    starts = hypothesis.starts()
+    both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]
+    try:
+        return max(_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways))
+    except LocoError:
+        return 0.0
+
+
+def _opposite(hypothesis: Hypothesis, x: Sequence[float], first: Sequence[float]) -> bool:
+    return any(x[i] * first[i] < 0.0 for i in hypothesis.strengths)
+
+
+def _share(case: Case, hypothesis: Hypothesis, x: list[float], before: np.ndarray) -> float:
+    best = 0.0
+    for last in (False, True):
+        columns = _columns(case, hypothesis, x, before)
+        best = max(best, 1.0 - _square(before + columns.sum(axis=1)) / _square(before))
+        factors = _factors(hypothesis, columns, before)
+        if last or np.allclose(factors, 1.0, atol=0.3) or not np.any(factors):
+            break
+        x = _scaled(hypothesis, x, factors)
+    return best
+
+
+def _columns(
+    case: Case, hypothesis: Hypothesis, x: Sequence[float], before: np.ndarray
+) -> np.ndarray:
+    """Change of the residual by each strength alone, (N, s)."""
+    found = []
+    for strength in hypothesis.strengths:
+        at = [v if i == strength or i not in hypothesis.strengths else 0.0 for i, v in enumerate(x)]
+        specs: list[Mapping] = [hypothesis.term(at).spec]
+        found.append(case.vector(specs, coarse=True) - before)
+    return np.stack(found, axis=1)
+
+
+def _factors(hypothesis: Hypothesis, columns: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Factors of the strengths that explain most if all is linear; 0 of a forbidden sign."""
+    factors = -np.linalg.lstsq(columns, before, rcond=1e-6)[0]
+    allowed = [not hypothesis.coordinates[i].one_sided for i in hypothesis.strengths]
+    return np.where((factors > 0.0) | np.array(allowed), factors, 0.0)
+
+
+def _scaled(hypothesis: Hypothesis, x: Sequence[float], factors: np.ndarray) -> list[float]:
+    x = list(x)
+    for i, factor in zip(hypothesis.strengths, factors, strict=True):
+        size = float(np.clip(abs(factor), SHRINK, GROW)) * np.sign(factor)
+        x[i] = hypothesis.coordinates[i].clipped(x[i] * size)
+    return x
+
+
+def _square(values: np.ndarray) -> float:
+    return max(float(values @ values), 1e-300)

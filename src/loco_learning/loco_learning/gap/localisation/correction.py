@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fallback for a gap without a name: a ridge regression of what the model leaves.
+
+It repeats what was seen in the states that were seen. It names no cause, and what it says
+elsewhere means nothing; `KIND` goes wherever it goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..prediction.phases import STRIDE_PHASES, phases, position, speed
+from ..recordings.record import Record
+from .localise import JOINT_SIGNALS
+
+KIND = "correction: not an explanation"
+PENALTIES = 10.0 ** np.arange(-4.0, 3.0)  # of the number of samples
+FOLDS = 5
+SLOW = 0.1  # [rad/s, m/s] speed whose side begins to count
+LEAST_EXPLAINED = 0.05  # share of a channel's residual that it must predict where it was not fitted
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Correction of one channel.
+
+    Attributes:
+        signal: Name of the signal.
+        name: Joint, foot or axis.
+        unit: Unit of the correction.
+        explained: Share of the residual's energy in blocks it was not fitted to.
+        weights: Weight of each feature; the correction is the sum of weight times feature.
+    """
+
+    signal: str
+    name: str
+    unit: str
+    explained: float
+    weights: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Corrections of the channels that can be predicted at all.
+
+    Attributes:
+        kind: `KIND`.
+        explained: Share of the whole whitened residual's energy, cross-validated.
+        channels: Correction of each channel.
+    """
+
+    kind: str
+    explained: float
+    channels: tuple[Channel, ...]
+
+    def predict(self, record: Record, signal: str, name: str) -> np.ndarray:
+        """Correction to add to the model's prediction of a channel, (T,); 0 without one."""
+        for channel in self.channels:
+            if (channel.signal, channel.name) == (signal, name):
+                names, x = features(record, _joints([record], signal, name))
+                return x @ np.array([channel.weights.get(n, 0.0) for n in names])
+        return np.zeros(len(record.t))
+
+
+def fit(
+    records: Sequence[Record],
+    channels: Sequence,
+    residuals: Sequence[np.ndarray],
+    floor: np.ndarray,
+) -> Correction | None:
+    """Fit what the model leaves, channel by channel; None where nothing can be predicted.
+
+    Args:
+        records: Measured records.
+        channels: Columns of the residuals, with `signal`, `name` and `unit`.
+        residuals: Measured minus predicted in the channels' units, (T, C) per record.
+        floor: Noise floor of each channel, to weigh them, (C,).
+    """
+    found, closed, total = [], 0.0, 0.0
+    for column, channel in enumerate(channels):
+        joints = _joints(records, channel.signal, channel.name)
+        parts = [features(r, joints) for r in records]
+        x = np.concatenate([values for _, values in parts])
+        y = np.concatenate([r[:, column] for r in residuals])
+        known = np.isfinite(y)
+        energy = float(np.square(y[known]).sum()) / floor[column] ** 2
+        total += energy
+        if known.sum() < 20 * FOLDS:
+            continue
+        explained, weights = ridge(x[known], y[known])
+        if explained >= LEAST_EXPLAINED:
+            closed += explained * energy
+            kept = dict(zip(parts[0][0], weights.tolist(), strict=True))
+            made = Channel(channel.signal, channel.name, channel.unit, explained, kept)
+            found.append(made)
+    return Correction(KIND, closed / total, tuple(found)) if found else None
+
+
+def features(record: Record, joints: Sequence[str]) -> tuple[list[str], np.ndarray]:
+    """Functions of the measured state: names, and values (T, F).
+
+    For each joint position, speed, their squares and product, cube of the position, side of
+    the speed, command and its distance; contact phases where feet are measured.
+    """
+    named: dict[str, np.ndarray] = {"1": np.ones(len(record.t))}
+    for joint in joints:
+        q, dq = position(record, joint), speed(record, joint)
+        laws = {"q": q, "dq": dq, "q^2": q**2, "q^3": q**3, "q dq": q * dq, "dq|dq|": dq * abs(dq)}
+        laws["side of dq"] = np.tanh(dq / SLOW)
+        for kind, values in record.command.items():
+            if joint in record.driven:
+                command = values[:, record.driven.index(joint)]
+                laws[f"{kind} command"] = command
+        named |= {f"{joint} {law}": values for law, values in laws.items()}
+        names, phase = phases(record, joint)
+        if names == STRIDE_PHASES:
+            named |= {
+                f"{joint} {p}": (phase == i) * 1.0 for i, p in enumerate(STRIDE_PHASES[1:], 1)
+            }
+    return list(named), np.nan_to_num(np.stack(list(named.values()), axis=1))
+
+
+def ridge(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
+    """Ridge regression whose penalty is chosen on contiguous blocks.
+
+    Args:
+        x: Features, (N, F).
+        y: Values to explain, (N,).
+
+    Returns:
+        Share of y's energy predicted in blocks that were left out, and weights (F,).
+    """
+    size = np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-12)
+    z = x / size
+    folds = np.arange(len(y)) * FOLDS // len(y)
+    grams = [z[folds == f].T @ z[folds == f] for f in range(FOLDS)]
+    moments = [z[folds == f].T @ y[folds == f] for f in range(FOLDS)]
+    gram, moment = sum(grams), sum(moments)
+    lost = []
+    for penalty in PENALTIES:
+        load = penalty * len(y) * np.eye(z.shape[1])
+        error = 0.0
+        for f in range(FOLDS):
+            w = np.linalg.solve(gram - grams[f] + load, moment - moments[f])
+            error += float(np.square(y[folds == f] - z[folds == f] @ w).sum())
+        lost.append(error)
+    best = int(np.argmin(lost))
+    load = PENALTIES[best] * len(y) * np.eye(z.shape[1])
+    energy = max(float(y @ y), 1e-300)
+    return 1.0 - lost[best] / energy, np.linalg.solve(gram + load, moment) / size
+
+
+def _joints(records: Sequence[Record], signal: str, name: str) -> tuple[str, ...]:
+    """Joints whose states may correct a channel: its own, or all for one of the body."""
+    if signal in JOINT_SIGNALS and all(name in r.joints for r in records):
+        return (name,)
+    return tuple(j for j in records[0].joints if all(j in r.joints for r in records))

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cells in which the gap lives: joint x signal x phase x frequency band x part of the range.
+
+Energy of the whitened residual beyond that of noise, with a block bootstrap interval for
+each cell, and the fewest cells that hold most of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..prediction.phases import WHOLE, phases, position
+from ..recordings.record import Record
+
+BANDS = (1.0, 5.0, 20.0)  # [Hz] edges
+JOINT_SIGNALS = ("q", "dq", "tau")
+BLOCKS, DRAWS = 32, 200
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Part of the data.
+
+    Attributes:
+        joint: Joint, or foot or axis of a signal that belongs to none.
+        signal: Signal of the joint.
+        phase: Phase of the joint's motion, "all" where there is no joint.
+        band: Frequencies.
+        region: Part of the joint's range, "all" where there is no joint.
+        share: Share of the gap.
+        low: Lower end of the share's 95 % interval.
+        high: Upper end.
+    """
+
+    joint: str
+    signal: str
+    phase: str
+    band: str
+    region: str
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class GapMap:
+    """Cells that hold more than noise, the largest share first.
+
+    Attributes:
+        cells: All of them; their shares add up to 1.
+        main: Number of the first cells that hold the wanted share together.
+    """
+
+    cells: tuple[Cell, ...]
+    main: int
+
+    def by(self, *keys: str) -> dict[tuple[str, ...], float]:
+        """Share of each combination of attributes, the largest first."""
+        sums: dict[tuple[str, ...], float] = {}
+        for cell in self.cells:
+            key = tuple(getattr(cell, k) for k in keys)
+            sums[key] = sums.get(key, 0.0) + cell.share
+        return dict(sorted(sums.items(), key=lambda item: (-item[1], item[0])))
+
+
+@dataclass
+class _Sums:
+    """Excess energy of every cell in every block."""
+
+    blocks: int
+    rows: dict[tuple[str, ...], np.ndarray] = field(default_factory=dict)
+
+    def add(self, key: tuple[str, ...], block: np.ndarray, energy: np.ndarray) -> None:
+        row = self.rows.setdefault(key, np.zeros(self.blocks))
+        row += np.bincount(block, energy, self.blocks)
+
+
+def localise(
+    records: Sequence[Record],
+    channels: Sequence,
+    residuals: Sequence[np.ndarray],
+    rng: np.random.Generator,
+    most: float = 0.8,
+) -> GapMap:
+    """Divide the gap among cells.
+
+    Args:
+        records: Measured records.
+        channels: Column names of the residuals, with `signal` and `name`.
+        residuals: Whitened, (T, C) per record; NaN = not measured.
+        rng: Source of the resampling.
+        most: Share that the main cells hold together.
+    """
+    sums = _Sums(max(BLOCKS, len(records)))
+    lengths = np.array([len(r.t) for r in records])
+    parts = np.maximum(1, sums.blocks * lengths // lengths.sum())
+    first = 0
+    ranges = {c.name: _thirds(records, c.name) for c in channels if c.signal in JOINT_SIGNALS}
+    for record, residual, count in zip(records, residuals, parts, strict=True):
+        block = first + np.arange(len(record.t)) * count // len(record.t)
+        first += count
+        for column, channel in enumerate(channels):
+            _add(sums, record, channel, residual[:, column], block, ranges)
+    keys = list(sums.rows)
+    if not keys:
+        return GapMap((), 0)
+    return _ranked(keys, np.stack([sums.rows[k] for k in keys], axis=1)[:first], rng, most)
+
+
+def band_names(rate: float) -> list[str]:
+    """Names of the frequency bands that a sampling rate [Hz] can show."""
+    edges = [e for e in BANDS if e < 0.5 * rate]
+    if not edges:
+        return ["all frequencies"]
+    middle = [f"{a:g} to {b:g} Hz" for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [f"below {edges[0]:g} Hz", *middle, f"above {edges[-1]:g} Hz"]
+
+
+def split(residual: np.ndarray, dt: float) -> list[tuple[str, np.ndarray, float]]:
+    """Parts of a residual by frequency: name, (T,), share of white noise's energy.
+
+    The parts add up to the residual, gaps counting as 0.
+    """
+    filled = np.nan_to_num(residual)
+    spectrum = np.fft.rfft(filled)
+    hertz = np.fft.rfftfreq(len(filled), dt)
+    names = band_names(1.0 / dt)
+    index = np.searchsorted([e for e in BANDS if e < 0.5 / dt], hertz, side="right")
+    found = []
+    for b, name in enumerate(names):
+        part = np.fft.irfft(np.where(index == b, spectrum, 0.0), len(filled))
+        found.append((name, part, float(np.mean(index == b))))
+    return found
+
+
+def _add(
+    sums: _Sums,
+    record: Record,
+    channel,
+    residual: np.ndarray,
+    block: np.ndarray,
+    ranges: dict[str, tuple[float, float] | None],
+) -> None:
+    """Add one channel of one record to the cells."""
+    known = np.isfinite(residual)
+    if not known.any():
+        return
+    joint = channel.name if channel.signal in JOINT_SIGNALS else ""
+    names, phase = phases(record, joint)
+    regions, region = WHOLE, np.zeros(len(record.t), dtype=int)
+    if joint in record.joints and ranges[joint] is not None:
+        low, high = ranges[joint]
+        regions = (f"q < {low:.2g}", f"{low:.2g} < q < {high:.2g}", f"q > {high:.2g}")
+        region = np.searchsorted([low, high], position(record, joint))
+    parts = split(residual, record.dt)
+    whole = np.maximum(sum(part**2 for _, part, _ in parts), 1e-300)
+    for band, part, noise in parts:  # a sample's energy stays at its time, whatever its bands
+        excess = residual**2 * part**2 / whole - noise
+        for p, r in sorted(set(zip(phase[known].tolist(), region[known].tolist(), strict=True))):
+            rows = known & (phase == p) & (region == r)
+            key = (channel.name, channel.signal, names[p], band, regions[r])
+            sums.add(key, block[rows], excess[rows])
+
+
+def _thirds(records: Sequence[Record], joint: str) -> tuple[float, float] | None:
+    """Positions that divide a joint's measured range in three; None if it hardly moved."""
+    q = [position(r, joint) for r in records if joint in r.joints]
+    if not q:
+        return None
+    low, high = np.quantile(np.concatenate(q), [0.005, 0.995])
+    if not high - low > 1e-3:
+        return None
+    return float(low + (high - low) / 3.0), float(high - (high - low) / 3.0)
+
+
+def _ranked(
+    keys: list[tuple[str, ...]], blocks: np.ndarray, rng: np.random.Generator, most: float
+) -> GapMap:
+    """Cells with shares; `blocks` (B, K) holds the excess energies."""
+    n = len(blocks)
+    shares = _shares(blocks.sum(0, keepdims=True))[0]
+    draws = _shares(rng.multinomial(n, np.full(n, 1.0 / n), DRAWS) @ blocks)
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    order = [i for i in np.argsort(-shares, kind="stable") if shares[i] > 0.0]
+    cells = tuple(
+        Cell(
+            *keys[i],
+            float(shares[i]),
+            float(min(low[i], shares[i])),
+            float(max(high[i], shares[i])),
+        )
+        for i in order
+    )
+    reached = np.cumsum([c.share for c in cells])
+    return GapMap(cells, min(int(np.searchsorted(reached, most)) + 1, len(cells)))
+
+
+def _shares(energy: np.ndarray) -> np.ndarray:
+    kept = np.maximum(energy, 0.0)
+    return kept / np.maximum(kept.sum(1, keepdims=True), 1e-300)

@@ -1,0 +1,357 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model, what was measured, and what the one leaves of the other: whitened residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from loco_sim.bolted.loop import needs_engine
+from loco_sim.effects import EFFECTS, from_list, pulls
+from loco_sim.params import SimParams
+
+from ..recordings.record import Record
+from ..statistics import evidence, noise
+from . import horizon, loose
+from .loose import Loose
+
+FINE = 0.25  # physics step over the model's where no engine is needed
+ABOUT = 0.05  # time within which an error may come [s]
+PHASE = 0.05  # shift of a drive's rounding [steps]
+NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
+REST = 0.05  # of the numerical error over all records that is there at any time
+LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
+CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
+
+
+@dataclass
+class Case:
+    """Residuals of models on the records that are fitted and those that judge.
+
+    Attributes:
+        forward: Forward model: predictions where the robot was measured.
+        records: All records, in the order of the forward model.
+        fit_rows: Rows of each record that are fitted, (T,) flags.
+        held_rows: Rows of each record that only judge, (T,) flags.
+        floor: Noise and numerical error of each channel, (C,).
+        floors: The same with what no model can tell at that time, (T, C) per record.
+        fine: Physics step over the model's, for runs without the engine.
+        correction: Part that predictions lack because the physics step is not zero, (T, C) for
+            each record, by step.
+        cap: Largest whitened residual that is told from a fall.
+        ground: The robot stands on feet, whose contacts leave nothing to extrapolate.
+        count: Simulations so far [records].
+        runs: Runs of the model as it came, by step.
+        loose: Values that are refitted to every model, where torques are compared.
+    """
+
+    forward: Any
+    records: list[Record]
+    fit_rows: list[np.ndarray]
+    held_rows: list[np.ndarray]
+    floor: np.ndarray
+    floors: list[np.ndarray]
+    fine: float
+    correction: dict[float, list[np.ndarray]]
+    cap: float = evidence.LIMIT
+    ground: bool = False
+    count: int = field(default=0, compare=False)
+    runs: dict[float, tuple] = field(default_factory=dict, compare=False, repr=False)
+    loose: Loose | None = None
+
+    @property
+    def fitted(self) -> list[int]:
+        """Records that are fitted, at least in part."""
+        return [i for i, rows in enumerate(self.fit_rows) if rows.any()]
+
+    @property
+    def judging(self) -> list[int]:
+        """Records that judge, at least in part."""
+        return [i for i, rows in enumerate(self.held_rows) if rows.any()]
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that were measured."""
+        return sorted({channel.signal for channel in self.forward.channels})
+
+    def whitened(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        coarse: bool = False,
+    ) -> list[np.ndarray]:
+        """Residual of whole records in floors, (T, C) each; coarse in the model's own steps."""
+        only = list(range(len(self.records))) if only is None else list(only)
+        residuals = self.bare(specs, overrides, only, coarse)
+        if self.loose is None:
+            return residuals
+        by = self.loose.best(residuals, only, self.fit_rows)
+        return self.loose.left(residuals, only, by)
+
+    def loosened(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, float]:
+        """Values that suit a model best, by dotted name; none without any that are loose."""
+        if self.loose is None:
+            return {}
+        every = list(range(len(self.records)))
+        residuals = self.bare(specs, overrides, every)
+        return self.loose.values(self.loose.best(residuals, every, self.fit_rows))
+
+    def bare(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        coarse: bool = False,
+    ) -> list[np.ndarray]:
+        """Residual as of `whitened` with nothing refitted."""
+        only = list(range(len(self.records))) if only is None else list(only)
+        self.count += len(only)
+        step = 1.0 if coarse else self.step_of(specs)
+        predicted = self.predicted(specs, overrides or {}, only, step)
+        lacks = self.correction[step]
+        residuals = []
+        for i, p in zip(only, predicted, strict=True):
+            measured = [self.forward.measured[i]]
+            residuals += evidence.whiten(measured, [p + lacks[i]], self.floors[i])
+        return residuals
+
+    def predicted(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
+    ) -> list[np.ndarray]:
+        """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
+        names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
+        late = [i for i, name in enumerate(names) if name]
+        if len(late) != 1 or self.fine == 1.0:
+            return self.forward(specs, overrides, only, step)
+        (index,), period = late, step / self.rate
+        name = names[index]
+        below, between = divmod(specs[index][name] / period, 1.0)
+        runs, limit = [], EFFECTS[specs[index]["name"]].__dataclass_fields__[name].metadata
+        for whole in (below, below + 1.0):
+            changed = list(specs)
+            changed[index] = {**specs[index], name: min(whole * period, limit["high"])}
+            runs.append(self.forward(changed, overrides, only, step))
+        return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
+
+    @cached_property
+    def rate(self) -> float:
+        """Physics rate of the model as it came [Hz]."""
+        return float(self.forward._robot(0, {}, 1.0).sim.physics_rate)
+
+    def step_of(self, specs: Sequence[Mapping]) -> float:
+        """Physics step over the model's: fine for what runs without the engine."""
+        return 1.0 if any(pull is None for _, pull in pulls.of(from_list(specs))) else self.fine
+
+    def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
+        """The case with the step error of another model; itself where that is the same."""
+        if self.ground:
+            return self
+        step = self.step_of(specs)
+        self.count += 3 * len(self.records)
+        every = list(range(len(self.records)))
+        here, half = (self.predicted(specs, overrides, every, s * step) for s in (1.0, 0.5))
+        first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
+        bare = [2.0 * (h - w) for h, w in zip(*self._bare(step), strict=True)]
+        moved = [f - b for f, b in zip(first, bare, strict=True)]
+        if self._small(moved):
+            return self
+        if step != self.fine:  # what finer steps would add is taken from the model as it came
+            first = [c + m for c, m in zip(self.correction[step], moved, strict=True)]
+        known = {step: [np.nan_to_num(c) for c in first]}
+        return replace(self, correction={**self.correction, **known})
+
+    def _small(self, errors: Sequence[np.ndarray]) -> bool:
+        """Errors of predictions are far below the floor in every channel of every record."""
+        each = [np.square(np.nan_to_num(e) / f) for e, f in zip(errors, self.floors, strict=True)]
+        return all(np.max(np.mean(e, axis=0)) < LITTLE**2 for e in each)
+
+    def _bare(self, step: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The model as it came at half a step, and at the step."""
+        if step not in self.runs:
+            self.runs[step] = self.forward((), {}, step=0.5 * step), self.forward((), {}, step=step)
+        return self.runs[step]
+
+    def masked(
+        self, residuals: Sequence[np.ndarray], only: Sequence[int], held: bool
+    ) -> list[np.ndarray]:
+        """Residuals of the rows that are fitted, or of those that judge; others are NaN."""
+        rows = self.held_rows if held else self.fit_rows
+        return [np.where(rows[i][:, None], r, np.nan) for i, r in zip(only, residuals, strict=True)]
+
+    def vector(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        coarse: bool = False,
+    ) -> np.ndarray:
+        """Residual of all fitted values in one line [floors], (N,)."""
+        only = self.fitted if only is None else list(only)
+        residuals = self.masked(self.whitened(specs, overrides, only, coarse), only, held=False)
+        flat = np.concatenate(
+            [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
+        )
+        return np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
+
+    def _weighed(self, i: int) -> np.ndarray:
+        """Measured values of a record where it is fitted, NaN elsewhere, (T, C)."""
+        return np.where(self.fit_rows[i][:, None], self.forward.measured[i], np.nan)
+
+    def channel_of(self, only: Sequence[int] | None = None) -> np.ndarray:
+        """Channel of each value of `vector`, (N,)."""
+        only = self.fitted if only is None else list(only)
+        return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
+
+
+def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record]) -> Case:
+    """Split what is fitted from what judges, and find the floor of each channel.
+
+    Without records to judge on, the last third of each record judges.
+
+    Args:
+        forward: Forward model of ``[*records, *held_out]``.
+        records: Records to fit.
+        held_out: Records to judge on.
+    """
+    both = [*records, *held_out]
+    fit_rows, held_rows = [], []
+    for i, record in enumerate(both):
+        rows = np.zeros(len(record.t), dtype=bool)
+        if held_out:
+            rows[:] = i < len(records)
+            judges = ~rows
+        else:
+            rows[: (2 * len(rows)) // 3] = True
+            judges = ~rows
+        fit_rows.append(rows)
+        held_rows.append(judges)
+    steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
+    fine, ground = finest(forward), any(map(forward.on_ground, range(len(both))))
+    signals = [c.signal for c in forward.channels]
+    correction, numeric = doubts(forward) if ground else step_error(forward, fine)
+    sensors = noise.floor(forward.measured, steps, signals)
+    pooled = _pooled(numeric, forward.measured)
+    floor = noise.total(sensors, pooled)
+    hunts = horizon.timing(forward) if ground else hunting(forward, fine)
+    local = zip(numeric, hunts, strict=True)
+    floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
+    case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
+    if not forward.fine_steps:
+        robot = forward.given()
+        case.loose = loose.prepare(case, robot.uncertain, robot)
+    before = case.vector([])
+    case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
+    return case
+
+
+def _step(records: Sequence[Record], signal: str, name: str) -> float:
+    """Quantisation step of a channel; the largest of its signal where nothing tells it."""
+    known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
+    return max(known or [r.step(signal) for r in records])
+
+
+def doubts(forward: Any) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
+    """Step error on the ground: no correction, and the deviation that nobody can know better."""
+    none = [np.zeros(m.shape) for m in forward.measured]
+    return {1.0: none}, _rms(horizon.doubt(forward), forward.records)
+
+
+def hunting(forward: Any, step: float) -> list[np.ndarray]:
+    """Spread of runs whose drives hunt in other phases, (T, C) each.
+
+    A drive that rounds its encoder hunts about its goal; where in a step and when it does so
+    depends on the smallest differences, and what hangs on it swings along: a knee that a step of
+    the hip throws off its stop flies a tenth further or less. No model can tell that.
+    """
+    robot = forward._robot(0, {}, 1.0)
+    rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
+    if not rounding > 0.0:
+        return [np.zeros(m.shape) for m in forward.measured]
+    places = [
+        forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
+        for share in (-PHASE, PHASE)
+    ]
+    times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
+    runs = zip(*places, *times, strict=True)
+    apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
+    return _largest(apart, forward.records)
+
+
+def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+    """Largest error about each time, (T, C) each: it may come a little earlier or later."""
+    return [
+        maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
+        for error, record in zip(errors, records, strict=True)
+    ]
+
+
+def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
+    """Rms error about each time, (T, C) each: it goes through zero where it is not small."""
+    levels = []
+    for error, record in zip(errors, records, strict=True):
+        width = max(1, round(2.0 * ABOUT / record.dt))
+        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
+        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # the running sum may end below 0
+    return levels
+
+
+def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
+    """Rms over what was measured in all records, (C,)."""
+    pairs = zip(levels, measured, strict=True)
+    every = np.concatenate([np.where(np.isfinite(m), e, np.nan) for e, m in pairs])
+    count = np.maximum(np.isfinite(every).sum(0), 1)
+    return np.sqrt(np.nansum(np.square(every), axis=0) / count)
+
+
+def finest(forward: Any) -> float:
+    """Step over the model's: as fine as is cheap and as the engine's rate allows for a quarter."""
+    rates = [forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records))]
+    limit = SimParams.__dataclass_fields__["physics_rate"].metadata["high"]
+    for step in (FINE, 2.0 * FINE) if compiled(forward) and forward.fine_steps else ():
+        if 4.0 * max(rates) / step <= limit:
+            return step
+    return 1.0
+
+
+def compiled(forward: Any) -> bool:
+    """The model runs without the engine on every record, so that fine steps are cheap."""
+    return not any(
+        needs_engine(forward._robot(i, {}, 1.0), from_list(forward.model.effects))
+        for i in range(len(forward.records))
+    )
+
+
+def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
+    """Error of a model's predictions because its physics step is not zero.
+
+    Predictions at two steps are extrapolated to none (Richardson, first order). The error of
+    a semi-implicit step acts like a delay of half a step: uncorrected it would be named one.
+
+    Args:
+        forward: Forward model.
+        fine: Step over the model's that the case uses where it can.
+
+    Returns:
+        Correction of a prediction, (T, C) per record, by step; and the error that remains about
+        each time, the same shape.
+    """
+    rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
+    if 4.0 * rate / fine > SimParams.__dataclass_fields__["physics_rate"].metadata["high"]:
+        none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
+        return {1.0: none}, none
+    steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
+    runs = {step: forward((), {}, step=step) for step in sorted(steps)}
+    limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
+    coarse = [2.0 * h - w for h, w in zip(runs[0.5 * fine], runs[fine], strict=True)]
+    correction = {
+        step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
+        for step in sorted({1.0, fine})
+    }
+    remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
+    return correction, _rms(remains, forward.records)

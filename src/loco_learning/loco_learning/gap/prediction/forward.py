@@ -1,0 +1,373 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Predictions of a model where a robot was measured.
+
+    forward = Forward(model, records)
+    residual = forward.measured[0] - forward([{"name": "coulomb_friction", "torque": 0.1}])[0]
+
+The sensors of the model neither round nor rustle: noise in a prediction would be fitted.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import Params, parameter
+from loco_sim.effects import EFFECTS, from_list
+from loco_sim.effects.identity import READ_AS
+from loco_sim.plant.model import Model
+from loco_sim.robot.robot import Robot
+
+from ..recordings.record import Record
+from ..statistics import noise
+from . import odometry, running, windows
+from .channels import SIGNALS, Channel, measured, of
+from .odometry import Legs
+from .running import Start
+
+KEPT = 256  # robots that are remembered
+STILL, AT_HOME = 0.3, 0.02  # a robot slower [rad/s] and nearer to its standing pose stands [rad]
+BEGUN = 2e-4  # that a joint falls before its first sample is taken [rad]
+SURE = 5.0  # deviations of its sensor from which on a bolted joint is elsewhere
+
+
+@dataclass(frozen=True)
+class ForwardParams(Params):
+    """Settings of a run of a model along a record."""
+
+    signals: tuple[str, ...] = parameter(SIGNALS, "signals that are compared", any_length=True)
+    burn_in: float = parameter(
+        0.2, "at the start of a record: what is not weighed, unless the robot stands and is told "
+        "to move before that", "s", low=0.0, high=100.0
+    )  # fmt: skip
+    window: float = parameter(
+        0.0, "length of pieces that each begin in the measured state; 0 runs whole records", "s",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    ground: float = parameter(
+        0.0, "the same on the ground, where no run follows a recording for long", "s",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    most: int = parameter(20, "pieces of a record on the ground, as far apart as can be", low=1)
+    settling: float = parameter(
+        0.02, "at the start of each such piece: what is not weighed", "s", low=0.0, high=10.0
+    )
+
+
+class Forward:
+    """Runs a model with the commands of records, as the robot was run.
+
+    Attributes:
+        how: Words for the signals that are compared with the measurement.
+        fine_steps: Finer steps than the model's tell something.
+        channels: Channels that are compared, in a fixed order.
+        measured: Per record what was measured, (T, C); NaN where it was not or does not count.
+        records: The records.
+        model: The model.
+    """
+
+    how, fine_steps = "motion", True
+
+    def __init__(
+        self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
+    ):
+        """Look at the records; nothing is run.
+
+        Args:
+            model: Robot, overrides and effects; effects of a call come after them.
+            records: Measured records.
+            params: Settings of a run.
+
+        Raises:
+            ParameterError: The robot has no drives in its robot.yaml, or a record lacks a
+                command.
+        """
+        self.model, self.records = model, tuple(records)
+        self.params = params or ForwardParams()
+        self._robots: dict[Any, Robot] = {}
+        self._said: dict[int, Legs | None] = {}
+        robots = [self._robot(index, {}, 1.0) for index in range(len(self.records))]
+        if not robots or not all(robot.drives for robot in robots):
+            raise ParameterError(
+                f"robot {model.robot!r} lists no drives in its robot.yaml, or there is no record"
+            )
+        both = list(zip(self.records, robots, strict=True))
+        self._told = [running.orders(record, robot) for record, robot in both]
+        self.channels: tuple[Channel, ...] = of(robots, self.records, self.params.signals)
+        self._lengths = [
+            self.params.window or (0.0 if robot.fixed_base else self.params.ground)
+            for robot in robots
+        ]
+        self._starts = [
+            windows.pieces(*pair, length) if length else start(*pair)
+            for pair, length in zip(both, self._lengths, strict=True)
+        ]
+        if not self.params.window:
+            self._starts = [
+                windows.spread(starts, self.params.most) if length else starts
+                for starts, length in zip(self._starts, self._lengths, strict=True)
+            ]
+        self.measured = [
+            self._weighed(index, measured(robot, self.channels, self.records[index]))
+            for index, robot in enumerate(robots)
+        ]
+
+    def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
+        params, dt, window = self.params, self.records[index].dt, self._lengths[index]
+        first = round(params.burn_in / dt) if not window else round(params.settling / dt)
+        within = np.zeros(len(values), dtype=bool)
+        for piece in self._starts[index]:
+            within[piece.row + max(1, first) : piece.stop] = True
+        if self._starts[index] or window:  # outside of the pieces there is no prediction
+            values[~within] = np.nan
+        if not self._starts[index] and self.robot(index).fixed_base:
+            values[: min(first, idle(self._told[index]))] = np.nan
+        return values
+
+    def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
+        """Hypotheses whose effects show in what is compared."""
+        return list(hypotheses)
+
+    def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
+        """The robot of the first record as its files and overrides have it."""
+        return self._robot(0, overrides or {}, 1.0)
+
+    def robot(self, index: int = 0) -> Robot:
+        """The robot of a record, as the model has it."""
+        return self._robot(index, {}, 1.0)
+
+    def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
+        """The robot of a record, with sensors that tell what they can."""
+        key = index, json.dumps(overrides, sort_keys=True), step
+        if key not in self._robots:
+            if len(self._robots) >= KEPT:
+                self._robots.clear()
+            self._robots[key] = _robot(self.model, self.records[index], overrides, step)
+        return self._robots[key]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_robots": {}}
+
+    def __call__(
+        self,
+        effects: Sequence[Mapping[str, Any]] = (),
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        step: float = 1.0,
+        shift: float = 0.0,
+    ) -> list[np.ndarray]:
+        """Run the model.
+
+        Args:
+            effects: Added to those of the model.
+            overrides: Values of robot.yaml, over those of the model and of the records.
+            only: Indices of records; None is all.
+            step: Physics step over the model's, 0.5 halves it; its inverse is a whole number
+                or it is one itself.
+            shift: Time by which the clock of the measurements is ahead of that of the
+                commands: the prediction is read that much earlier [s].
+
+        Returns:
+            Per record what the sensors would have said, (T, C); NaN from where the model
+            diverges.
+
+        Raises:
+            LocoError: An effect or an override is not possible.
+        """
+        rows = range(len(self.records)) if only is None else only
+        late = [e for e in effects if _late(e)]
+        effects = [e for e in effects if not _late(e)]
+        found = [self._run(i, effects, overrides or {}, step) for i in rows]
+        behind = self._behind(late, shift)
+        for by in np.unique(behind[behind != 0.0]):
+            found = [
+                np.where(behind == by, shifted(p, by / self.records[i].dt), p)
+                for i, p in zip(rows, found, strict=True)
+            ]
+        return found
+
+    def _behind(self, late: Sequence[Mapping[str, Any]], shift: float) -> np.ndarray:
+        """Delay of each channel [s], (C,)."""
+        named = np.array([READ_AS.get(c.signal, c.signal) for c in self.channels])
+        times = np.full(len(named), shift)
+        for spec in late:
+            which = spec.get("channel", "all")
+            times[(named == which) | (which == "all")] += spec[EFFECTS[spec["name"]].identity.late]
+        return times
+
+    def nudged(self, speed: float) -> Forward:
+        """The same, with driven joints that begin faster by so much [rad/s or m/s]."""
+        other = copy(self)
+        other._starts = [
+            _nudged(record, self.robot(i), starts, speed)
+            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
+        ]
+        return other
+
+    @property
+    def starts(self) -> list[list[Start]]:
+        """Pieces of each record; none is the whole record from standing at rest."""
+        return self._starts
+
+    def legs(self, index: int) -> Legs | None:
+        """Statements of IMU and legs on the base in a record, with the robot as it came."""
+        if index not in self._said:
+            record, robot = self.records[index], self.robot(index)
+            known = not record.has("base_position")
+            states = windows.joint_states(record, robot)
+            self._said[index] = odometry.legs(record, robot, *states) if known else None
+        return self._said[index]
+
+    def on_ground(self, index: int) -> bool:
+        """A record is compared in pieces since its robot stands on feet."""
+        return bool(self._lengths[index]) and not self.robot(index).fixed_base
+
+    def fewer(self, most: int) -> Forward:
+        """The same with few pieces of each record on the ground; nothing is compared elsewhere."""
+        other = copy(self)
+        other._starts = [
+            windows.spread(starts, most) if self.on_ground(i) else starts
+            for i, starts in enumerate(self._starts)
+        ]
+        other.measured = [other._weighed(i, m.copy()) for i, m in enumerate(self.measured)]
+        return other
+
+    def shaken(self, seed: int) -> Forward:
+        """The same, with pieces on the ground that begin as far off as their states are known."""
+        other, rng = copy(self), np.random.default_rng([seed, len(self.records)])
+        other._starts = [
+            windows.shaken(record, self.robot(i), starts, rng) if self.on_ground(i) else starts
+            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
+        ]
+        return other
+
+    def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
+        robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
+        starts, dt = self._starts[index], running.period(self.records[index])
+        starts = turned(self.records[index], robot, specs, starts)
+        if self.on_ground(index):
+            starts = windows.begun(robot, from_list(specs), starts, self.legs(index))
+        return running.run(robot, specs, self._told[index], starts, dt, self.channels)
+
+    @cached_property
+    def numeric(self) -> np.ndarray:
+        """Numerical error of the model itself: its change when the physics step is halved, (C,)."""
+        square = np.zeros(len(self.channels))
+        count = np.zeros(len(self.channels))
+        for coarse, fine, wanted in zip(self(), self(step=0.5), self.measured, strict=True):
+            error = np.where(np.isfinite(wanted), coarse - fine, np.nan)
+            square += np.nansum(error**2, axis=0)
+            count += np.sum(np.isfinite(error), axis=0)
+        return np.sqrt(square / np.maximum(count, 1.0))
+
+
+def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: float) -> Robot:
+    robot = Model(model.robot, {**model.overrides, **record.overrides, **overrides}).make_robot()
+    if robot.sensors:
+        robot = replace(robot, sensors=robot.sensors.replace(exact=True))
+    sim = robot.sim
+    rate = running.steps_in(record.dt, sim.physics_rate) / (running.period(record) * step)
+    limit = sim.damping_limit * step  # so that sub-stepping is divided as well
+    # Damping is held whichever effects a model has, so that models differ by these alone.
+    sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
+    return replace(robot, sim=sim)
+
+
+def start(record: Record, robot: Robot) -> list[Start]:
+    """Starts of the model; empty if the robot stands still in its standing pose.
+
+    Joints that were not measured have the position of standing.
+    """
+    q, standing = record.joints_of(robot, "q"), robot.standing
+    at, speed = windows.first_state(record, robot)
+    known = np.isfinite(q[0]) & np.isfinite(at)
+    if not known.any():
+        return []
+    said = record.joints_of(robot, "dq")[0]  # zero of a robot that starts to move right now
+    slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
+    near = np.abs(q[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
+    if np.all((slow & near) | ~known):
+        return []
+    moving = np.where(known, at, standing), np.where(known, speed, 0.0)
+    return [Start(0, len(record.t), *moving)]
+
+
+def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Distance from its standing pose within which a joint stands in it, (n,).
+
+    A bolted leg that has sagged under its weight is not there, however little that is: a model
+    that began in the pose itself would have to sag first.
+    """
+    if not robot.fixed_base:
+        return np.full(q.shape[1], AT_HOME)
+    return BEGUN + SURE * np.array([noise.white([column]) for column in q.T])
+
+
+def idle(told: running.Orders) -> int:
+    """Rows before a robot is told anything new.
+
+    A bolted one that stands there has come to rest under what pulls at it; a model that gets
+    the same pull at this moment has not.
+    """
+    rows = np.hstack([told.q, told.dq, told.tau, told.stance])
+    moved = np.any(rows != rows[0], axis=1)
+    return int(np.argmax(moved)) - 1 if moved.any() else len(rows)
+
+
+def turned(
+    record: Record, robot: Robot, specs: Sequence[Mapping[str, Any]], starts: list[Start]
+) -> list[Start]:
+    """Starts where joints that are bolted on with a turn really are: their sensors say less."""
+    offsets = np.zeros(len(robot.joints))
+    for spec in specs:
+        turn = EFFECTS[spec["name"]].identity.turned
+        if turn and not spec.get("start"):
+            named = [fnmatchcase(joint, spec.get("joint") or "*") for joint in robot.joints]
+            driven = np.isin(np.arange(len(robot.joints)), robot.driven)
+            offsets[np.array(named) & driven] += spec.get(turn, 0.0)
+    if not offsets.any():
+        return starts
+    if not starts:
+        q = record.joints_of(robot, "q")[0]
+        at = np.where(np.isfinite(q) & (offsets != 0.0), q, robot.standing)
+        starts = _still(record, at)
+    return [piece._replace(q=piece.q + offsets) for piece in starts]
+
+
+def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> list[Start]:
+    change = np.zeros(len(robot.joints))
+    change[robot.driven] = speed
+    starts = starts or _still(record, robot.standing)
+    return [piece._replace(dq=piece.dq + change) for piece in starts]
+
+
+def _still(record: Record, q: np.ndarray) -> list[Start]:
+    """A whole record from rest."""
+    return [Start(0, len(record.t), q, np.zeros(len(q)))]
+
+
+def _late(spec: Mapping[str, Any]) -> bool:
+    """Sensors are late by the same time, all the time: an effect on no more than the clock."""
+    late = EFFECTS[spec["name"]].identity.late
+    return bool(late) and {*spec} <= {"name", late, "channel"}
+
+
+def shifted(values: np.ndarray, samples: float) -> np.ndarray:
+    """Rows read `samples` earlier, between two of them by cubic interpolation; ends are held."""
+    from scipy.ndimage import shift as moved
+
+    finite, rows = np.isfinite(values), np.arange(len(values))
+    filled = np.zeros(values.shape)
+    for column in np.flatnonzero(finite.any(axis=0)):
+        known = finite[:, column]
+        filled[:, column] = np.interp(rows, rows[known], values[known, column])
+    out = moved(filled, (samples, 0.0), order=3, mode="nearest")
+    return np.where(finite, out, np.nan)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Time for which runs on the ground follow a recording, and how far they may be off until then.
+
+No start is known exactly, and each contact makes a small error larger. Runs from starts that are
+as far apart as their errors tell how large it grows: as long as it stays near what it was at
+first, a run says something. The same with another engine tells what rests on how an engine
+makes contacts, which no robot follows either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_sim.engines import ENGINES, installed
+from loco_sim.plant.model import Model
+
+from ..recordings.record import Record
+from ..statistics import noise
+from . import windows
+from .forward import Forward, ForwardParams
+
+LONGEST, SHORTEST = 0.4, 0.08  # pieces [s]
+GROWN = 2.0  # times its first size, or that of the noise: an error that has grown
+FIRST = 0.02  # after a start until what is compared [s]
+DRAWS = 4  # runs from other starts
+FEW = 12  # pieces that are looked at
+QUICK = "mujoco"  # engine whose runs are compiled
+
+
+def length(model: Model, records: Sequence[Record]) -> float:
+    """Length of pieces on the ground [s], the same for all; 0 where no start can be told.
+
+    Args:
+        model: Model as it came.
+        records: Records of a robot whose base is free.
+    """
+    forward = Forward(model, records, ForwardParams(ground=LONGEST, most=FEW))
+    if not any(forward.starts):
+        return 0.0
+    here, others = forward(), [forward.shaken(k)() for k in range(2)]
+    dt = records[0].dt
+    rows = np.arange(round(LONGEST / dt))
+    size = np.zeros((len(rows), len(forward.channels)))
+    count = np.zeros(size.shape)
+    for i, starts in enumerate(forward.starts):
+        for start in starts:
+            stop = min(start.stop, start.row + len(rows))
+            for other in others:
+                apart = np.square(other[i][start.row : stop] - here[i][start.row : stop])
+                size[: stop - start.row] += np.nan_to_num(apart)
+                count[: stop - start.row] += np.isfinite(apart)
+    apart = np.sqrt(size / np.maximum(count, 1.0))
+    first = max(1, round(FIRST / dt))
+    least = np.hypot(noise.floor(forward.measured), np.mean(apart[1 : first + 1], axis=0))
+    grown = np.median(apart / least, axis=1) > GROWN
+    grown[: round(SHORTEST / dt)] = False
+    stop = int(np.argmax(grown)) if grown.any() else len(rows)
+    return round(stop * dt, 4)
+
+
+def doubt(forward: Forward) -> list[np.ndarray]:
+    """Deviation of predictions that nobody can know better, (T, C) each; 0 outside of pieces.
+
+    That of starts, and that of engines where another one is installed.
+    """
+    here = forward()
+    runs = [here, *(forward.shaken(k)() for k in range(DRAWS))]
+    found = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in zip(*runs, strict=True)]
+    other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
+    if other is None:
+        return found
+    there = forward(overrides={"sim.engine": other})
+    apart = [np.nan_to_num(a - b) for a, b in zip(here, there, strict=True)]
+    return [np.hypot(f, a) for f, a in zip(found, apart, strict=True)]
+
+
+def timing(forward: Forward) -> list[np.ndarray]:
+    """Error of a prediction whose feet touch down or lift off a sample too late, (T, C) each."""
+    found = []
+    for i, here in enumerate(forward()):
+        change = np.abs(np.diff(np.nan_to_num(here), axis=0, prepend=np.nan_to_num(here[:1])))
+        late = np.maximum(change, np.roll(change, -1, axis=0))
+        said = forward.legs(i) if forward.on_ground(i) else None
+        about = np.zeros(len(here), bool) if said is None else ~windows.still(said, 2.0 * said.dt)
+        found.append(np.where(about[:, None], late, 0.0))
+    return found
+
+
+def words(forward: Forward) -> list[str]:
+    """Sentences on how records on the ground are compared; none where there are none."""
+    every = range(len(forward.records))
+    on = [i for i in every if forward.on_ground(i)]
+    if not on:
+        loose = [forward.records[i].name for i in every if not forward.robot(i).fixed_base]
+        lost = f"{', '.join(loose)}: nothing tells the attitude of the base, so whole runs are "
+        return [f"{lost}compared, which part at the first contact that comes late"] if loose else []
+    count = sum(len(forward.starts[i]) for i in on)
+    return [
+        f"on the ground the model is compared in {count} pieces of {forward.params.ground:.3g} s, "
+        "each from the state that IMU and legs tell: so long its own errors stay small"
+    ]
+
+
+def quickest(model: Model) -> Model:
+    """The model in the engine whose runs are compiled, where that is installed."""
+    if QUICK not in installed():
+        return model
+    return Model(model.robot, {**model.overrides, "sim.engine": QUICK}, model.effects)
+
+
+def engine(forward: Forward) -> str:
+    """Name of the engine of a model."""
+    return forward.robot().sim.engine

@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model that is led along the measured motion; the torque that this takes is compared.
+
+A robot that is told torques, and no positions, forgets nothing: an error of the torque grows with
+the square of time, so that a run of the model leaves the measurement within a second whatever
+the model lacks. Led by a stiff drive along the measured motion it stays, no state at the start
+has to be known, and what the drive must add to the commanded torque is the gap, at its joint and
+time: inverse dynamics, with all effects as they act in a simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from loco_sim.bolted.loop import Bolted
+from loco_sim.effects import EFFECTS
+from loco_sim.plant.model import Model
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
+
+from ..recordings.record import Record
+from . import running
+from .channels import Channel
+from .forward import Forward, ForwardParams
+
+COARSE = 0.006  # time between rows [s]: torques of a body change more slowly (taste)
+STEPS = 2  # physics steps in a row (theory: four times fewer than the drive's time)
+STIFFNESS = 0.6  # bandwidth of the leading drive times the time between rows (theory: stable)
+# Deviation of the Gaussian that smooths the motion, and again the torques of both sides [s]. On an
+# arm of seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
+SMOOTH = 0.03
+EDGE = 5.0  # deviations from either end within which nothing is compared (theory)
+LOST = 1.0  # error of a run over the deviation of the motion from which on it says nothing (theory)
+FED_BACK = 0.7  # share of a torque told by velocity from which on it is a controller's (taste)
+WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces that are tried [s] (taste)
+NEAR = 0.2  # error of pieces over the deviation of the motion that is near (taste)
+POSES = 7  # of the record, at which inertias are asked
+SITES = ("torque", "brake", "force", "model")  # what an effect may touch, see `Identity.touches`
+
+
+def forward(
+    model: Model, records: Sequence[Record], params: ForwardParams | None = None
+) -> Forward:
+    """Runs of a model along records as far as these say something.
+
+    From the first sample where that follows the motion; else led along it; or, where a
+    controller made the torque from the velocity, so that friction would explain all of it, in
+    pieces that begin in the measured state.
+    """
+    plain = Forward(model, records, params)
+    if plain.params.window or not possible(plain) or follows(plain, LOST):
+        return plain
+    found = Led(model, records, params)
+    if fed_back(found) < FED_BACK:
+        return found
+    for window in WINDOWS:
+        pieces = Forward(model, records, plain.params.replace(window=window))
+        if follows(pieces, NEAR):
+            break
+    return pieces
+
+
+def fed_back(forward: Led) -> float:
+    """Share of the torque that the velocity of its joint alone tells, mean over the joints."""
+    shares = []
+    for c, channel in enumerate(forward.channels):
+        tau = np.concatenate([m[:, c] for m in forward.measured])
+        joint = forward.robot().joints.index(channel.name)
+        speed = np.concatenate([r.signals["dq"][:, joint] for r in forward.records])
+        known = np.isfinite(tau)
+        tau, speed = tau[known] - tau[known].mean(), speed[known]
+        usual = float(np.sqrt(np.mean(speed**2))) or 1.0
+        laws = np.stack([np.ones(len(speed)), speed, np.tanh(3.0 * speed / usual)], axis=1)
+        left = tau - laws @ np.linalg.lstsq(laws, tau, rcond=None)[0]
+        shares.append(1.0 - float(left @ left) / max(float(tau @ tau), 1e-300))
+    return float(np.mean(shares))
+
+
+def possible(forward: Forward) -> bool:
+    """Every joint is measured, is told torques alone, and none of its drives rounds."""
+    robots = [forward.robot(i) for i in range(len(forward.records))]
+    return all(
+        robot.fixed_base
+        and len(robot.driven) == len(robot.joints)
+        and all(isinstance(drive, TorqueDrive) for drive in robot.drives.values())
+        and np.isfinite(record.joints_of(robot, "q")).any(axis=0).all()
+        for robot, record in zip(robots, forward.records, strict=True)
+    )
+
+
+def follows(forward: Forward, most: float) -> bool:
+    """Whether the model as it came leaves less than a share of the deviation of the motion."""
+    mine = [i for i, c in enumerate(forward.channels) if c.signal == "q"]
+    error, motion = 0.0, 0.0
+    for said, measured in zip(forward(), forward.measured, strict=True):
+        spread = np.nanstd(measured[:, mine], axis=0)
+        ratio = (said - measured)[:, mine] / np.where(spread > 0.0, spread, np.inf)
+        known = np.isfinite(measured[:, mine])
+        ratio = np.where(np.isfinite(ratio), ratio, 1e3)
+        error += float(np.square(ratio[known]).sum())
+        motion += float(known.sum())
+    return math.sqrt(error / max(motion, 1.0)) < most
+
+
+class Led(Forward):
+    """A `Forward` whose channels are the commanded torques; arguments as of `Forward`."""
+
+    how, fine_steps = "torque along the measured motion", False
+
+    def __init__(
+        self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
+    ):
+        robots = [_made(model, record) for record in records]
+        pairs = list(zip(records, robots, strict=True))
+        inertia = [_inertia(record, robot) for record, robot in pairs]
+        self._gains = np.maximum(np.mean(inertia, axis=0), 1e-9 * np.max(inertia))
+        led = [_led(record, robot) for record, robot in pairs]
+        params = (params or ForwardParams()).replace(signals=("tau",))
+        super().__init__(model, led, params)
+
+    @cached_property
+    def _joints(self) -> tuple[Channel, ...]:
+        """Positions, then velocities of all joints."""
+        joints = self.robot(0).joints
+        return tuple(Channel(s, j, "") for s in ("q", "dq") for j in joints)
+
+    def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
+        """The robot with drives that lead it; sensors, which read nothing, are left out."""
+        told = super()._robot(index, overrides, step)
+        rate = STIFFNESS / self.records[index].dt
+        drives = {
+            joint: ImpedanceDrive(kp=float(m * rate**2), kd=float(2.0 * m * rate))
+            for joint, m in zip(told.joints, self._gains, strict=True)
+        }
+        physics = STEPS / (running.period(self.records[index]) * step)
+        free = np.full(len(told.joints), np.inf)
+        sim = told.sim.replace(physics_rate=physics, damping_limit=1.0)
+        return replace(told, drives=drives, effort=free, sensors=None, sim=sim)
+
+    def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
+        """Hypotheses that change a torque, one per body; what is refitted anyway is none."""
+        robot = self.given()
+        loose = {name.partition(".")[0] for name in robot.uncertain}
+        text, out = Description(robot.urdf), {"mass"} if "bodies" in loose else set()
+        bodies = {text.child(joint) for joint in robot.joints}
+        return [
+            h
+            for h in hypotheses
+            if set(EFFECTS[h.effect].identity.touches) <= set(SITES)
+            and EFFECTS[h.effect].identity.kind not in out
+            and (h.place not in text.links() or h.place in bodies)
+        ]
+
+    def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
+        """The robot of the first record with its own drives, which lead nobody."""
+        return super()._robot(0, overrides or {}, 1.0)
+
+    def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
+        robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
+        told, record = self._told[index], self.records[index]
+        starts = [running.Start(0, len(record.t), told.q[0], told.dq[0])]
+        dt = running.period(record)
+        found = running.run(robot, specs, told, starts, dt, self._joints)
+        n = len(robot.joints)
+        led = [robot.drives[joint] for joint in robot.joints]
+        torque = np.array([d.kp for d in led]) * (_heard(told.q) - found[:, :n])
+        torque += np.array([d.kd for d in led]) * (_heard(told.dq) - found[:, n:])
+        drives = super()._robot(index, overrides, step).drives
+        asked = [(drives[j].bias, drives[j].gain) for j in robot.joints]
+        bias, gain = np.array(asked).T
+        mean = smoothed((torque - bias) / gain, dt)
+        return mean[:, [robot.joints.index(c.name) for c in self.channels]]
+
+
+def _heard(values: np.ndarray) -> np.ndarray:
+    """Mean about each row of a command that goes straight from row to row, (T, n).
+
+    A chord lies beside its arc by a twelfth of the second difference.
+    """
+    bend = np.zeros(values.shape)
+    bend[1:-1] = np.diff(values, 2, axis=0) / 12.0
+    return values + bend
+
+
+def smoothed(values: np.ndarray, dt: float, order: int = 0) -> np.ndarray:
+    """Values after a Gaussian of `SMOOTH`, or their derivative of an order, (T, n)."""
+    low = gaussian_filter1d(values, SMOOTH / dt, axis=0, order=order, mode="nearest")
+    return low / dt**order
+
+
+def _made(model: Model, record: Record) -> Robot:
+    return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
+
+
+def _inertia(record: Record, robot: Robot) -> np.ndarray:
+    """Inertia that each joint feels while the others are free, mean over poses [kg·m²], (n,)."""
+    q = record.joints_of(robot, "q")
+    q = q[np.isfinite(q).all(axis=1)]
+    rows = np.linspace(0, len(q) - 1, POSES).astype(int)
+    plant = Bolted(replace(robot, sensors=None))
+    return np.mean([1.0 / np.diag(np.linalg.inv(plant.inertia(at))) for at in q[rows]], axis=0)
+
+
+def _led(record: Record, robot: Robot) -> Record:
+    """A record in which the measured motion is the command, and the commanded torque a signal.
+
+    Both are smoothed alike and thinned: the motion to `COARSE`, torques to `SMOOTH`.
+    """
+    measured, torque = record.joints_of(robot, "q"), record.command_of(robot, "torque")
+    if "torque" not in record.ramps:  # held from its stamp on: half of each acts before the next
+        torque = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
+    known, rows, dt = np.isfinite(measured).all(axis=1), np.arange(len(record.t)), record.dt
+    whole = np.stack([np.interp(rows, rows[known], x[known]) for x in measured.T], axis=1)
+    q, dq = smoothed(whole, dt), smoothed(whole, dt, order=1)
+    every = max(1, round(COARSE / dt))
+    kept = slice(0, len(record.t) // every * every, every)
+    tau = np.where(known[:, None], smoothed(smoothed(torque, dt), dt), np.nan)[kept]
+    between = max(1, round(SMOOTH / (every * dt)))
+    tau[np.arange(len(tau)) % between != 0] = np.nan
+    edge = round(EDGE * SMOOTH / (every * dt))
+    tau[:edge], tau[len(tau) - edge :] = np.nan, np.nan
+    t = record.t[kept]
+    return replace(
+        record,
+        t=t - t[0],
+        command={"position": q[kept], "velocity": dq[kept]},
+        ramps=("position", "velocity"),
+        driven=robot.joints,
+        joints=robot.joints,
+        signals={"q": q[kept], "dq": dq[kept], "tau": tau},
+        inputs={},
+        stance={},
+        resolution={},
+    )

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State of a base that nobody measured: attitude from the IMU, height and speed from the feet.
+
+A foot that stands is at rest where it touches, so joints and gyro say how fast and how high the
+base moves over it; between touches the accelerometer carries on. Both are joined over the whole
+record at once. The accelerometer is trusted as far as its noise allows, the feet as far as they
+agree with it: on a robot whose feet slide all the time they count little.
+Source: Bloesch et al. 2012, State estimation for legged robots, RSS; there it is a filter.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from loco_sim.geometry import multiply
+from loco_sim.robot.frames import link_frames, numbers
+from loco_sim.robot.robot import Robot
+
+from ..recordings.record import Record
+from ..statistics import evidence, noise
+from .channels import heading
+from .phases import LOADED
+
+NUDGE = 1e-4  # time over which points of the legs are moved for their speed [s]
+LOW = 0.01  # without forces: a foot as near to the lowest as this share of the standing height
+ROUNDS = 6  # times that trust is weighed again
+SPEED, HEIGHT = 1e-3, 1e-4  # least deviation of what feet say [m/s], [m]
+SLIDING, RISING = 3.0, 0.01  # the same before anything is known
+BIAS = 0.2  # error of an accelerometer, its tilt included [m/s²]
+BLIND = 5.0  # the same of a robot without one: how usual accelerations of a base are
+DRIFT = 0.1  # error of the vertical speed [m/s]
+REST = 0.03  # of gravity: a base that turns [rad/s] and is accelerated less is at rest at first
+GRAVITY = 9.81
+
+
+class Legs(NamedTuple):
+    """Statements of IMU and legs on a base, in its home: heading and place of the first sample."""
+
+    dt: float  # time between samples [s]
+    turn: np.ndarray  # attitude, x y z w, (T, 4)
+    spin: np.ndarray  # angular velocity in the world [rad/s], (T, 3)
+    speed: np.ndarray  # of the base if each foot is at rest [m/s], (T, f, 3)
+    height: np.ndarray  # of the base if each foot touches the ground [m], (T, f)
+    stands: np.ndarray  # feet that stand, (T, f)
+    steps: np.ndarray  # a foot touches down or lifts off, (T,)
+    load: np.ndarray  # force of the ground on each foot, 0 where it does not stand [N], (T, f)
+    pull: np.ndarray  # acceleration of the base [m/s²], (T, 3)
+    doubt: float  # deviation of the acceleration [m/s²]
+    still: bool  # the base is at rest at first
+
+
+class Carried(NamedTuple):
+    """Motion of a base over flat ground, in its home."""
+
+    velocity: np.ndarray  # of the origin in the world [m/s], (T, 3)
+    height: np.ndarray  # of the origin over the ground [m], (T,)
+    apart: tuple[float, float]  # usual deviation of speed [m/s] and height [m]
+
+
+def legs(record: Record, robot: Robot, q: np.ndarray, dq: np.ndarray) -> Legs | None:
+    """Statements of IMU and legs; None where no attitude was measured or no foot ever stands.
+
+    Args:
+        record: Measured record.
+        robot: The robot as the model has it.
+        q: Smoothed joint positions [rad or m], (T, n).
+        dq: Smoothed joint velocities, (T, n).
+    """
+    attitude = record.signals.get("orientation")
+    if attitude is None or not robot.feet or not np.isfinite(attitude).all(axis=1).any():
+        return None
+    turn = even(at_home(bridged(attitude), heading(attitude)))
+    rotation = matrices(turn)
+    gyro = record.signals.get("gyro")
+    spin = rates(turn, record.dt) if gyro is None else turned(rotation, bridged(gyro))
+    at, speed = touching(robot, np.nan_to_num(q), np.nan_to_num(dq), rotation)
+    arm = turned(rotation[:, None], at)
+    stands = standing(record, robot, arm[..., 2])
+    if not stands.any():
+        return None
+    said = -(turned(rotation[:, None], speed) + np.cross(spin[:, None], arm))
+    force, pull, doubt = record.signals.get("acceleration"), np.zeros((len(turn), 3)), BLIND
+    if force is not None:
+        pull, doubt = turned(rotation, bridged(force)) - np.array([0.0, 0.0, GRAVITY]), BIAS
+    still = bool(np.all(np.abs(np.concatenate([spin[0], pull[0]])) < REST * GRAVITY))
+    steps = np.any(np.diff(stands, axis=0, prepend=stands[:1]), axis=1)
+    load = np.where(stands, loads(record, robot, stands), 0.0)
+    stiff = np.array([robot.contact.get(f, (robot.sim.contact_stiffness,))[0] for f in robot.feet])
+    height = -arm[..., 2] - np.where(stiff > 0.0, load / np.maximum(stiff, 1e-300), 0.0)
+    return Legs(record.dt, turn, spin, said, height, stands, steps, load, pull, doubt, still)
+
+
+def carried(said: Legs, depth: np.ndarray | None = None) -> Carried:
+    """Motion of the base that IMU and legs tell together.
+
+    Args:
+        said: Statements of both.
+        depth: Depth of each foot in the ground, beyond the model's own [m], (T, f).
+    """
+    speed, height = said.speed, said.height
+    if depth is not None:
+        speed, height = speed.copy(), height - depth
+        speed[..., 2] -= np.gradient(depth, said.dt, axis=0)
+    known = (SLIDING, SPEED), said.dt * said.doubt, said.still
+    ends = [
+        joined(speed[..., k], said.stands, said.dt * said.pull[1:, k], *known) for k in range(3)
+    ]
+    velocity = np.stack([v for v, _ in ends], axis=1)
+    rise = 0.5 * said.dt * (velocity[1:, 2] + velocity[:-1, 2])
+    high, low = joined(height, said.stands, rise, (RISING, HEIGHT), said.dt * DRIFT)
+    return Carried(velocity, high, (float(np.mean([d for _, d in ends])), low))
+
+
+def joined(
+    said: np.ndarray,
+    holds: np.ndarray,
+    change: np.ndarray,
+    own: tuple[float, float],
+    way: float,
+    still: bool = False,
+) -> tuple[np.ndarray, float]:
+    """Values that feet say while they stand, and of which the change per sample is known.
+
+    Least squares in one band. How far feet are believed is read off what is left: its deviation
+    and for how long it is the same error (the longest seen: feet that always slide the same way
+    take what is left with them); single ones that are far off count less (Huber).
+
+    Args:
+        said: Value by each foot, (T, f).
+        holds: Flags of the samples that count, (T, f).
+        change: Known change from each sample to the next, (T - 1,).
+        own: Deviation of the values at first, and the least.
+        way: Deviation of the change.
+        still: It is 0 at the first sample.
+
+    Returns:
+        Values, (T,), and their usual deviation.
+    """
+    rows, (own, least), long = len(said), own, 1.0
+    weight = holds.astype(float)
+    for _ in range(ROUNDS):
+        trust, stiff = weight.sum(axis=1) / own**2, 1.0 / way**2
+        trust[0] += still / way**2
+        band = np.zeros((2, rows))
+        band[1] = trust + 1e-12
+        band[1, 1:] += stiff
+        band[1, :-1] += stiff
+        band[0, 1:] = -stiff
+        side = (weight * np.where(holds, said, 0.0)).sum(axis=1) / own**2
+        side[1:] += stiff * change
+        side[:-1] -= stiff * change
+        value = solveh_banded(band, side)
+        left = np.where(holds, said - value[:, None], np.nan)
+        usual = max(least, noise.TO_DEVIATION * float(np.nanmedian(np.abs(left))))
+        long = max(long, np.median([evidence.correlation_time(column) for column in left.T]))
+        own = usual * float(np.sqrt(long))
+        weight = np.where(
+            holds, 1.0 / np.maximum(np.abs(said - value[:, None]) / (2.0 * usual), 1.0), 0.0
+        )
+    usual = np.median(trust[trust > 0.0])
+    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # of an endless band
+
+
+def touching(
+    robot: Robot, q: np.ndarray, dq: np.ndarray, rotation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest point of each foot's ball and the speed of the matter there.
+
+    Returns:
+        Points [m] and speeds [m/s] in the frame of the base, (T, f, 3) each.
+    """
+    balls = feet_of(robot.urdf, robot.feet)
+    down = -rotation[:, 2, :]  # in the base frame
+    frames, later, before = (
+        link_frames(robot, q + s * NUDGE * dq, robot.feet) for s in (0.0, 1.0, -1.0)
+    )
+    at, speed = [], []
+    for foot, (centre, radius) in zip(robot.feet, balls, strict=True):
+        turn, origin = frames[foot]
+        sole = centre + np.einsum("tji,tj->ti", turn, radius * down)  # in the frame of the foot
+        places = [o + np.einsum("tij,tj->ti", r, sole) for r, o in (later[foot], before[foot])]
+        at.append(origin + np.einsum("tij,tj->ti", turn, sole))
+        speed.append((places[0] - places[1]) / (2.0 * NUDGE))
+    return np.stack(at, axis=1), np.stack(speed, axis=1)
+
+
+def feet_of(urdf: str, feet: tuple[str, ...]) -> list[tuple[np.ndarray, float]]:
+    """Centre (3,) and radius of the ball of each foot [m], in its link; a point without one."""
+    found = []
+    links = {link.get("name"): link for link in ElementTree.fromstring(urdf).iter("link")}
+    for foot in feet:
+        shapes = links[foot].findall("collision")
+        balls = [c for c in shapes if c.find("geometry/sphere") is not None]
+        if not balls:
+            found.append((np.zeros(3), 0.0))
+            continue
+        radius = float(balls[0].find("geometry/sphere").get("radius"))
+        found.append((numbers(balls[0].find("origin"), "xyz", "0 0 0"), radius))
+    return found
+
+
+def standing(record: Record, robot: Robot, low: np.ndarray) -> np.ndarray:
+    """Feet that stand, by their force, or by their height where no force was measured, (T, f).
+
+    The first and last sample of each touch are left out: a foot that lands is not at rest.
+
+    Args:
+        record: Measured record.
+        robot: The robot.
+        low: Height of each foot's lowest point over the base, (T, f).
+    """
+    force = record.feet_of(robot.feet)
+    known = np.isfinite(force).any(axis=0)
+    least = low.min(axis=1, keepdims=True)
+    stands = low - least < LOW * np.median(-least)
+    for foot in np.flatnonzero(known):
+        values = bridged(force[:, [foot]])[:, 0]
+        stands[:, foot] = values > LOADED * np.quantile(values, 0.95)
+    inside = stands.copy()
+    inside[1:] &= stands[:-1]
+    inside[:-1] &= stands[1:]
+    return inside
+
+
+def loads(record: Record, robot: Robot, stands: np.ndarray) -> np.ndarray:
+    """Force of the ground on each foot [N], (T, f): measured, or a share of the weight."""
+    share = robot.mass * GRAVITY / np.maximum(stands.sum(axis=1, keepdims=True), 1)
+    force = record.feet_of(robot.feet)
+    return np.where(np.isfinite(force), np.maximum(force, 0.0), share)
+
+
+def bridged(values: np.ndarray) -> np.ndarray:
+    """Columns with their gaps filled straight, (T, k); all 0 where nothing was measured."""
+    rows, out = np.arange(len(values)), np.zeros(values.shape)
+    for k, column in enumerate(values.T):
+        seen = np.isfinite(column)
+        if seen.any():
+            out[:, k] = np.interp(rows, rows[seen], column[seen])
+    return out
+
+
+def at_home(turn: np.ndarray, yaw: float) -> np.ndarray:
+    """Attitudes x y z w seen from a heading [rad], (T, 4)."""
+    home = (0.0, 0.0, float(np.sin(-0.5 * yaw)), float(np.cos(-0.5 * yaw)))
+    return np.array([multiply(home, row) for row in turn.tolist()])
+
+
+def even(turn: np.ndarray) -> np.ndarray:
+    """Attitudes x y z w of length 1, none the negative of its neighbour, (T, 4)."""
+    signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
+    turn = turn.copy()
+    turn[1:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
+    return turn / np.linalg.norm(turn, axis=1, keepdims=True)
+
+
+def rates(turn: np.ndarray, dt: float) -> np.ndarray:
+    """Angular velocity in the world [rad/s], (T, 3), of attitudes x y z w."""
+    change = np.gradient(turn, dt, axis=0)
+    back = turn * np.array([-1.0, -1.0, -1.0, 1.0])
+    both = zip(change.tolist(), back.tolist(), strict=True)
+    return np.array([multiply(c, b)[:3] for c, b in both]) * 2.0
+
+
+def matrices(turn: np.ndarray) -> np.ndarray:
+    """Rotations of attitudes x y z w, (T, 3, 3)."""
+    x, y, z, w = turn.T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def turned(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors after rotations, broadcast: (…, 3, 3) times (…, 3)."""
+    return np.einsum("...ij,...j->...i", rotation, vectors)

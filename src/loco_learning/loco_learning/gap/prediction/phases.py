@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Phase of a joint's motion at each sample, from the measurement alone.
+
+With a foot force: swing, touchdown, stance, lift-off of its leg. Without: moving, reversal,
+rest of the joint itself.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ..recordings.record import Record
+
+STRIDE_PHASES = ("swing", "touchdown", "stance", "lift-off")
+MOTION = ("moving", "reversal", "rest")
+WHOLE = ("all",)
+AROUND = 0.05  # [s] after a touchdown, around a lift-off and a reversal
+LOADED = 0.05  # of a foot's usual largest force
+RESTING = 0.05  # of a joint's usual largest speed
+SPEED_TIME = 0.01  # [s] width of the smoother before a position is differentiated
+
+
+def phases(record: Record, joint: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the phases and the index of the one at each sample, (T,).
+
+    Args:
+        record: Measured record.
+        joint: Joint of the record; any other name has the phase "all" alone.
+    """
+    if joint not in record.joints:
+        return WHOLE, np.zeros(len(record.t), dtype=int)
+    foot = foot_of(joint, record.feet)
+    if foot is not None and record.has("grf"):
+        return STRIDE_PHASES, _steps(record.signals["grf"][:, foot], record.dt)
+    return MOTION, _motion(speed(record, joint), record.dt)
+
+
+def foot_of(joint: str, feet: Sequence[str]) -> int | None:
+    """Foot at the end of a joint's leg: whose name begins most like the joint's."""
+    if len(feet) == 1:
+        return 0
+    alike = [len(os.path.commonprefix([joint, foot])) for foot in feet]
+    best = max(alike, default=0)
+    return alike.index(best) if best and alike.count(best) == 1 else None
+
+
+def position(record: Record, joint: str) -> np.ndarray:
+    """Measured position, gaps filled, (T,); 0 where it never was measured."""
+    values = record.signals.get("q")
+    if values is None:
+        return np.zeros(len(record.t))
+    return _filled(values[:, record.joints.index(joint)])
+
+
+def speed(record: Record, joint: str) -> np.ndarray:
+    """Measured speed, or the derivative of the smoothed position, (T,)."""
+    if record.has("dq"):
+        values = record.signals["dq"][:, record.joints.index(joint)]
+        if np.isfinite(values).any():
+            return _filled(values)
+    q = gaussian_filter1d(position(record, joint), max(SPEED_TIME / record.dt, 1.0), mode="nearest")
+    return np.gradient(q, record.dt)
+
+
+def _filled(x: np.ndarray) -> np.ndarray:
+    known = np.flatnonzero(np.isfinite(x))
+    return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
+
+
+def _steps(force: np.ndarray, dt: float) -> np.ndarray:
+    force = _filled(force)
+    down = force > LOADED * np.quantile(force, 0.95)
+    near = max(1, round(AROUND / dt))
+    index = np.where(down, 2, 0)
+    change = np.diff(down.astype(int))
+    for start in np.flatnonzero(change == 1) + 1:
+        index[start : start + near] = 1
+    for end in np.flatnonzero(change == -1) + 1:
+        index[max(end - near, 0) : end + near] = 3
+    return index
+
+
+def _motion(dq: np.ndarray, dt: float) -> np.ndarray:
+    slow = np.abs(dq) <= RESTING * np.quantile(np.abs(dq), 0.95)
+    index = np.where(slow, 2, 0)
+    sign = np.sign(np.where(slow, 0.0, dq))
+    going = np.flatnonzero(sign)
+    turns = np.flatnonzero(np.diff(sign[going]))
+    near = max(1, round(AROUND / dt))
+    for last, first in zip(going[turns], going[turns + 1], strict=True):
+        if first - last <= 4 * near:  # longer: it stood in between
+            index[max(last - near, 0) : first + near] = 1
+    return index

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run of a model along a record: without the engine where that is possible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, ParameterError
+from loco_sim.bolted.loop import Bolted, Pieces, needs_engine
+from loco_sim.effects import from_list
+from loco_sim.plant.orders import Orders
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ServoParams, TorqueDrive
+from loco_sim.world.world import Base
+
+from ..recordings.record import Record
+from .channels import Channel, Track, assembled
+
+
+class Start(NamedTuple):
+    """State in which a piece of a record begins."""
+
+    row: int  # first row
+    stop: int  # row after the last
+    q: np.ndarray  # joint positions [rad or m], (n,)
+    dq: np.ndarray  # joint velocities, (n,)
+    base: Base | None = None  # None is that of a reset
+
+
+def period(record: Record) -> float:
+    """Time between samples [s]; stamps are rounded, rates are not."""
+    return 1.0 / round(1.0 / record.dt, 3)
+
+
+def steps_in(dt: float, rate: float) -> int:
+    """Physics steps in a control period, at least as many as a rate [Hz] asks for."""
+    return max(1, math.ceil(dt * rate - 0.01))  # a rounded rate asks for no step more
+
+
+def orders(record: Record, robot: Robot) -> Orders:
+    """Commands of a record.
+
+    Raises:
+        ParameterError: The record lacks the kind of command that a drive needs, or one is
+            not a number.
+    """
+    driven = robot.driven
+    drives = [robot.drives[robot.joints[i]] for i in driven]
+    torque = np.array([isinstance(drive, TorqueDrive) for drive in drives], dtype=bool)
+    made = {kind: np.zeros((len(record.t), len(robot.joints))) for kind in ("q", "dq", "tau")}
+    needed = {"position": ~torque, "torque": torque}
+    for key, kind, mine in (("q", "position", ~torque), ("dq", "velocity", ~torque),
+                            ("tau", "torque", torque | ~_servos(drives))):  # fmt: skip
+        wanted = kind in needed and needed[kind].any()
+        if mine.any() and (wanted or kind in record.command):
+            made[key][:, driven[mine]] = record.command_of(robot, kind)[:, mine]
+    if not all(np.all(np.isfinite(values)) for values in made.values()):
+        raise ParameterError(f"{record.name}: a command is not finite")
+    power = None
+    if record.inputs:
+        ones = np.ones(len(record.t))
+        power = np.stack([record.inputs.get(k, ones) for k in ("supply", "enable")], axis=1)
+    ramps = tuple(kind in record.ramps for kind in ("position", "velocity", "torque"))
+    stance = record.stance_of(robot.feet)
+    return Orders(made["q"], made["dq"], made["tau"], power, ramps, stance)
+
+
+def _servos(drives: Sequence[Any]) -> np.ndarray:
+    """Drives that take no torque besides a position, (m,) bool."""
+    return np.array([isinstance(drive, ServoParams) for drive in drives], dtype=bool)
+
+
+def run(
+    robot: Robot,
+    specs: Sequence[Mapping[str, Any]],
+    told: Orders,
+    starts: Sequence[Start],
+    dt: float,
+    channels: Sequence[Channel],
+) -> np.ndarray:
+    """Readings of a robot, (T, C); NaN where no piece is, and from where it diverges.
+
+    Args:
+        robot: The robot.
+        specs: Effects on the robot.
+        told: Commands.
+        starts: Pieces; none at all is the whole record, from standing at rest.
+        dt: Time between rows [s].
+        channels: Columns of the result.
+
+    Raises:
+        LocoError: An effect is not possible.
+    """
+    made = [effect for effect in from_list(specs) if not effect.identity.noise]
+    if needs_engine(robot, made):
+        return _with_engine(robot, made, told, starts, dt, channels)
+    pieces = None
+    if starts:
+        rows = np.array([[s.row, s.stop] for s in starts])
+        pieces = Pieces(rows, np.array([[s.q, s.dq] for s in starts], dtype=float))
+    plant = Bolted(robot, made, 0, dt)
+    with np.errstate(over="ignore", invalid="ignore"):
+        swinging = told.swinging(robot)
+        found = plant.run(*told[:3], None, told.power, pieces, told.ramps, swinging)
+    return assembled(robot, channels, found._asdict(), len(told.q))
+
+
+def _with_engine(
+    robot: Robot,
+    effects: list,
+    told: Orders,
+    starts: Sequence[Start],
+    dt: float,
+    channels: Sequence[Channel],
+) -> np.ndarray:
+    rows = len(told.q)
+    out = np.full((rows, len(channels)), np.nan)
+    with Simulation(None, effects, 0, dt, robot) as sim:
+        for start in starts or (Start(0, rows, robot.standing, None),):
+            track = Track(robot, channels)
+            if start.dq is None:
+                sim.reset()
+            else:
+                sim.place(start.q, start.dq, start.base, tick=start.row)
+            try:
+                for state in sim.follow(told.rows(start.row, start.stop)):
+                    track.add(state, sim)
+            except DivergedError:
+                pass
+            out[start.row : start.stop] = track.matrix(start.stop - start.row)
+    return out

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pieces of a record that each begin in the measured state: multiple shooting.
+
+A robot that falls over, or that steps on ground, forgets nothing: a run from the first
+sample says little after the first contact that comes too late. Short runs from smoothed
+measurements do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+from scipy.signal import savgol_filter
+
+from loco_sim.effects.base import Effect, overrides
+from loco_sim.geometry import multiply
+from loco_sim.robot.robot import Robot
+from loco_sim.world.world import Base
+
+from ..recordings.record import Record
+from ..statistics.noise import TO_DEVIATION
+from . import odometry
+from .channels import at_home, heading
+from .running import Start
+
+HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be fitted to
+LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
+JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
+CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
+
+
+def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
+    """Starts one after the other, where the state of the robot was measured.
+
+    A single sample that is left over at the end belongs to the last piece. On the ground they
+    begin where no foot touches down or lifts off: there speeds jump.
+
+    Args:
+        record: Measured record.
+        robot: Joints that were not measured have the position of standing.
+        length: Length of each piece [s].
+    """
+    rows = max(2, round(length / record.dt))
+    q, dq = joint_states(record, robot)
+    bases = None if robot.fixed_base else base_states(record)
+    calm = np.ones(len(record.t), dtype=bool)
+    if bases and not any(bases):
+        said = odometry.legs(record, robot, q, dq)
+        bases, calm = carried_states(said), calm if said is None else still(said, JUMP)
+    found, stop = [], 0
+    while stop < len(record.t) - 1:
+        row, stop = stop, min(stop + rows, len(record.t))
+        later = np.flatnonzero(calm[row : row + rows // 2])
+        row += int(later[0]) if len(later) else 0
+        base = bases[row] if bases else None
+        known = np.all(np.isfinite(q[row])) and np.all(np.isfinite(dq[row]))
+        if known and (robot.fixed_base or base is not None):
+            stop = row + rows if row + rows < len(record.t) - 1 else len(record.t)
+            found.append(Start(row, stop, q[row], dq[row], base))
+    return found
+
+
+def still(said: odometry.Legs, time: float) -> np.ndarray:
+    """Samples about which no foot touches down or lifts off for a time [s], (T,) flags."""
+    return ~binary_dilation(said.steps, iterations=max(1, round(time / said.dt)))
+
+
+def begun(
+    robot: Robot, effects: Sequence[Effect], starts: list[Start], said: odometry.Legs | None
+) -> list[Start]:
+    """Pieces that begin where a robot with effects was, if IMU and legs say what they say."""
+    acting = [effect for effect in effects if not effect.absent()]
+    if said and any(overrides(effect, "depth") for effect in acting):
+        load, depth = dict(zip(robot.feet, said.load.T, strict=True)), np.zeros(said.load.shape)
+        for effect in acting:
+            for foot, way in effect.depth(load, said.dt).items():
+                depth[:, robot.feet.index(foot)] += way
+        bases = carried_states(said, depth)
+        starts = [s._replace(base=bases[s.row]) for s in starts]
+    for effect in acting:
+        if overrides(effect, "begin"):
+            starts = [s._replace(base=effect.begin(s.base)) for s in starts]
+    return starts
+
+
+def spread(starts: list[Start], most: int) -> list[Start]:
+    """Pieces of which no more are left than wanted, as far apart as can be."""
+    chosen = np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).round().astype(int))
+    return [starts[i] for i in chosen]
+
+
+def shaken(
+    record: Record, robot: Robot, starts: list[Start], rng: np.random.Generator
+) -> list[Start]:
+    """Pieces that begin as far off as their states are known, drawn."""
+    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
+    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
+    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
+    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
+    seen = odometry.legs(record, robot, *joint_states(record, robot))
+    moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
+    turn = deviation(record.signals["orientation"][:, 0]) * 2.0 if seen else 0.0
+    gyro = deviation(record.signals["gyro"][:, 0]) if "gyro" in record.signals else 0.0
+    found = []
+    for s in starts:
+        q, dq = (rng.standard_normal(len(s.q)) for _ in range(2))
+        v, w, r = rng.standard_normal((3, 3))
+        base = s.base and Base(
+            (*s.base.position[:2], s.base.position[2] + high * rng.standard_normal()),
+            multiply((*(0.5 * turn * r), 1.0), s.base.orientation),
+            tuple(s.base.velocity + moved * v),
+            tuple(s.base.angular_velocity + gyro * w),
+        )
+        found.append(s._replace(q=s.q + off["q"] * q, dq=s.dq + speed * dq, base=base))
+    return found
+
+
+def deviation(values: np.ndarray) -> float:
+    """Noise of a column, 0 where it was not measured."""
+    known = values[np.isfinite(values)]
+    return noise_of(known) if len(known) > 3 else 0.0
+
+
+def carried_states(
+    said: odometry.Legs | None, depth: np.ndarray | None = None
+) -> list[Base] | None:
+    """State of the base at each sample, as IMU and legs tell it, above the place of the first."""
+    if said is None:
+        return None
+    motion = odometry.carried(said, depth)
+    rows = zip(motion.height, said.turn, motion.velocity, said.spin, strict=True)
+    return [
+        Base((0.0, 0.0, float(z)), tuple(r.tolist()), tuple(v.tolist()), tuple(w.tolist()))
+        for z, r, v, w in rows
+    ]
+
+
+def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed positions [rad or m] and velocities of the joints, (T, n) each."""
+    measured, step = record.joints_of(robot, "q"), record.step("q")
+    said, own = record.joints_of(robot, "dq"), record.step("dq")
+    never = np.all(np.isnan(measured), axis=0)
+    q, dq = np.where(never, robot.standing, measured), np.zeros(measured.shape)
+    for joint in np.flatnonzero(~never):
+        q[:, joint], dq[:, joint] = smoothed(measured[:, joint], record.dt, step)
+        if np.isfinite(said[:, joint]).all():  # a sensor of speed jumps where contacts do
+            dq[:, joint] = smoothed(said[:, joint], record.dt, own)[0]
+    return q, dq
+
+
+def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Position [rad or m] and velocity of the joints at the first sample, (n,) each.
+
+    Smoothed over the first samples alone, so that a robot which rests there and moves fast
+    later is smoothed as long as it rests.
+    """
+    measured, step = record.joints_of(robot, "q"), record.step("q")
+    q, dq = robot.standing.astype(float), np.zeros(len(robot.joints))
+    for joint in range(len(robot.joints)):
+        if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
+            rows, values = _of_sensor(measured[:, joint])
+            noise = float(np.hypot(noise_of(values), 0.5 * step))  # it jumps by a step
+            q[joint], dq[joint] = _first(rows * record.dt, values, noise)
+    return q, dq
+
+
+def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, float]:
+    """Value and rate at time 0 by the longest parabola that leaves no more than noise.
+
+    Whatever else the motion does shows in what is left, and first in the next polynomial, whose
+    coefficient noise makes as large as sqrt(7 / n) of its own deviation.
+    """
+    for half in reversed((*HALVES, *LONGER)):
+        n = min(2 * half + 1, len(t))
+        found = np.polynomial.Legendre.fit(t[:n], values[:n], 3)
+        left = np.sqrt(np.mean((found(t[:n]) - values[:n]) ** 2))
+        if left <= noise and abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n):
+            break
+    parabola = np.polynomial.Legendre.fit(t[:n], values[:n], 2)
+    return float(parabola(0.0)), float(parabola.deriv()(0.0))
+
+
+def base_states(record: Record) -> list[Base | None]:
+    """State of the base at each sample, in its home; None where it was not measured."""
+    position, turned = (record.signals.get(k) for k in ("base_position", "base_orientation"))
+    if position is None or turned is None:
+        return [None] * len(record.t)
+    place = at_home(position, record)
+    half = -0.5 * heading(turned)
+    home = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+    turn = np.array([multiply(home, row) for row in turned.tolist()])
+    flips = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
+    turn[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, np.where(flips < 0.0, -1.0, 1.0)))[:, None]
+    x, v = (np.stack(c, axis=1) for c in zip(*(smoothed(c, record.dt) for c in place.T),
+                                             strict=True))  # fmt: skip
+    r, w = (np.stack(c, axis=1) for c in zip(*(smoothed(c, record.dt) for c in turn.T),
+                                             strict=True))  # fmt: skip
+    r /= np.linalg.norm(r, axis=1, keepdims=True)
+    found: list[Base | None] = []
+    for row in range(len(record.t)):
+        back = (-r[row, 0], -r[row, 1], -r[row, 2], r[row, 3])
+        spin = tuple(2.0 * s for s in multiply(w[row].tolist(), back)[:3])  # 2 dr/dt r^-1
+        state = Base(tuple(x[row].tolist()), tuple(r[row].tolist()), tuple(v[row].tolist()), spin)
+        found.append(state if np.all(np.isfinite(np.concatenate(state))) else None)
+    return found
+
+
+def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Values and their rate, each (T,), by local parabolas; NaN where nothing was measured.
+
+    The parabolas are as long as they can be without leaving more than noise. They count samples
+    of the sensor, which may be rarer than those of the axis: between them is nothing to smooth.
+
+    Args:
+        values: Samples, (T,); single gaps are bridged.
+        dt: Time between samples [s].
+        step: Quantisation step of the values.
+    """
+    known = np.isfinite(values)
+    if known.sum() < 2 * HALVES[0] + 1:
+        return np.full(len(values), np.nan), np.full(len(values), np.nan)
+    own, filled = _of_sensor(values)
+    stride = own[1] - own[0]
+    noise = max(noise_of(filled), step / np.sqrt(12.0))
+    best = HALVES[0]
+    for half in HALVES:
+        if 2 * half + 1 > len(filled):
+            break
+        left = filled - savgol_filter(filled, 2 * half + 1, 2, mode="interp")
+        if np.sqrt(np.mean(left**2)) > 1.1 * noise:
+            break
+        best = half
+    width = 2 * best + 1
+    rate = savgol_filter(filled, width, 2, deriv=1, delta=stride * dt, mode="interp")
+    level = savgol_filter(filled, width, 2, mode="interp")
+    smooth = (np.interp(np.arange(len(values)), own, x) for x in (level, rate))
+    return tuple(np.where(known, x, np.nan) for x in smooth)
+
+
+def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Even rows as far apart as the sensor was usually read, and the values there, (S,) each."""
+    rows = np.flatnonzero(np.isfinite(values))
+    apart = np.diff(rows)
+    stride = float(np.mean(apart[apart <= 1.5 * np.median(apart)]))
+    own = np.arange(rows[0], rows[-1] + 0.5 * stride, stride)
+    return own, np.interp(own, rows, values[rows])
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Standard deviation of white noise on something smooth, from its third differences."""
+    third = np.diff(values, 3)
+    return float(TO_DEVIATION * np.median(np.abs(third)) / np.sqrt(20.0)) if len(third) else 0.0

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Preview of what recordings can tell about a model, before any search and in half a minute.
+
+`look` says how the recordings were made, which effects would show in them from which size on,
+what is missing, and how long a search would take.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from loco_sim.effects.places import chains
+from loco_sim.plant.model import Model
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+
+from ...jobs import pool
+from ...plain import plain
+from ..fitting.search import call
+from ..hypotheses import hints
+from ..hypotheses.bundles import bundles
+from ..hypotheses.hypotheses import offer, separable, untried
+from ..params import GapParams
+from ..prediction import case as cases
+from ..prediction.case import Case
+from ..prediction.channels import ON_SLIDES
+from ..prediction.forward import Forward, ForwardParams
+from ..recordings import lags
+from ..recordings.record import Record
+from . import visible
+from .visible import Visible
+
+FORMAT = 1
+BUDGET, SLOW_BUDGET = 6000.0, 150.0  # simulated: joints times bundles times seconds; with an engine
+LEAST, MOST = 0.7, 20.0  # seconds of all recordings that are simulated
+STEPS = 20.0  # of its encoder, or
+TURN = 0.01  # [rad or m]: a joint that moves less tells nothing
+SIZES = 6.0  # simulations of a hypothesis while it is screened
+
+
+def look(
+    model: Model,
+    records: Sequence[Record],
+    params: GapParams | None = None,
+    progress: Callable[[float, str], Any] | None = None,
+    workers: int = 1,
+) -> dict[str, Any]:
+    """Look at recordings and at what they can tell of a model.
+
+    Args:
+        model: Robot, overrides and effects.
+        records: All recordings, those that are held out as well.
+        params: Settings of the search to come.
+        progress: Called with the share done and the stage.
+        workers: Processes; all but the time of the search is the same for any number.
+
+    Returns:
+        Contents of ``check.json``.
+
+    Raises:
+        LocoError: The model cannot be run along the recordings.
+    """
+    params = params or GapParams()
+    tell = progress or (lambda share, stage: None)
+    tell(0.0, "running the model as it is")
+    whole = Forward(model, records, ForwardParams(window=params.window))
+    robots = [whole.robot(i) for i in range(len(records))]
+    parts = _parts(records, _seconds(whole))
+    case = _case(Forward(model, parts, ForwardParams(window=params.window)), parts)
+    offered = offer(robots[0], case.signals, hints.find(case, robots[0]))
+    single = [h for h in offered if "*" not in h.place]  # groups show where their joints do
+    hypotheses, twins = separable(single)
+    fixed = all(robot.fixed_base for robot in robots)
+    bundled = bundles(robots[0], case.forward.channels, hypotheses, fixed)
+    tell(0.2, "trying every effect")
+    with pool.start(call, (case,), workers if workers > 1 else 0) as tasks:
+        found = visible.look(case, bundled, math.sqrt(params.adequate**2 - 1.0), tasks)
+    tell(0.9, "timing the search")
+    ways = [_way(robot) for robot in robots]
+    return plain(
+        {
+            "format": FORMAT,
+            "robot": model.robot,
+            "recordings": [recording(r, way) for r, way in zip(records, ways, strict=True)],
+            "channels": [
+                {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
+                for c, floor in zip(case.forward.channels, case.floor, strict=True)
+            ],
+            "effects": [_row(one, robots[0]) for one in found],
+            "not_tried": [
+                {"effect": name, "reason": why} for name, why in untried(robots[0], offered) + twins
+            ],
+            "missing": missing(records, robots),
+            "simulated_seconds": sum(r.duration for r in parts),
+            "search_seconds": _search(whole, len(bundled), params, max(1, workers)),
+        }
+    )
+
+
+def recording(record: Record, way: str) -> dict[str, Any]:
+    """Facts about a recording: signals, stamps, travel of the joints, lags behind commands."""
+    q = record.signals["q"]
+    command = record.command.get("position")
+    late = {}
+    for i, joint in enumerate(record.driven if command is not None else ()):
+        if joint in record.joints:
+            told = lags.rates(command[:, i], record.dt)
+            seen = lags.rates(q[:, record.joints.index(joint)], record.dt)
+            by, alike = lags.lag(told, seen, record.dt)
+            if alike > lags.LAG_IS_TOLD:
+                late[joint] = 1e3 * by
+    return {
+        "name": record.name,
+        "role": record.role,
+        "held": way,
+        "seconds": record.duration,
+        "rate": 1.0 / record.dt,
+        "commands": list(record.command),
+        "signals": sorted(name for name in record.signals if record.has(name)),
+        "stamps": dict(record.stamps),
+        "travel": dict(zip(record.joints, _travel(q), strict=True)),
+        "lag_ms": late,
+        "notes": list(record.notes),
+        "warnings": list(record.warnings),
+    }
+
+
+def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
+    """Reasons why a search could tell less than it might, a sentence each, the worst first."""
+    found, robot = [], robots[0]
+    driven = {robot.joints[i] for i in robot.driven}
+    measured = {joint for r in records for joint in r.joints}
+    lost = [joint for joint in robot.joints if joint not in measured]
+    if lost:
+        found.append(f"{_list(lost)}: position not measured; what happens there is told by the "
+                     "other joints alone")  # fmt: skip
+    still = []
+    for joint in robot.joints:
+        travels = [
+            (float(_travel(r.signals["q"])[r.joints.index(joint)]), r.resolution.get(("q", joint)))
+            for r in records
+            if joint in r.joints
+        ]
+        enough = [max(STEPS * (step or 0.0), TURN) for _, step in travels]
+        if travels and all(way < least for (way, _), least in zip(travels, enough, strict=True)):
+            still.append(joint)
+    if still:
+        what = "no experiment moves it" if len(still) == 1 else "no experiment moves them"
+        drive = " (a spring alone holds it)" if not driven & set(still) else ""
+        found.append(f"{_list(still)}{drive}: {what} far enough to tell anything; `loco gap "
+                     "experiments` writes some that do")  # fmt: skip
+    signals = {name for r in records for name in r.signals if r.has(name)}
+    if "tau" not in signals:
+        found.append("no joint torques: an error of a torque and one of a mass are told apart by "
+                     "the shape of the motion alone")  # fmt: skip
+    if not all(r.fixed_base for r in robots):
+        if "gyro" not in signals and "base_orientation" not in signals:
+            found.append("no IMU on a robot that is free: how its trunk moves is not known")
+        if not any(r.fixed_base for r in robots):
+            found.append("no recording in the air: what is in the joints is told apart from what "
+                         "is at the feet more surely with one")  # fmt: skip
+    if len(records) == 1:
+        found.append("one recording: its last third judges; a second one with another motion "
+                     "judges better")  # fmt: skip
+    return found
+
+
+def _case(forward: Forward, records: list[Record]) -> Case:
+    """A case in which all rows count as fitted."""
+    case = cases.prepare(forward, records, ())
+    return replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in records])
+
+
+def _seconds(forward: Forward) -> float:
+    """Seconds of all recordings together that are simulated for each effect.
+
+    Branches of a bolted robot are tried at once, so that bundles grow with the longest branch.
+    """
+    robot = forward.robot()
+    if not cases.compiled(forward):
+        return min(max(SLOW_BUDGET / (20.0 * len(robot.joints)), LEAST), MOST)
+    deep = max((len(chain) for chain in chains(robot)), default=1)
+    return min(max(BUDGET / (35.0 * deep * len(robot.joints)), LEAST), MOST)
+
+
+def _parts(records: Sequence[Record], seconds: float) -> list[Record]:
+    """Of each recording the part in which it moves most, as long as all may be together."""
+    share = seconds / len(records)
+    return [_busiest(r, share) if r.duration > share else r for r in records]
+
+
+def _busiest(record: Record, seconds: float) -> Record:
+    """The part of a recording that is so long and in which the joints move most."""
+    rates = np.nan_to_num(np.diff(record.signals["q"], axis=0))
+    size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
+    energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
+    width = max(50, round(seconds / record.dt))
+    if width >= len(energy):
+        return record
+    first = int(np.argmax(energy[width:] - energy[:-width]))
+    return record.rows(first, first + width + 1)
+
+
+def _row(one: Visible, robot: Robot) -> dict[str, Any]:
+    """A strength as JSON, in the unit of its joint."""
+    text = Description(robot.urdf)
+    sliding = text.joint_types().get(one.place) == "prismatic"
+    return asdict(replace(one, unit=ON_SLIDES.get(one.unit, one.unit) if sliding else one.unit))
+
+
+def _way(robot: Robot) -> str:
+    return "bolted" if robot.fixed_base else "free"
+
+
+def _travel(q: np.ndarray) -> np.ndarray:
+    """Distance between the smallest and the largest value of each column; NaN without one."""
+    known = np.isfinite(q)
+    low, high = np.where(known, q, np.inf).min(axis=0), np.where(known, q, -np.inf).max(axis=0)
+    return np.where(known.any(axis=0), high - low, np.nan)
+
+
+def _search(forward: Forward, count: int, params: GapParams, workers: int) -> list[float]:
+    """Processor time of a search that finds one effect, and of one that finds all it may [s].
+
+    The model as it came is timed over the shortest recording. Counted are the simulations of
+    screening (`SIZES` of each bundle), of rough fits and of fits to the end.
+    """
+    index = int(np.argmin([r.duration for r in forward.records]))
+    forward(only=[index])  # once, so that nothing is compiled or read while it is timed
+    began = time.process_time()  # what others do on this machine is not counted
+    forward(only=[index])
+    speed = (time.process_time() - began) / forward.records[index].duration
+    fine = 1.0 / cases.finest(forward)
+    whole = sum(r.duration for r in forward.records)
+    longest = max(r.duration for r in forward.records)
+    part = min(whole, max(params.screen_seconds, longest))
+    ready = (7.0 * fine + 1.0 + (7.0 if _rounds(forward.robot()) else 0.0)) * whole
+    screening = count * SIZES * part
+    rough = 2 * params.keep * (params.rough + 4) * part * fine
+    fits = params.finalists * (params.evaluations + 10) * whole * fine
+    level = screening + rough + fits
+    seconds = [speed * (ready + n * level / workers) for n in (1, params.most_terms)]
+    return [float(f"{s:.2g}") for s in seconds]
+
+
+def _rounds(robot: Robot) -> bool:
+    """A drive rounds its encoder, so that its hunting is simulated in several phases."""
+    return any(getattr(drive, "resolution", 0.0) > 0.0 for drive in robot.drives.values())
+
+
+def _list(names: Sequence[str], most: int = 6) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

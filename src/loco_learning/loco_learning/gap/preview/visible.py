@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The smallest size of each effect that shows in some recordings, and what looks the same there.
+
+An effect shows when it adds as much to one channel as a search counts as more than noise. Only
+the model and its commands are asked: what the robot really lacks plays no part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import LocoError
+from loco_sim.effects import EFFECTS
+
+from ...jobs.pool import Jobs
+from ..hypotheses.bundles import Bundle
+from ..hypotheses.hypotheses import Hypothesis
+from ..prediction.case import Case
+
+TRIES = 4  # sizes of an effect that are simulated
+GROW, SHRINK = 30.0, 0.03  # most that a size changes from one try to the next
+NEAR = 4.0  # factor from the wanted response within which a size is taken as proportional to it
+DEAD = 1e-6  # response over one that shows below which there is none
+SAME = 0.95  # cosine of two responses above which these recordings do not tell them apart
+YES, LARGE, NO = "yes", "if large", "no"
+
+
+@dataclass(frozen=True)
+class Visible:
+    """One strength of an effect at one place.
+
+    Attributes:
+        effect: Name of the effect.
+        variant: Part of an effect with many, e.g. the signal of a sensor.
+        place: Joint, link or foot; empty for the whole robot.
+        parameter: Name of the strength.
+        unit: Unit of the strength.
+        smallest: Smallest size that shows; infinite where none does.
+        typical: Size that robots usually have, if they have the effect at all.
+        most: Largest size that nine of ten robots stay below.
+        seen: `YES` below the typical size, `LARGE` below the largest, else `NO`.
+        channel: Channel in which it shows most.
+        alike: Other effects that change these recordings in the same way.
+        failed: Why the robot cannot be built with it; empty if it can.
+    """
+
+    effect: str
+    variant: str
+    place: str
+    parameter: str
+    unit: str
+    smallest: float
+    typical: float
+    most: float
+    seen: str
+    channel: str = ""
+    alike: tuple[str, ...] = ()
+    failed: str = ""
+
+
+class _Size(NamedTuple):
+    """A size of a strength that was simulated."""
+
+    x: float  # coordinate
+    level: float  # rms in the channel that shows most, over that which shows
+    channel: int
+    column: np.ndarray  # change of all values [floors], (N,)
+
+    @property
+    def off(self) -> float:
+        """Distance of the level from one that just shows, in its logarithm."""
+        return abs(math.log(max(self.level, 1e-9)))
+
+
+@dataclass
+class _Trial:
+    """One strength of a hypothesis while sizes of it are tried."""
+
+    hypothesis: Hypothesis
+    strength: int
+    channels: np.ndarray | None  # those of its branch, (C,) flags; None is all
+    x: float
+    best: _Size | None = None
+    done: bool = False
+    failed: str = ""
+
+    def spec(self) -> dict[str, Any]:
+        """Entry of a list of effects, with all other strengths 0."""
+        at = [0.0 if c.strength else c.start[0] for c in self.hypothesis.coordinates]
+        at[self.strength] = self.x
+        return self.hypothesis.term(at).spec
+
+    def take(self, response: np.ndarray, channel_of: np.ndarray, shows: float) -> None:
+        """Keep the response to this size if it is the nearest to one that shows; choose the next.
+
+        Args:
+            response: Change of all values [floors], (N,).
+            channel_of: Channel of each value, (N,).
+            shows: Rms in one channel from which on an effect shows [floors].
+        """
+        if self.done:
+            return
+        if self.channels is not None:
+            response = np.where(self.channels[channel_of], response, 0.0)
+        count = np.maximum(np.bincount(channel_of), 1)
+        rms = np.sqrt(np.bincount(channel_of, np.square(response)) / count)
+        channel = int(np.argmax(rms))
+        level = float(rms[channel]) / shows
+        size = _Size(self.x, level, channel, response.astype(np.float32))
+        if self.best is None or size.off < self.best.off:
+            self.best = size
+        factor = min(max(1.0 / max(level, 1e-9), SHRINK), GROW)
+        self.x = self.hypothesis.coordinates[self.strength].clipped(self.x * factor)
+        self.done = 1.0 / NEAR <= level <= NEAR or self.x == size.x
+
+    def smallest(self) -> float:
+        """Size that just shows, in proportion to the nearest one that was simulated.
+
+        One that is still loud there, however small, is taken for no more than `NEAR` times that.
+        """
+        c = self.hypothesis.coordinates[self.strength]
+        if self.best is None or self.best.level < DEAD:
+            return math.inf
+        size = abs(c.size * self.best.x) / min(self.best.level, NEAR)
+        return math.inf if size > max(abs(c.low), abs(c.high)) else size
+
+
+def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> list[Visible]:
+    """Try every strength of every hypothesis.
+
+    Args:
+        case: Model and recordings.
+        bundles: Hypotheses that may be tried together.
+        shows: Rms in one channel from which on an effect shows [floors].
+        tasks: Place where `fitting.search.call` runs with the case.
+    """
+    jobs = [(try_bundle, (bundle, shows)) for bundle in bundles]
+    trials = [trial for found in tasks.ordered(jobs) for trial in found]
+    return _told(case, trials)
+
+
+def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
+    """Responses of the recordings to the strengths of some hypotheses, each by itself.
+
+    Those that the robot cannot be built with say why.
+    """
+    base, channel_of = case.vector((), coarse=True), case.channel_of()
+    found = []
+    for strength in bundle.hypotheses[0].strengths:
+        trials = [
+            _Trial(h, strength, mask, h.starts()[0][strength])
+            for h, mask in zip(bundle.hypotheses, bundle.channels, strict=True)
+        ]
+        for _ in range(TRIES):
+            try:
+                moved = case.vector([t.spec() for t in trials], coarse=True)
+            except LocoError as error:
+                if len(trials) > 1:  # one of them is at fault: one by one
+                    pairs = zip(bundle.hypotheses, bundle.channels, strict=True)
+                    return [
+                        t for h, m in pairs for t in try_bundle(case, Bundle((h,), (m,)), shows)
+                    ]
+                trials[0].failed = str(error)
+                break
+            for trial in trials:
+                trial.take(moved - base, channel_of, shows)
+            if all(trial.done for trial in trials):
+                break
+        found += trials
+    return found
+
+
+def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
+    """Findings of the trials, with other effects that respond alike."""
+    responses = [_unit(t) for t in trials]
+    found = []
+    for trial, mine in zip(trials, responses, strict=True):
+        h, c = trial.hypothesis, trial.hypothesis.coordinates[trial.strength]
+        prior = EFFECTS[h.effect].identity.priors.get(c.name)
+        typical, most = abs(c.size), abs(prior.high) if prior else math.inf
+        smallest = trial.smallest()
+        seen = YES if smallest <= typical else LARGE if smallest <= most else NO
+        channel, alike = "", set()
+        if seen != NO:
+            channel = str(case.forward.channels[trial.best.channel])
+            alike = {
+                t.hypothesis.effect
+                for t, other in zip(trials, responses, strict=True)
+                if other is not None and abs(float(mine @ other)) > SAME
+            } - {h.effect}
+        found.append(
+            Visible(h.effect, h.variant, h.place, c.label, c.unit, smallest, typical, most, seen,
+                    channel, tuple(sorted(alike)), trial.failed)
+        )  # fmt: skip
+    return found
+
+
+def _unit(trial: _Trial) -> np.ndarray | None:
+    """Response of length 1; None where nothing shows."""
+    if trial.best is None or trial.best.level < DEAD:
+        return None
+    return trial.best.column / np.linalg.norm(trial.best.column)

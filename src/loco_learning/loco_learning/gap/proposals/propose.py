@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Choice of the experiment that would tell the leading hypotheses apart.
+
+Expected evidence of hypothesis i over j: half the squared distance of their whitened
+predictions, after each may use what is uncertain in its parameters (Box and Hill 1967;
+without uncertainty the criterion of Hunter and Reiner 1965). An experiment is worth what
+it brings to whichever hypothesis turns out true, against the rival nearest to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..statistics import evidence
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An experiment and what it would bring.
+
+    Attributes:
+        experiment: Name of the experiment.
+        separates: The leading hypothesis and the rival that it would be hardest to tell from.
+        odds: Expected between these two after the experiment, whichever of them is true.
+        value: Expected logarithm of the odds of the truth against its nearest rival [nat].
+    """
+
+    experiment: str
+    separates: tuple[str, str]
+    odds: float
+    value: float
+
+
+def rank(
+    predictions: Mapping[str, Sequence[np.ndarray]],
+    names: Sequence[str],
+    floor: np.ndarray,
+    probabilities: Sequence[float] | None = None,
+    sensitivities: Mapping[str, Sequence[np.ndarray]] | None = None,
+    tau: float = 1.0,
+) -> list[Proposal]:
+    """Experiments by what they would bring, the best first.
+
+    Args:
+        predictions: Per experiment one (T, C) array for each hypothesis; NaN = not compared.
+        names: Names of the hypotheses, two or more.
+        floor: Noise floor of each channel, times what the best model leaves, (C,).
+        probabilities: Probability of each hypothesis now; None is all the same.
+        sensitivities: Per experiment and hypothesis (T, C, P): change of the prediction for one
+            standard error of each parameter.
+        tau: Correlation of the residual to expect [samples].
+    """
+    p = np.ones(len(names)) if probabilities is None else np.asarray(probabilities, dtype=float)
+    p = p / p.sum()
+    prior = np.log(np.maximum(p, 1e-12))
+    found = []
+    for experiment, values in predictions.items():
+        columns = sensitivities[experiment] if sensitivities else [None] * len(names)
+        power = _powers([v / floor for v in values], columns, floor, prior, tau)
+        nearest = power.min(1)
+        order = np.argsort(-p, kind="stable")
+        rival = int(power[order[0]].argmin())
+        found.append(
+            Proposal(
+                experiment,
+                (names[order[0]], names[rival]),
+                float(min(math.exp(min(nearest[order[0]], 700.0)), evidence.MOST_ODDS)),
+                float(p @ nearest),
+            )
+        )
+    return sorted(found, key=lambda x: (-x.value, x.experiment))
+
+
+def expected(
+    a: np.ndarray,
+    b: np.ndarray,
+    columns: np.ndarray | None = None,
+    tau: float = 1.0,
+) -> float:
+    """Evidence to expect between two predictions [nat], half their squared distance.
+
+    Args:
+        a: (T, C) [floors].
+        b: (T, C) [floors].
+        columns: (T, C, P), effect of one standard error of every uncertain parameter [floors]:
+            a difference that these can make counts less.
+        tau: Correlation of the residual to expect [samples].
+    """
+    known = np.isfinite(a) & np.isfinite(b)
+    z = (a - b)[known] / math.sqrt(tau)
+    energy = float(z @ z)
+    if columns is not None and columns.shape[-1]:
+        j = np.nan_to_num(columns[known]) / math.sqrt(tau)
+        g = j.T @ z
+        energy -= float(g @ np.linalg.solve(np.eye(len(g)) + j.T @ j, g))
+    return 0.5 * max(energy, 0.0)
+
+
+def _powers(
+    values: Sequence[np.ndarray],
+    columns: Sequence[np.ndarray | None],
+    floor: np.ndarray,
+    prior: np.ndarray,
+    tau: float,
+) -> np.ndarray:
+    """Expected log odds of hypothesis i over j if i is true [nat], (H, H); inf for i = j."""
+    count = len(values)
+    power = np.full((count, count), math.inf)
+    for i in range(count):
+        for j in range(count):
+            if i == j:
+                continue
+            both = [c / floor[:, None] for c in (columns[i], columns[j]) if c is not None]
+            free = np.concatenate(both, axis=2) if both else None
+            gain = expected(values[i], values[j], free, tau)
+            spread = math.sqrt(2.0 * gain)  # of a likelihood ratio under normal noise
+            power[i, j] = math.log(evidence.odds(gain, spread)) + prior[i] - prior[j]
+    return power

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals with their own uneven stamps on one even time axis, and a note of all that was odd.
+
+Nothing is shifted: a lag between command and motion may be the clock or the very effect
+that is looked for, so it is measured (`lags`), told, and left where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_sim.robot.robot import Robot
+
+from . import checks, lags, observe, suspect
+from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Record
+from .tracks import AXES, Track
+
+GAP = 4.5  # a silence this many usual periods long is a gap: nothing is known in it
+SPARSE = 1.5  # a signal with this many ticks per sample or more is not filled in between
+ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is meant to be it
+EVEN = 1e-3  # stamps this close to the axis, in periods, are on it
+
+
+def record(
+    name: str,
+    tracks: Sequence[Track],
+    robot: Robot,
+    rate: float = 0.0,
+    role: str = FIT,
+    overrides: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+    trust_units: bool = False,
+) -> Record:
+    """Align the signals of one experiment.
+
+    A command holds from its stamp on, unless its track is a line; a measured value is
+    interpolated between its neighbours, not across gaps. A signal that is slower than the
+    axis stands at the ticks next to its stamps and is NaN between them.
+
+    Args:
+        name: Name of the record, for people.
+        tracks: Signals of the robot's joints, feet and axes.
+        robot: Robot that was measured.
+        rate: Samples per second; 0 takes the finer of the rates of angles and commands.
+        role: Role of the record.
+        overrides: Values of robot.yaml known for it.
+        notes: Sentences about the file from reading it.
+        trust_units: Do not look for wrong units.
+
+    Raises:
+        ParameterError: The data cannot be what they are said to be; see `checks`, `suspect`.
+    """
+    checks.present(name, tracks, robot)
+    if not trust_units:
+        suspect.times(name, tracks)
+    told = list(notes)
+    tracks = [_ordered(name, track, told) for track in checks.measured(name, tracks, told)]
+    tracks = [observe.unwrapped(track, robot, told) for track in tracks]
+    tracks = _one_sheet(tracks)
+    checks.moving(name, tracks)
+    start, end = _overlap(name, tracks)
+    rate = rate or _rate(tracks, robot)
+    axis = _axis(tracks, start, end, rate)
+    checks.long_enough(name, axis)
+    made = _fill(name, tracks, robot, axis)
+    made |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
+             "stamps": observe.stamps(tracks)}  # fmt: skip
+    told += observe.notes(tracks, rate, GAP)
+    result = Record(name, axis - axis[0], **made)
+    if not trust_units:
+        suspect.units(result, robot)
+    made |= {"notes": (*told, *lags.notes(result)), "warnings": tuple(lags.warnings(result))}
+    return Record(name, result.t, **made)
+
+
+def _ordered(name: str, track: Track, told: list[str]) -> Track:
+    """Stamps rising, each once."""
+    if np.all(np.diff(track.t) > 0.0):
+        return track
+    back = -float(np.min(np.diff(track.t)))
+    if back > 0.5 * (track.t.max() - track.t.min()):
+        row = int(np.argmin(np.diff(track.t))) + 1
+        raise ParameterError(
+            f"{name}: the time of {track.label} jumps back by {back:g} s at row {row}: are there "
+            "several experiments in one file? Cut them with rows: [first, stop]"
+        )
+    t, first = np.unique(track.t, return_index=True)
+    odd = len(track.t) - len(t)
+    note = f"{odd} samples with the stamp of another were left out" if odd else ""
+    note = note or "samples were not in the order of their stamps and were sorted"
+    _tell(told, note)
+    return replace(track, t=t, x=track.x[first])
+
+
+def _one_sheet(tracks: list[Track]) -> list[Track]:
+    """Quaternions without changes from q to -q, which are the same turn."""
+    for role in ("orientation", "base_orientation"):
+        parts = [k for k in tracks if k.role == role]
+        if parts and all(np.array_equal(k.t, parts[0].t) for k in parts):
+            x = np.stack([k.x for k in parts], axis=1)
+            flips = np.sum(x[1:] * x[:-1], axis=1) < 0.0
+            sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
+            turned = [replace(k, x=sign * k.x) for k in parts]
+            tracks = [k for k in tracks if k.role != role] + turned
+    return tracks
+
+
+def _tell(told: list[str], note: str) -> None:
+    if note not in told:
+        told.append(note)
+
+
+def _needed(track: Track) -> bool:
+    return track.role == "q" or track.role.startswith("command_")
+
+
+def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
+    """First and last time that angles and commands cover [s]."""
+    spans = {}
+    for what, some in (
+        ("measured", [k for k in tracks if k.role == "q"]),
+        ("commanded", [k for k in tracks if k.role.startswith("command_")]),
+    ):
+        first, last = max(k.t[0] for k in some), min(k.t[-1] for k in some)
+        if what == "commanded":  # the last command holds on, as long as earlier ones did
+            last += max(1.5 * float(np.max(np.diff(k.t), initial=0.0)) for k in some)
+        spans[what] = (float(first), float(last))
+    start = max(first for first, _ in spans.values())
+    end = min(last for _, last in spans.values())
+    if not end > start:
+        said = " and ".join(f"{k} from {a:.3f} to {b:.3f} s" for k, (a, b) in spans.items())
+        raise ParameterError(
+            f"{name}: angles and commands have no time in common ({said}); are their clocks the "
+            "same?"
+        )
+    return start, end
+
+
+def period(t: np.ndarray) -> float:
+    """Usual time between stamps [s]: the mean without gaps."""
+    step = np.diff(t)
+    usual = step[step <= GAP * np.median(step)]
+    return float(np.mean(usual))
+
+
+def _rate(tracks: Sequence[Track], robot: Robot) -> float:
+    """The finer of the rates of angles and commands, rounded where stamps jitter about a rate."""
+    finest = min((k for k in tracks if _needed(k) and len(k.t) > 1), key=lambda k: period(k.t))
+    rate, step = 1.0 / period(finest.t), np.diff(finest.t)
+    even = float(np.ptp(step)) < 1e-6 * float(np.median(step)) + 2e-9
+    for meant in (robot.control_rate, 10.0 * round(0.1 * rate)):
+        if meant > 0.0 and abs(rate - meant) < (1e-6 if even else ROUND) * rate:
+            return meant
+    return rate
+
+
+def _axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.ndarray:
+    """Even times from the first angle within the common time on [s]."""
+    stamps = next(k.t for k in tracks if k.role == "q")
+    first = stamps[min(np.searchsorted(stamps, start - 1e-9), len(stamps) - 1)]
+    return first + np.arange(max(int((end - first) * rate + 1e-6) + 1, 0)) / rate
+
+
+def _fill(
+    name: str, tracks: Sequence[Track], robot: Robot, axis: np.ndarray
+) -> dict[str, dict | tuple]:
+    """Fields of a `Record` that hold arrays and the names of their columns."""
+    joints = tuple(j for j in robot.joints if any(k.place == j for k in tracks if k.role == "q"))
+    commanded = {k.place for k in tracks if k.role.startswith("command_")}
+    driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
+    feet = tuple(f for f in robot.feet if any(k.place == f for k in tracks if k.role == "grf"))
+    by = {(k.role, k.place): k for k in tracks}
+    made: dict[str, dict | tuple] = {"joints": joints, "driven": driven, "feet": feet}
+    made["command"] = {
+        kind: _columns(by, f"command_{kind}", driven, axis, hold, 0.0)
+        for kind in COMMANDS
+        if any(role == f"command_{kind}" for role, _ in by)
+    }
+    made["ramps"] = tuple(
+        kind for kind in made["command"] if any(k.line for k in tracks if k.role.endswith(kind))
+    )
+    made["inputs"] = {
+        kind: _columns(by, kind, ("",), axis, hold, 1.0)[:, 0]
+        for kind in INPUTS
+        if (kind, "") in by
+    }
+    made["stance"] = {
+        foot: hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
+    }
+    signals = {}
+    for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
+        places = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
+        if any(r == role for r, _ in by):
+            signals[role] = _columns(by, role, places, axis, sample, np.nan)
+    for role in ("orientation", "base_orientation"):
+        if role in signals:
+            signals[role] = _unit_length(name, role, signals[role])
+    return made | {"signals": signals}
+
+
+def _columns(
+    by: dict, role: str, places: Sequence[str], axis: np.ndarray, how: Any, without: float
+):
+    """Tracks of a role side by side, (T, places)."""
+    columns = np.full((len(axis), len(places)), without)
+    for i, place in enumerate(places):
+        if (role, place) in by:
+            columns[:, i] = how(by[role, place], axis)
+    return columns
+
+
+def hold(track: Track, axis: np.ndarray) -> np.ndarray:
+    """Command at each time: the last before it, or on the line to the next, (T,)."""
+    if track.line:
+        return np.interp(axis, track.t, track.x)
+    row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
+    return track.x[np.maximum(row, 0)]
+
+
+def sample(track: Track, axis: np.ndarray) -> np.ndarray:
+    """Value at each time; NaN in gaps, outside, and between samples slower than the axis, (T,)."""
+    t, x = track.t, track.x
+    step = (axis[-1] - axis[0]) / (len(axis) - 1)
+    usual = period(t) if len(t) > 1 else np.inf
+    if usual > SPARSE * step:
+        return _nearest(track, axis, step)
+    row = np.searchsorted(t, axis + EVEN * step, side="right") - 1
+    inside = (row >= 0) & (axis <= t[-1] + EVEN * step)
+    row = row.clip(0, len(t) - 1)
+    following = (row + 1).clip(max=len(t) - 1)
+    width = t[following] - t[row]
+    on = np.abs(axis - t[row]) <= EVEN * step
+    share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
+    value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
+    known = inside & (on | (width <= GAP * usual))
+    return np.where(known, value, np.nan)
+
+
+def _nearest(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
+    """Each sample at the tick next to it."""
+    tick = np.round((track.t - axis[0]) / step).astype(int)
+    inside = (tick >= 0) & (tick < len(axis))
+    values = np.full(len(axis), np.nan)
+    values[tick[inside]] = track.x[inside]
+    return values
+
+
+def _unit_length(name: str, role: str, quaternion: np.ndarray) -> np.ndarray:
+    """Quaternions of length 1; interpolating makes them a little shorter.
+
+    Raises:
+        ParameterError: The values are no quaternions.
+    """
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    known = np.isfinite(length[:, 0])
+    if np.any(np.abs(length[known] - 1.0) > 0.1):
+        worst = float(length[known][np.argmax(np.abs(length[known] - 1.0))][0])
+        raise ParameterError(
+            f"{name}: {role} must be quaternions x, y, z, w of length 1, one has {worst:.3f}"
+        )
+    return quaternion / length

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of a recording before anything is computed from it: one line per mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import TorqueDrive
+
+from .mapping import ROLES
+from .tracks import Track
+
+MIN_SAMPLES = 50
+MIN_DURATION = 0.25  # [s]
+REQUIRED = ("q", "command_position", "command_velocity", "command_torque")
+
+
+def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
+    """Roles and joints are those of the robot.
+
+    Raises:
+        ParameterError: A joint or foot is not the robot's, a role is missing or there twice.
+    """
+    _no_strangers(name, tracks, robot)
+    seen: dict[tuple[str, str], str] = {}
+    for track in tracks:
+        other = seen.setdefault((track.role, track.place), track.source)
+        if other != track.source:
+            raise ParameterError(
+                f"{name}: {track.label} is given twice, by {other} and by {track.source}"
+            )
+    roles = {track.role for track in tracks}
+    listed = ", ".join(sorted(roles)) or "none"
+    if "q" not in roles:
+        raise ParameterError(f"{name}: role q (measured positions) is missing; it has {listed}")
+    if not any(role.startswith("command_") for role in roles):
+        raise ParameterError(
+            f"{name}: a command is missing (one of {', '.join(REQUIRED[1:])}); it has {listed}"
+        )
+    for index in robot.driven:
+        _commanded(name, robot.joints[index], set(seen), robot)
+
+
+def _no_strangers(name: str, tracks: Sequence[Track], robot: Robot) -> None:
+    for what, own in (("joint", robot.joints), ("foot", robot.feet)):
+        found = [t.place for t in tracks if ROLES[t.role][1] == what]
+        strangers = sorted(set(found) - set(own))
+        if strangers:
+            plural = {"joint": "joints", "foot": "feet"}[what]
+            raise ParameterError(
+                f"{name}: its {plural} {', '.join(strangers)} are not those of robot "
+                f"{robot.name!r} ({', '.join(own) or 'none'}); choose the robot that was "
+                "measured, or name columns and joints in a mapping"
+            )
+
+
+def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) -> None:
+    """The joint has the command that its drive follows."""
+    kinds = [role for role in REQUIRED[1:] if (role, joint) in seen]
+    needed = "torque" if isinstance(robot.drives.get(joint), TorqueDrive) else "position"
+    if f"command_{needed}" not in kinds:
+        raise ParameterError(
+            f"{name}: role command_{needed} of joint {joint} is missing, which robot "
+            f"{robot.name!r} drives by {needed}; this joint has {', '.join(kinds) or 'no command'}"
+        )
+
+
+def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]:
+    """Tracks that have values; what is NaN throughout was not measured and is left out.
+
+    Raises:
+        ParameterError: Some values are not finite, or a required track has none at all.
+    """
+    kept = []
+    for track in tracks:
+        bad = ~np.isfinite(track.x) | ~np.isfinite(track.t)
+        if len(track.x) and not bad.any():
+            kept.append(track)
+        elif bad.all() and track.role not in REQUIRED:
+            told.append(f"{track.label} has no values and counts as not measured")
+        elif bad.all():
+            what = "only NaN" if len(bad) else "no samples in the rows and times asked for"
+            raise ParameterError(f"{name}: {track.label} has {what} ({track.source})")
+        else:
+            row = int(np.argmax(bad))
+            raise ParameterError(
+                f"{name}: {track.label} has {int(bad.sum())} values of {len(bad)} that are NaN or "
+                f"infinite, the first in row {row} ({track.source}); leave those rows out"
+            )
+    return kept
+
+
+def moving(name: str, tracks: Sequence[Track]) -> None:
+    """Something moved, and what was commanded to move did.
+
+    Raises:
+        ParameterError: All positions are constant, or that of a joint whose command is not.
+    """
+    positions = [track for track in tracks if track.role == "q"]
+    still = [track for track in positions if np.ptp(track.x) == 0.0]
+    if len(still) == len(positions):
+        raise ParameterError(
+            f"{name}: the measured position of {', '.join(t.place for t in still)} is constant at "
+            f"{still[0].x[0]:g}: nothing moved, or this is the wrong column"
+        )
+    commanded = {t.place for t in tracks if t.role == "command_position" and np.ptp(t.x) > 0.0}
+    for track in still:
+        if track.place in commanded:
+            raise ParameterError(
+                f"{name}: the measured position of {track.place} is constant at {track.x[0]:g} "
+                "while its command moves: a dead sensor, or the wrong column"
+            )
+
+
+def long_enough(name: str, axis: np.ndarray) -> None:
+    """There is enough to learn from.
+
+    Raises:
+        ParameterError: Fewer than `MIN_SAMPLES` samples, or less than `MIN_DURATION`.
+    """
+    duration = float(axis[-1] - axis[0]) if len(axis) else 0.0
+    if len(axis) < MIN_SAMPLES or duration < MIN_DURATION:
+        raise ParameterError(
+            f"{name}: angles and commands have {len(axis)} samples over {duration:.3f} s in "
+            f"common, too short: at least {MIN_SAMPLES} and {MIN_DURATION} s are needed"
+        )

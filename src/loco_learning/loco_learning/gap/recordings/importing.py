@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables and their mapping to records; bags are read by ``loco_bringup.gap.importing``."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_sim.robot.robot import Robot
+
+from . import align, tables, tracks
+from .mapping import Column, Mapping, Rule
+from .record import Record
+
+
+class TableSource:
+    """Columns of a file, and of others in its folder.
+
+    Raises:
+        LocoError: The file cannot be read.
+    """
+
+    def __init__(self, path: Path, mapping: Mapping):
+        self._table = tables.read(path, mapping.samples)
+        self._folder, self._mapping = path.parent, mapping
+        self._tables: dict[str, tables.Table] = {"": self._table}
+        self._times: dict[tuple[str, str], np.ndarray] = {}
+        self.name = _stem(path)
+        self.header = self._table.header
+
+    def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
+        """Stamps [s] and raw values of a column, each (K,)."""
+        if column.file not in self._tables:
+            self._tables[column.file] = tables.read(
+                self._folder / column.file, self._mapping.samples
+            )
+        table = self._tables[column.file]
+        time = column.time or self._mapping.time
+        if (column.file, time) not in self._times:
+            self._times[column.file, time] = self._clock(table, time)
+        t, raw = self._times[column.file, time], table.column(column.column)
+        if column.time:  # columns with times of their own end where those do
+            t, raw = t[np.isfinite(t)], raw[np.isfinite(t)]
+        return t, raw
+
+    def _clock(self, table: tables.Table, time: str) -> np.ndarray:
+        if time:
+            return table.column(time) * self._mapping.time_unit
+        if not self._mapping.time_rate:
+            raise ParameterError(
+                f"{self._mapping.path.name} must say time: {{column: ...}} or time: {{rate: ...}}; "
+                f"{table.path.name} has {', '.join(table.columns)}"
+            )
+        return np.arange(len(table)) / self._mapping.time_rate
+
+
+def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
+    """Records of a table, or of the mapped files of a folder.
+
+    Args:
+        path: File, or folder with the files that the mapping names.
+        robot: Robot that was measured.
+        mapping: Roles and units of the columns.
+
+    Raises:
+        MissingFileError: There is no such file, or none fits the mapping.
+        LocoError: The data cannot be what they are said to be.
+    """
+    path = Path(path)
+    if path.is_dir():
+        found = {p for pattern in mapping.files for p in path.glob(pattern) if tables.is_table(p)}
+        if not found:
+            raise MissingFileError(f"{path} has no file like {' or '.join(mapping.files)}")
+    elif path.is_file():
+        found = {path}
+    else:
+        raise MissingFileError(f"there is no recording at {path}")
+    made = [
+        r for p in sorted(found) for r in records(TableSource(p, mapping), robot, mapping, p.name)
+    ]
+    if not made:
+        raise ParameterError(f"no record of {mapping.path} fits {path}; see its 'records'")
+    return made
+
+
+def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) -> list[Record]:
+    """Records of a file or bag, one for each rule that fits.
+
+    Args:
+        source: File or bag that holds the columns.
+        robot: Robot that was measured.
+        mapping: Roles and units of the columns.
+        file: Name that the rules' patterns are held against.
+
+    Raises:
+        LocoError: The mapping does not fit the columns, or these are not of use.
+    """
+    rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
+    return [
+        align.record(
+            title(rule, source, i, len(rules)),
+            tracks.from_source(source, mapping, rule, robot),
+            robot,
+            rate=mapping.rate,
+            role=rule.role,
+            overrides=overrides(mapping, rule, source.header),
+            trust_units=mapping.trust_units,
+        ).rested(-rule.rest)
+        for i, rule in enumerate(rules)
+    ]
+
+
+def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
+    """Name of a record; ``{field}`` in that of the rule stands for a field of the header.
+
+    Raises:
+        ParameterError: The header lacks the field.
+    """
+    plain = f"{source.name} {part + 1}" if parts > 1 else source.name
+    try:
+        return rule.name.format_map(source.header) or plain
+    except (KeyError, ValueError, AttributeError, IndexError):
+        raise ParameterError(
+            f"the name {rule.name!r} of a record may have {{field}} for fields of the header "
+            f"({', '.join(source.header) or 'none'})"
+        ) from None
+
+
+def fits(rule: Rule, file: str, header: dict[str, Any]) -> bool:
+    """The rule is for this file."""
+    return fnmatchcase(file, rule.file) and all(
+        header.get(field) in wanted for field, wanted in rule.where.items()
+    )
+
+
+def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str, Any]:
+    """Values of robot.yaml that mapping, rule and header know for a record.
+
+    Raises:
+        ParameterError: The header lacks a field, or it is no number.
+    """
+    known = mapping.overrides | rule.overrides
+    for field, entry in mapping.header.items():
+        value = header.get(field)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ParameterError(
+                f"header field {field!r} must be a number, got {value!r}; the header has "
+                f"{', '.join(header) or 'nothing'}"
+            )
+        known[entry.override] = entry.scale * value + entry.offset
+    return known
+
+
+def _stem(path: Path) -> str:
+    return path.name.removesuffix(".gz").rsplit(".", 1)[0]

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lags of signals behind each other: told, never removed.
+
+Lag between command and motion has three parts that this cannot separate: the clock, the
+drive, the body. What all joints share may be the clock; their spread is not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .record import Record
+
+LONGEST_LAG = 0.3  # [s]
+FOLLOWS = 0.3  # correlation of a motion with its command below which it does not follow
+LAG_IS_TOLD = 0.9  # correlation below which no lag is told
+SHARP = 0.98  # correlation without a shift, over the best, above which no lag is told
+SHARPER = 0.9999  # the same for two measurements of one motion
+RATE_TIME = 0.01  # time over which a derivative is taken [s]
+
+
+def notes(record: Record) -> list[str]:
+    """Lags of motion behind command, and of velocities behind angles, a sentence each."""
+    found = []
+    command = record.command.get("position")
+    if command is not None and "q" in record.signals:
+        pairs = [
+            (rates(command[:, i], record.dt), rates(_of(record, "q", joint), record.dt))
+            for i, joint in enumerate(record.driven)
+            if joint in record.joints
+        ]
+        found += _tell("motion is behind the command by about", pairs, record.dt, clock=True)
+    if "dq" in record.signals:
+        pairs = [
+            (rates(record.signals["q"][:, i], record.dt), record.signals["dq"][:, i])
+            for i in range(len(record.joints))
+        ]
+        found += _tell("measured velocity is behind that of the angle by", pairs, record.dt)
+    torque = record.command.get("torque")
+    if torque is not None and "tau" in record.signals:
+        pairs = [
+            (torque[:, i], _of(record, "tau", joint))
+            for i, joint in enumerate(record.driven)
+            if joint in record.joints
+        ]
+        found += _tell("measured torque is behind its command by", pairs, record.dt)
+    return found
+
+
+def warnings(record: Record) -> list[str]:
+    """Joints whose motion has nothing to do with their commanded position, a sentence each."""
+    command, found = record.command.get("position"), []
+    for i, joint in enumerate(record.driven if command is not None else ()):
+        if joint not in record.joints:
+            continue
+        alike = following(command[:, i], _of(record, "q", joint), record.dt)
+        if alike < FOLLOWS:
+            found.append(
+                f"{joint} does not follow its commanded position (correlation {alike:.2f} at the "
+                "best lag): a wrong column, a drive that is off, or a joint that is held"
+            )
+    return found
+
+
+def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
+    """Largest correlation of a motion with its command, at most `LONGEST_LAG` late.
+
+    Args:
+        command: Commanded position, (T,).
+        q: Measured position, (T,); NaN where it was not measured.
+        dt: Time between samples [s].
+
+    Returns:
+        Correlation in [-1, 1]; 1 where one of the two hardly moves, which tells nothing.
+    """
+    known = np.isfinite(q) & np.isfinite(command)
+    if known.sum() < 20 or np.ptp(command[known]) < 1e-9:
+        return 1.0
+    rows = np.arange(len(q))
+    a = command - np.mean(command[known])
+    b = np.interp(rows, rows[known], q[known]) - np.mean(q[known])
+    return float(np.max(_correlation(a, b, max(1, min(int(LONGEST_LAG / dt), len(a) // 3)))))
+
+
+def _of(record: Record, signal: str, joint: str) -> np.ndarray:
+    return record.signals[signal][:, record.joints.index(joint)]
+
+
+def rates(x: np.ndarray, dt: float) -> np.ndarray:
+    """Derivative by differences over about `RATE_TIME`, without a shift, (T,)."""
+    half = max(1, min(round(0.5 * RATE_TIME / dt), (len(x) - 1) // 2))
+    slope = np.full(len(x), np.nan)
+    slope[half:-half] = (x[2 * half :] - x[: -2 * half]) / (2.0 * half * dt)
+    return slope
+
+
+def lag(
+    first: np.ndarray, second: np.ndarray, dt: float, sharp: float = SHARP
+) -> tuple[float, float]:
+    """Time by which `second` is behind `first` [s], and their correlation there.
+
+    The maximum of the cross-correlation, refined by a parabola through its neighbours. The
+    correlation counts as 0 where a lag of none would do as well.
+    """
+    known = np.isfinite(first) & np.isfinite(second)
+    if known.sum() < 20:
+        return 0.0, 0.0
+    inner = slice(int(np.argmax(known)), len(known) - int(np.argmax(known[::-1])))
+    a, b = (np.where(known, x - np.mean(x[known]), 0.0)[inner] for x in (first, second))
+    if not np.any(a) or not np.any(b):
+        return 0.0, 0.0
+    reach = min(int(LONGEST_LAG / dt), len(a) // 3)
+    score = _correlation(a, b, reach)
+    best = int(np.argmax(score))
+    if not 0 < best < len(score) - 1 or score[reach] > sharp * score[best]:
+        return 0.0, 0.0
+    left, here, right = score[best - 1 : best + 2]
+    bend = left - 2.0 * here + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return (best - reach + shift) * dt, float(here)
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
+    """Correlation of a with b shifted by -reach to reach samples, each over what overlaps."""
+    width = 1 << (2 * len(a) - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(b, width) * np.conj(np.fft.rfft(a, width)), width)
+    product = np.concatenate([product[-reach:], product[: reach + 1]])
+    shift = np.arange(-reach, reach + 1)
+    first, stop = np.maximum(-shift, 0), len(a) - np.maximum(shift, 0)
+    count = stop - first
+
+    def sums(x: np.ndarray, by: np.ndarray | int) -> np.ndarray:
+        total = np.concatenate([[0.0], np.cumsum(x)])
+        return total[stop + by] - total[first + by]
+
+    mean_a, mean_b = sums(a, 0) / count, sums(b, shift) / count
+    spread_a = sums(a * a, 0) / count - mean_a**2
+    spread_b = sums(b * b, shift) / count - mean_b**2
+    return (product / count - mean_a * mean_b) / np.sqrt(np.maximum(spread_a * spread_b, 1e-300))
+
+
+def _tell(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:
+    sharp = SHARP if clock else SHARPER
+    found = [lag(first, second, dt, sharp) for first, second in pairs]
+    sure = 1e3 * np.array([time for time, alike in found if alike > LAG_IS_TOLD])
+    if not len(sure) or np.max(np.abs(sure)) < 0.25e3 * dt:
+        return []
+    text = f"{what} {np.median(sure):.1f} ms"
+    if len(sure) > 1:
+        text += f" (joints {np.min(sure):.1f} to {np.max(sure):.1f} ms)"
+    if clock:
+        text += "; clock, drive and body are not told apart here and nothing was shifted"
+    return [text]

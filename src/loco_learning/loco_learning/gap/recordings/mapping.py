@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``mapping.yaml``: which column of a recording means what.
+
+    files: "*.csv"
+    time: {column: t, unit: ms}
+    columns:
+      - {column: angle, role: q, joint: knee, unit: deg, sign: -1}
+      - {column: goal, role: command_position, joint: knee, unit: deg, sign: -1}
+    records:
+      - {from: 1.0, to: 8.0}
+      - {file: last.csv, role: held-out}
+
+A value is ``sign · scale · unit · raw + offset``, the offset in the SI unit of the role.
+All keys are in ``docs/gap_import.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Values
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.reading import parse_yaml, read_text, shown, understood
+
+from . import units
+from .record import FIT, HELD_OUT
+
+FILE = "mapping.yaml"
+FORMAT = 1
+UNUSED = "unused"
+WRAPS = ("none", "unsigned8", "unsigned16", "unsigned32", "2pi")
+
+# What a role measures, and whether it belongs to a joint, a foot, an axis or the robot.
+ROLES: dict[str, tuple[tuple[str, ...], str]] = {
+    "command_position": (("angle", "length"), "joint"),
+    "command_velocity": (("turning rate", "speed"), "joint"),
+    "command_torque": (("torque", "force"), "joint"),
+    "q": (("angle", "length"), "joint"),
+    "dq": (("turning rate", "speed"), "joint"),
+    "tau": (("torque", "force"), "joint"),
+    "gyro": (("turning rate",), "axis"),
+    "acceleration": (("acceleration",), "axis"),
+    "orientation": (("ratio",), "axis"),
+    "base_position": (("length",), "axis"),
+    "base_orientation": (("ratio",), "axis"),
+    "grf": (("force",), "foot"),
+    "stance": (("ratio",), "foot"),
+    "supply": (("ratio",), ""),
+    "enable": (("ratio",), ""),
+    UNUSED: ((), ""),
+}
+PLACES = ("joint", "axis", "foot")
+SOURCES = ("column", "file", "topic", "time")
+BETWEEN = ("hold", "line")
+LONGEST_REST = 60.0  # [s], each second of which is simulated (taste)
+_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between")
+_RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
+_KEYS = (
+    *("format", "description", "files", "samples", "time", "rate", "columns", "header"),
+    *("overrides", "records", "namespace", "base_pose", "trust_units"),
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file, or one field of a topic.
+
+    Attributes:
+        column: Name in the file, or path of the field in the topic's messages.
+        role: Role of the values, one of `ROLES`.
+        place: Joint, axis (x, y, z, w) or foot; empty where the role has none.
+        unit: Unit of the values, one of `units.UNITS`; empty is the SI unit of the role.
+        gain: Multiplies the raw value: sign and scale and size of the unit.
+        offset: Added last, in the SI unit of the role.
+        wrap: Wrap of the values, one of `WRAPS`.
+        file: Other file of the same folder that has the column.
+        topic: Topic that has the field, in a bag.
+        time: Column of the times of this column, if it has its own.
+        between: Course between samples, one of `BETWEEN`: held, or straight to the next sample.
+    """
+
+    column: str
+    role: str
+    place: str = ""
+    unit: str = ""
+    gain: float = 1.0
+    offset: float = 0.0
+    wrap: str = "none"
+    file: str = ""
+    topic: str = ""
+    time: str = ""
+    between: str = "hold"
+
+
+@dataclass(frozen=True)
+class Header:
+    """A field of a log's header that is a value of ``robot.yaml``: scale · field + offset."""
+
+    override: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A record to be made of each file that fits.
+
+    Attributes:
+        name: Name of the record, with ``{field}`` for a field of the header; empty is that of the
+            file, with the number of the part.
+        file: Pattern of the file's name.
+        where: Fields of the header and the values of which they must have one.
+        rows: First row and row to stop before; None is the end.
+        start: First time [s] on the clock of the file.
+        end: Last time [s].
+        rest: Time from which on the robot rested until the record begins [s], at most 0.
+        role: `record.FIT` or `record.HELD_OUT`.
+        overrides: Values of ``robot.yaml`` known for this record.
+    """
+
+    name: str = ""
+    file: str = "*"
+    where: dict[str, tuple] = field(default_factory=dict)
+    rows: tuple[int | None, int | None] = (None, None)
+    start: float = -float("inf")
+    end: float = float("inf")
+    rest: float = 0.0
+    role: str = FIT
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """A checked ``mapping.yaml``; the attributes are its keys."""
+
+    path: Path
+    files: tuple[str, ...] = ("*",)
+    samples: str = ""
+    time: str = ""
+    time_unit: float = 1.0
+    time_rate: float = 0.0
+    rate: float = 0.0
+    columns: tuple[Column, ...] = ()
+    header: dict[str, Header] = field(default_factory=dict)
+    overrides: dict[str, Any] = field(default_factory=dict)
+    records: tuple[Rule, ...] = (Rule(),)
+    namespace: str = ""
+    base_pose: bool = False
+    trust_units: bool = False
+
+
+@understood("whole mapping")
+def load(path: str | Path) -> Mapping:
+    """Read and check a mapping.
+
+    Raises:
+        MissingFileError: There is no such file.
+        ParameterError: It is not a mapping, or a value is not legal.
+        NameUnknownError: It names a key, role or unit that does not exist.
+    """
+    path = Path(path)
+    path = path / FILE if path.is_dir() else path
+    return loads(read_text(path, "mapping"), path)
+
+
+def loads(text: str, path: str | Path = FILE) -> Mapping:
+    """Check the text of a mapping; `path` is where it lies.
+
+    Raises:
+        LocoError: The text is no mapping.
+    """
+    path = Path(path)
+    values = _keys(parse_yaml(text, path.name), _KEYS, str(path.name))
+    if values.get("format", FORMAT) != FORMAT:
+        raise ParameterError(
+            f"{path.name} has format {values['format']!r}; this version reads {FORMAT}"
+        )
+    files = values.get("files", "*")
+    files = tuple(map(str, files)) if isinstance(files, list) else (str(files),)
+    for pattern in files:
+        if not pattern or Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+            raise ParameterError(
+                f"{path.name}: files must name files in its folder, such as '*.csv', "
+                f"got {shown(pattern)}"
+            )
+    time = _keys(values.get("time") or {}, ("column", "unit", "rate"), "time")
+    unit = _unit(time.get("unit", "s"), ("time",), "time", False)
+    header = _keys(values.get("header") or {}, None, "header")
+    return Mapping(
+        path,
+        files=files,
+        samples=str(values.get("samples") or ""),
+        time=str(time.get("column", "")),
+        time_unit=unit,
+        time_rate=_positive(time.get("rate", 0.0), "time.rate"),
+        rate=_positive(values.get("rate", 0.0), "rate"),
+        columns=tuple(_column(c, i) for i, c in enumerate(_list(values, "columns"))),
+        header={str(k): _header(k, v) for k, v in header.items()},
+        overrides=_keys(values.get("overrides") or {}, None, "overrides"),
+        records=tuple(_rule(r, i) for i, r in enumerate(_list(values, "records"))) or (Rule(),),
+        namespace=str(values.get("namespace") or ""),
+        base_pose=_yes(values, "base_pose"),
+        trust_units=_yes(values, "trust_units"),
+    )
+
+
+def _column(value: Any, index: int) -> Column:
+    where = f"columns[{index}]"
+    value = _keys(value, _COLUMN, where)
+    role = str(value.get("role"))
+    if role not in ROLES:
+        raise NameUnknownError(f"role in {where}", role, ROLES)
+    if "column" not in value:
+        raise ParameterError(f"{where} ({role}) names no column")
+    name = str(value["column"])
+    dimensions, kind = ROLES[role]
+    if kind and kind not in value:
+        raise ParameterError(f"column {name!r} has the role {role} and must name its {kind}")
+    sign = value.get("sign", 1)
+    if sign not in (1, -1):
+        raise ParameterError(f"sign of column {name!r} must be 1 or -1, got {sign!r}")
+    wrap = str(value.get("wrap", "none"))
+    if wrap not in WRAPS:
+        raise NameUnknownError(f"wrap of column {name!r}", wrap, WRAPS)
+    between = str(value.get("between", "hold"))
+    if between not in BETWEEN or ("between" in value and not role.startswith("command_")):
+        raise ParameterError(
+            f"between of column {name!r} must be {' or '.join(BETWEEN)}, of a command"
+        )
+    scale = units.number(value.get("scale", 1.0), f"scale of column {name!r}")
+    size = 1.0
+    if "unit" in value and role != UNUSED:
+        size = _unit(value["unit"], dimensions, f"column {name!r} ({role})", "scale" in value)
+    return Column(
+        name,
+        role,
+        place=str(value.get(kind, "")) if kind else "",
+        unit=units.unit(value["unit"]) if "unit" in value else "",
+        gain=sign * scale * size,
+        offset=units.number(value.get("offset", 0.0), f"offset of column {name!r}"),
+        wrap=wrap,
+        between=between,
+        **{key: str(value.get(key, "")) for key in ("file", "topic", "time")},
+    )
+
+
+def _unit(name: Any, dimensions: tuple[str, ...], what: str, scaled: bool) -> float:
+    """Size of a unit; one of another dimension is left to the scale, which must then be given."""
+    if units.dimension(name) in dimensions:
+        return units.factor(name)
+    if not scaled:
+        legal = [u for u, (d, _) in units.UNITS.items() if d in dimensions]
+        raise ParameterError(
+            f"{what} is in {units.unit(name)}, a unit of {units.dimension(name)}, not of "
+            f"{' or '.join(dimensions)} ({', '.join(legal)}): correct the unit, or give a scale "
+            "that converts it"
+        )
+    return 1.0
+
+
+def _header(name: Any, value: Any) -> Header:
+    where = f"header.{name}"
+    value = _keys(value, ("override", "scale", "offset"), where)
+    if not value.get("override"):
+        raise ParameterError(f"{where} must name the override that it sets")
+    return Header(
+        str(value["override"]),
+        units.number(value.get("scale", 1.0), f"{where}.scale"),
+        units.number(value.get("offset", 0.0), f"{where}.offset"),
+    )
+
+
+def _rule(value: Any, index: int) -> Rule:
+    where = f"records[{index}]"
+    value = _keys(value, _RECORD, where)
+    role = str(value.get("role", FIT))
+    if role not in (FIT, HELD_OUT):
+        raise NameUnknownError(f"role in {where}", role, (FIT, HELD_OUT))
+    rows = value.get("rows", [None, None])
+    whole = isinstance(rows, list) and all(r is None or (type(r) is int and r >= 0) for r in rows)
+    if not whole or len(rows) != 2 or (None not in rows and rows[0] >= rows[1]):
+        raise ParameterError(f"{where}.rows must be [first, stop], rows from 0, got {rows!r}")
+    fields = _keys(value.get("where") or {}, None, f"{where}.where")
+    wanted = {str(k): tuple(v) if isinstance(v, list) else (v,) for k, v in fields.items()}
+    limits = {}
+    for key, name in (("from", "start"), ("to", "end")):
+        if key in value:
+            limits[name] = units.number(value[key], f"{where}.{key}")
+    rest = units.number(value.get("rest", 0.0), f"{where}.rest")
+    if not -LONGEST_REST <= rest <= 0.0:
+        raise ParameterError(
+            f"{where}.rest is when the robot came to rest before the record begins: from "
+            f"{-LONGEST_REST:g} to 0 s, got {rest:g}"
+        )
+    return Rule(
+        rest=rest,
+        name=str(value.get("name") or ""),
+        file=str(value.get("file") or "*"),
+        where=wanted,
+        rows=tuple(rows),
+        role=role,
+        overrides=_keys(value.get("overrides") or {}, None, f"{where}.overrides"),
+        **limits,
+    )
+
+
+def _keys(value: Any, legal: tuple[str, ...] | None, where: str) -> dict[str, Any]:
+    if not isinstance(value, Values):
+        raise ParameterError(f"{where} must be a mapping of names to values, got {value!r}")
+    for key in value:
+        if legal is not None and key not in legal:
+            raise NameUnknownError(f"key in {where}", str(key), legal)
+    return dict(value)
+
+
+def _list(values: dict[str, Any], key: str) -> list:
+    found = values.get(key) or []
+    if not isinstance(found, list):
+        raise ParameterError(f"{key} must be a list, got {found!r}")
+    return found
+
+
+def _yes(values: dict[str, Any], key: str) -> bool:
+    found = values.get(key, False)
+    if not isinstance(found, bool):
+        raise ParameterError(f"{key} must be true or false, got {found!r}")
+    return found
+
+
+def _positive(value: Any, what: str) -> float:
+    found = units.number(value, what)
+    if found < 0.0:
+        raise ParameterError(f"{what} must be above 0 Hz, got {value!r}")
+    return found

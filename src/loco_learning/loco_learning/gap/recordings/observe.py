@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Looks at raw signals before they are resampled: gaps, steps, saturation, wrapped angles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+
+from .tracks import Track
+
+GIVEN = ("supply", "enable", "stance")  # roles that the robot is given beside commands
+TURN = 2.0 * np.pi
+STUCK = 5  # samples in a row at the largest value that are no chance
+CLIPPED = 0.01  # share of samples at the largest value from which a signal counts as clipped
+FINEST = 1e-5  # share of a signal's range below which steps are rounding
+DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
+LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
+
+
+def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
+    """An angle without jumps of a whole turn between neighbours; others as they are."""
+    if track.role not in ("q", "command_position") or len(track.x) < 2:
+        return track
+    if Description(robot.urdf).joint_types().get(track.place) == "prismatic":
+        return track
+    step = np.diff(track.x)
+    jump = np.abs(np.abs(step) - TURN) < 1.0
+    if not jump.any() or np.max(np.abs(step[~jump]), initial=0.0) > 2.0:
+        return track
+    if track.role == "command_position" and np.ptp(track.x) > 1.05 * TURN:
+        return track  # a command may well step by a turn
+    told.append(f"{track.label} was wrapped: {int(jump.sum())} jumps of a turn were undone")
+    return replace(track, x=np.unwrap(track.x))
+
+
+def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
+    """Odd things about stamps and values, a sentence each.
+
+    Args:
+        tracks: Signals with rising stamps.
+        rate: Rate of the common axis [Hz].
+        gap: Periods of silence that are a gap.
+    """
+    found: list[str] = []
+    axes: dict[bytes, list[Track]] = {}
+    for track in tracks:
+        axes.setdefault(track.t.tobytes(), []).append(track)
+    for some in axes.values():
+        found += _stamps(some, rate, gap)
+    for track in tracks:
+        found += _saturated(track)
+    kinds = {(t.role, t.place): _step(t) or 0.0 for t in tracks}
+    for role in dict.fromkeys(role for role, _ in kinds):
+        sizes = [size for (r, _), size in kinds.items() if r == role and size > 0.0]
+        if sizes:
+            found.append(f"{role} is quantised in steps of {max(sizes):.4g}")
+    return list(dict.fromkeys(found))
+
+
+def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
+    """Quantisation step per measured signal and joint (or axis); 0 where none is seen.
+
+    Those that hardly change, which say nothing of it, are left out.
+    """
+    measured = [
+        track
+        for track in tracks
+        if not track.role.startswith("command_") and track.role not in GIVEN
+    ]
+    found = {(track.role, track.place): _step(track) for track in measured}
+    return {of: step for of, step in found.items() if step is not None}
+
+
+def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
+    """Sampling of each role, of its worst track: see `Record.stamps`."""
+    found: dict[str, dict[str, float]] = {}
+    for track in tracks:
+        step = np.diff(track.t)
+        if len(step) < 2:
+            continue
+        usual = float(np.median(step))
+        count = np.maximum(np.round(step / usual), 1.0)
+        off = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # of two stamps
+        one = {"rate": 1.0 / usual, "jitter_ms": 1e3 * float(off),
+               "missing": float(np.sum(count - 1.0)), "silence": float(step.max())}  # fmt: skip
+        worst = found.setdefault(track.role, one)
+        if (one["missing"], one["jitter_ms"]) > (worst["missing"], worst["jitter_ms"]):
+            found[track.role] = one
+    return found
+
+
+def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
+    """Pauses and jitter of tracks that have the same stamps."""
+    found, t = [], tracks[0].t
+    step = np.diff(t)
+    if len(step) < 2:
+        return found
+    who = ", ".join(dict.fromkeys(track.role for track in tracks))
+    usual = float(np.median(step))
+    pauses = np.flatnonzero(step > gap * usual)
+    if len(pauses) and not all(track.role.startswith("command_") for track in tracks):
+        worst = pauses[np.argmax(step[pauses])]
+        found.append(
+            f"{who}: {len(pauses)} pauses, the longest of {step[worst]:.3f} s at "
+            f"{t[worst] - t[0]:.2f} s; nothing is known there"
+        )
+    low, high = np.percentile(step, [5.0, 95.0])
+    if high - low > 0.05 * usual:
+        found.append(
+            f"{who}: uneven stamps, {1e3 * low:.2f} to {1e3 * high:.2f} ms apart, resampled at "
+            f"{rate:.6g} Hz"
+        )
+    return found
+
+
+def _step(track: Track) -> float | None:
+    """Step of which all differences of values are multiples; 0 if there is none."""
+    values = np.unique(track.x)
+    if len(values) < 3:
+        return None
+    between = np.diff(values)
+    finest = FINEST * (values[-1] - values[0])
+    between = between[between > 0.01 * finest]
+    if len(between) < 2:
+        return None
+    for parts in (1, 2, 3):
+        step = float(np.min(between)) / parts
+        step = float(np.sum(between) / np.sum(np.round(between / step)))
+        off = np.abs(between / step - np.round(between / step))
+        if step > finest and np.mean(off < 0.1) > 0.97:
+            return step
+    return 0.0
+
+
+def _saturated(track: Track) -> list[str]:
+    """A measured signal that stays at its largest or smallest value was cut off there."""
+    if track.role.startswith("command_") or track.role in ("q", *GIVEN):
+        return []
+    if len(np.unique(track.x)) < LEVELS:
+        return []
+    found, size = [], np.max(np.abs(track.x))
+    for what, limit in (("largest", np.max(track.x)), ("smallest", np.min(track.x))):
+        at = track.x == limit
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]])))
+        longest = np.max(edges[1::2] - edges[::2])
+        if np.mean(at) > CLIPPED and longest >= STUCK and abs(limit) > 0.5 * size:
+            found.append(
+                f"{track.label} is at its {what} value {limit:.4g} for {100.0 * np.mean(at):.1f} % "
+                "of the time: cut off there?"
+            )
+    return found

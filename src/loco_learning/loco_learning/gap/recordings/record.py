@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measurement of a robot in one experiment, on one even time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_sim.robot.robot import Robot
+
+from ...reflex.joint_sensors import columns
+
+COMMANDS = ("position", "velocity", "torque")
+JOINT_SIGNALS = ("q", "dq", "tau")
+WIDTHS = {"gyro": 3, "acceleration": 3, "base_position": 3, "orientation": 4, "base_orientation": 4}
+FEET_SIGNAL = "grf"
+INPUTS = ("supply", "enable")
+FIT, HELD_OUT = "fit", "held-out"
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Commands and measured signals of one experiment.
+
+    Attributes:
+        name: Name of its source, for people.
+        t: Times [s], even, from 0, (T,).
+        command: Per kind of `COMMANDS` what holds from each time on, (T, m), in rad, rad/s
+            and N·m (m, m/s and N on a sliding joint).
+        driven: Joints of the command's columns.
+        signals: Measured; NaN where nothing was measured. Joint signals `q` [rad], `dq` [rad/s]
+            and `tau` [N·m], (T, n); `gyro` [rad/s], `acceleration` [m/s²] and `base_position`
+            [m], (T, 3); `orientation` (IMU) and `base_orientation`, (T, 4) xyzw; `grf`
+            [N], (T, feet).
+        joints: Joints of the columns of the joint signals.
+        feet: Feet of the columns of `grf`.
+        inputs: `supply`, voltage over its nominal value, and `enable`, 0 or 1, each (T,).
+        stance: Stance of each foot, (T,): 1 while its leg is under gains of stance and 0 under
+            those of swing; a foot that is not listed always stands.
+        overrides: Values of robot.yaml known for this record, e.g. the drive's gain of the run.
+        notes: Findings of reading and aligning, a sentence each.
+        resolution: Quantisation step per signal and joint (or axis) [unit of the signal]; 0 where
+            none was seen, left out where the signal hardly changes.
+        role: `FIT`, or `HELD_OUT` for a record that is only judged on.
+        warnings: Reasons against using the record, a sentence each.
+        ramps: Kinds of command that are samples of something smooth: they run straight from
+            sample to sample where others are held.
+        stamps: Per role its rate [Hz], jitter (deviation of its stamps from even ones) [ms],
+            samples that are missing, and the longest silence [s], as they were recorded.
+    """
+
+    name: str
+    t: np.ndarray
+    command: dict[str, np.ndarray]
+    driven: tuple[str, ...]
+    signals: dict[str, np.ndarray]
+    joints: tuple[str, ...]
+    feet: tuple[str, ...] = ()
+    inputs: dict[str, np.ndarray] = field(default_factory=dict)
+    stance: dict[str, np.ndarray] = field(default_factory=dict)
+    overrides: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    resolution: dict[tuple[str, str], float] = field(default_factory=dict)
+    role: str = FIT
+    ramps: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    stamps: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_axis(self.name, self.t)
+        count = len(self.t)
+        _known(self.name, "command", self.command, COMMANDS)
+        _known(self.name, "signal", self.signals, (*JOINT_SIGNALS, *WIDTHS, FEET_SIGNAL))
+        _known(self.name, "input", self.inputs, INPUTS)
+        _known(self.name, "role", (self.role,), (FIT, HELD_OUT))
+        _known(self.name, "ramp", self.ramps, tuple(self.command))
+        for kind, values in self.command.items():
+            _shape(self.name, f"command {kind}", values, (count, len(self.driven)))
+        for signal, values in self.signals.items():
+            _shape(self.name, signal, values, (count, self._width(signal)))
+        for kind, values in self.inputs.items():
+            _shape(self.name, f"input {kind}", values, (count,))
+        for foot, values in self.stance.items():
+            _shape(self.name, f"stance of {foot}", values, (count,))
+
+    def step(self, signal: str) -> float:
+        """Largest quantisation step of a signal."""
+        return max((step for (of, _), step in self.resolution.items() if of == signal), default=0.0)
+
+    def _width(self, signal: str) -> int:
+        if signal in JOINT_SIGNALS:
+            return len(self.joints)
+        return len(self.feet) if signal == FEET_SIGNAL else WIDTHS[signal]
+
+    @property
+    def dt(self) -> float:
+        """Time between samples [s]."""
+        return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    def has(self, signal: str) -> bool:
+        """The signal was measured at least once."""
+        return signal in self.signals and bool(np.any(np.isfinite(self.signals[signal])))
+
+    def command_of(self, robot: Robot, kind: str) -> np.ndarray:
+        """Command of the robot's driven joints, in the robot's order, (T, m).
+
+        Raises:
+            ParameterError: The record has no such command, or lacks a driven joint.
+        """
+        if kind not in self.command:
+            raise ParameterError(
+                f"{self.name} has no {kind} command; it has {', '.join(self.command) or 'none'}"
+            )
+        wanted = [robot.joints[i] for i in robot.driven]
+        return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
+
+    def joints_of(self, robot: Robot, signal: str) -> np.ndarray:
+        """A joint signal in the order of the robot's joints, (T, n); NaN where not measured."""
+        values = np.full((len(self.t), len(robot.joints)), np.nan)
+        if signal in self.signals:
+            for column, joint in enumerate(robot.joints):
+                if joint in self.joints:
+                    values[:, column] = self.signals[signal][:, self.joints.index(joint)]
+        return values
+
+    def feet_of(self, feet: Sequence[str]) -> np.ndarray:
+        """Ground forces in the order of `feet` [N], (T, feet); NaN where not measured."""
+        values = np.full((len(self.t), len(feet)), np.nan)
+        for column, foot in enumerate(feet):
+            if foot in self.feet and FEET_SIGNAL in self.signals:
+                values[:, column] = self.signals[FEET_SIGNAL][:, self.feet.index(foot)]
+        return values
+
+    def stance_of(self, feet: Sequence[str]) -> np.ndarray:
+        """Feet that stand as the drives were told, in the order of `feet`, (T, feet) bool."""
+        ones = np.ones(len(self.t))
+        flags = [self.stance.get(foot, ones) > 0.5 for foot in feet]
+        return np.array(flags, dtype=bool).reshape(len(feet), len(self.t)).T
+
+    def rows(self, first: int, stop: int, name: str | None = None) -> Record:
+        """Samples `first` to `stop` (excluded); time starts at 0 again.
+
+        Raises:
+            ParameterError: Fewer than two samples are left.
+        """
+        part = slice(first, stop)
+        if len(self.t[part]) < 2:
+            raise ParameterError(
+                f"{self.name}: rows {first} to {stop} hold no two of its {len(self.t)} samples"
+            )
+        return replace(
+            self,
+            name=self.name if name is None else name,
+            t=self.t[part] - self.t[part][0],
+            command={k: v[part] for k, v in self.command.items()},
+            signals={k: v[part] for k, v in self.signals.items()},
+            inputs={k: v[part] for k, v in self.inputs.items()},
+            stance={k: v[part] for k, v in self.stance.items()},
+        )
+
+    def rested(self, seconds: float) -> Record:
+        """The record with a rest before it: first command, first positions, and no speed.
+
+        Every model then settles under the first command, whatever it has in it, in place of a
+        start from the first samples.
+
+        Args:
+            seconds: Length of the rest.
+        """
+        count = round(seconds / self.dt)
+        if count <= 0:
+            return self
+
+        def before(values: np.ndarray) -> np.ndarray:
+            return np.concatenate([np.repeat(values[:1], count, axis=0), values])
+
+        signals = {k: before(v) for k, v in self.signals.items()}
+        for kind, values in signals.items():
+            values[:count] = 0.0 if kind == "dq" else values[count] if kind == "q" else np.nan
+        return replace(
+            self,
+            t=self.dt * np.arange(count + len(self.t)),
+            command={k: before(v) for k, v in self.command.items()},
+            signals=signals,
+            inputs={k: before(v) for k, v in self.inputs.items()},
+            stance={k: before(v) for k, v in self.stance.items()},
+        )
+
+    def between(self, start: float, end: float, name: str | None = None) -> Record:
+        """Samples from `start` to `end` [s], both included; time starts at 0 again."""
+        near = 1e-6 * self.dt
+        first, stop = np.searchsorted(self.t, [start - near, end + near])
+        return self.rows(int(first), int(stop), name)
+
+
+def _check_axis(name: str, t: np.ndarray) -> None:
+    if t.ndim != 1 or len(t) < 2:
+        raise ParameterError(f"{name}: a record needs at least two samples, got {t.shape}")
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    if abs(t[0]) > 1e-9 or not step > 0.0 or np.max(np.abs(np.diff(t) - step)) > 1e-3 * step:
+        raise ParameterError(f"{name}: the times of a record start at 0 and are even")
+
+
+def _known(name: str, what: str, found: Mapping | tuple, legal: Sequence[str]) -> None:
+    for key in found:
+        if key not in legal:
+            raise NameUnknownError(f"{what} of a record ({name})", key, legal)
+
+
+def _shape(name: str, what: str, values: np.ndarray, wanted: tuple[int, ...]) -> None:
+    if np.shape(values) != wanted:
+        raise ParameterError(f"{name}: {what} has the shape {np.shape(values)}, wanted {wanted}")

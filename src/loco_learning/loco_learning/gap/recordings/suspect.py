@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units that are probably wrong, found from what signals say about each other.
+
+A hidden effect changes a signal by a tenth or a half; a wrong unit by 57, 9.5 or 1000. The
+limits lie between.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+
+from .lags import rates
+from .record import Record
+from .tracks import Track
+
+DEGREE = 180.0 / np.pi
+SLOWEST, FASTEST = 4.0, 2e4  # rates that are believed [Hz]
+RATIO_NEAR = 0.12  # how near a ratio has to be to a known one, in log
+BOTH_WAYS = 0.1  # share of samples to either side that shows that something changes sign
+RATIO_FAR = 3.0  # a ratio that no effect makes
+BELIEVE = "; if it is right as it is, say trust_units: true in the mapping"
+
+# Measured velocity over the derivative of the angle, and what it means.
+RATIOS = {
+    DEGREE: "dq is in deg/s (or q in rad is read as deg)",
+    1.0 / DEGREE: "q is in deg (or dq is in rad/s and read as deg/s)",
+    60.0 / (2.0 * np.pi): "dq is in rpm",
+    1.0 / (2.0 * np.pi): "dq is in rev/s",
+    1e3: "the time is in ms (or dq in mrad/s)",
+    1e-3: "the time is in s and read as ms (or q in mrad)",
+    1e6: "the time is in us",
+    1e9: "the time is in ns",
+}
+
+
+def times(name: str, tracks: list[Track]) -> None:
+    """Stamps make a rate that robots are recorded at.
+
+    Raises:
+        ParameterError: The stamps make no such rate.
+    """
+    for track in tracks:
+        if track.role != "q" or len(track.t) < 3:
+            continue
+        step = float(np.median(np.abs(np.diff(track.t))))
+        if step > 0.0 and not SLOWEST <= 1.0 / step <= FASTEST:
+            fits = [
+                unit
+                for unit, size in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("s", 1e3))
+                if 10.0 <= 1.0 / (step * size) <= 1e4
+            ]
+            units = " or ".join(fits) or "another unit"
+            raise ParameterError(
+                f"{name}: {track.label} has a sample each {step:g} s: the time is probably in "
+                f"{units}, say time: {{unit: {fits[0] if fits else 'ms'}}}{BELIEVE}"
+            )
+
+
+def units(record: Record, robot: Robot) -> None:
+    """All comparisons.
+
+    Raises:
+        ParameterError: A unit is probably wrong; the message says which.
+    """
+    description = Description(robot.urdf)
+    types = description.joint_types()
+    for joint in record.joints:
+        turning = types.get(joint) != "prismatic"
+        _velocity(record, joint, turning)
+        if turning:
+            _command(record, joint, description)
+            _limits(record, joint, description)
+    _torque(record, robot)
+    _unsigned(record)
+    _imu(record)
+    _inputs(record)
+
+
+def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
+    if signal not in record.signals or joint not in record.joints:
+        return None
+    return record.signals[signal][:, record.joints.index(joint)]
+
+
+def _raise(record: Record, text: str) -> None:
+    raise ParameterError(f"{record.name}: {text}{BELIEVE}")
+
+
+def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Ratio of the spreads of y and x with the sign of their correlation, and the correlation."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 20:
+        return 1.0, 0.0
+    x, y = x[known] - np.mean(x[known]), y[known] - np.mean(y[known])
+    size = float(np.sqrt(np.sum(x * x) * np.sum(y * y)))
+    if size == 0.0:
+        return 1.0, 0.0
+    alike = float(np.sum(x * y)) / size
+    return float(np.copysign(np.std(y) / np.std(x), alike)), alike
+
+
+def _smooth(x: np.ndarray, width: int) -> np.ndarray:
+    """Means over `width` samples, one after the other."""
+    count = len(x) // width
+    return x[: count * width].reshape(count, width).mean(axis=1)
+
+
+def _velocity(record: Record, joint: str, turning: bool) -> None:
+    """Measured velocity against the derivative of the measured position."""
+    dq, q = _of(record, "dq", joint), _of(record, "q", joint)
+    if dq is None or q is None:
+        return
+    width = max(1, min(round(0.03 / record.dt), len(q) // 40))
+    ratio, alike = slope(_smooth(rates(q, record.dt), width), _smooth(dq, width))
+    if abs(alike) < 0.8:
+        return
+    for known, meaning in RATIOS.items():
+        if abs(np.log(abs(ratio) / known)) < RATIO_NEAR and (turning or known in (1e3, 1e-3)):
+            _raise(record, f"dq of {joint} is {abs(ratio):.3g} times the derivative of q: "
+                           f"probably {meaning}")  # fmt: skip
+    if ratio < 0.0:
+        _raise(record, f"dq of {joint} has the opposite sign of the derivative of q: sign of one")
+    if not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
+        _raise(record, f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong unit or "
+                       "scale of one, or of the time")  # fmt: skip
+
+
+def _command(record: Record, joint: str, description: Description) -> None:
+    """Commanded against measured angle: one in degrees."""
+    command, q = record.command.get("position"), _of(record, "q", joint)
+    if command is None or q is None or joint not in record.driven:
+        return
+    command = command[:, record.driven.index(joint)]
+    spread = np.nanstd(command), np.nanstd(q)
+    if min(spread) == 0.0 or not 30.0 < max(spread) / min(spread) < 100.0:
+        return
+    large, values = ("command_position", command) if spread[0] > spread[1] else ("q", q)
+    if _beyond(values, joint, description):
+        _raise(record, f"{large} of {joint} spans {np.nanmax(values) - np.nanmin(values):.3g} rad, "
+                       f"{max(spread) / min(spread):.0f} times the other: probably {large} is in "
+                       "deg")  # fmt: skip
+
+
+def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
+    """Angles far outside what the joint can do, or of more than a turn where it has no limits."""
+    low, high = description.limits(joint)
+    if not np.isfinite(high - low):
+        low, high = -2.0 * np.pi, 2.0 * np.pi
+    room = 0.5 * (high - low) + 0.5
+    return bool(np.nanmax(values) > high + room or np.nanmin(values) < low - room)
+
+
+def _limits(record: Record, joint: str, description: Description) -> None:
+    """Angles against the limits of the joint: all of them in degrees."""
+    q = _of(record, "q", joint)
+    low, high = description.limits(joint)
+    if q is None or not np.isfinite(high - low) or not _beyond(q, joint, description):
+        return
+    spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} rad, its limits " \
+            f"are {low:.3g} and {high:.3g}"  # fmt: skip
+    if not _beyond(q / DEGREE, joint, description):
+        _raise(record, f"{spans}: probably q is in deg")
+    _raise(record, f"{spans}: a wrong unit or scale")
+
+
+def _torque(record: Record, robot: Robot) -> None:
+    """Measured torque against its command and against the limit of the joint."""
+    torque = record.command.get("torque")
+    for joint in record.joints:
+        tau = _of(record, "tau", joint)
+        if tau is not None and torque is not None and joint in record.driven:
+            ratio, alike = slope(torque[:, record.driven.index(joint)], tau)
+            if alike > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
+                what = "in mN·m" if abs(np.log(ratio / 1e3)) < 0.3 else "a current in A"
+                _raise(record, f"tau of {joint} is {ratio:.3g} times command_torque: probably "
+                               f"{what}, not N·m")  # fmt: skip
+        limit = robot.effort[robot.joints.index(joint)]
+        if tau is not None and np.isfinite(limit) and limit > 0.0:
+            _size(record, "tau", joint, tau, limit)
+    for i, joint in enumerate(record.driven if torque is not None else ()):
+        limit = robot.effort[robot.joints.index(joint)]
+        if np.isfinite(limit) and limit > 0.0:
+            _size(record, "command_torque", joint, torque[:, i], 4.0 * limit)
+
+
+def _unsigned(record: Record) -> None:
+    """Measured torque against what asks for it: a size without its sign.
+
+    A joint that is loaded to one side has torque of one sign, too, but then what asks for it
+    has one sign as well.
+    """
+    kind = "torque" if "torque" in record.command else "position"
+    for i, joint in enumerate(record.driven if kind in record.command else ()):
+        tau, q = _of(record, "tau", joint), _of(record, "q", joint)
+        if tau is None or q is None:
+            continue
+        asked = record.command[kind][:, i] - (q if kind == "position" else 0.0)
+        both = np.isfinite(tau) & np.isfinite(asked)
+        if both.sum() < 20 or np.any(tau[both] > 0.0) == np.any(tau[both] < 0.0):
+            continue
+        large = 0.1 * np.max(np.abs(asked[both]))
+        ways = min(np.mean(asked[both] > large), np.mean(asked[both] < -large))
+        signed = abs(slope(asked, tau)[1])
+        size = slope(np.abs(asked), np.abs(tau))[1]
+        if ways > BOTH_WAYS and size > 0.7 and size > signed + 0.3:
+            what = "command_torque" if kind == "torque" else "command minus q"
+            _raise(record, f"tau of {joint} has one sign only, and follows the size of {what} "
+                           f"(correlation {size:.2f}) but not its sign ({signed:.2f}): probably "
+                           "tau is unsigned")  # fmt: skip
+
+
+def _size(record: Record, what: str, joint: str, values: np.ndarray, limit: float) -> None:
+    known = np.abs(values[np.isfinite(values)])
+    usual = float(np.percentile(known, 99.0)) if len(known) else 0.0
+    if usual > 5.0 * limit:
+        unit = "mN·m" if usual > 100.0 * limit else "A or in counts"
+        _raise(record, f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the "
+                       f"joint: probably it is in {unit}, not N·m")  # fmt: skip
+
+
+def _imu(record: Record) -> None:
+    gyro, acceleration = record.signals.get("gyro"), record.signals.get("acceleration")
+    if gyro is not None:
+        size = np.linalg.norm(gyro, axis=1)
+        size = size[np.isfinite(size)]
+        if len(size) and np.percentile(size, 90.0) > 35.0:
+            _raise(record, f"gyro reaches {np.percentile(size, 90.0):.3g} rad/s: probably deg/s")
+    if acceleration is not None:
+        size = np.linalg.norm(acceleration, axis=1)
+        size = size[np.isfinite(size)]
+        usual = float(np.median(size)) if len(size) else 9.8
+        for low, high, unit in ((0.75, 1.3, "g"), (750.0, 1300.0, "mg")):
+            if low < usual < high:
+                _raise(
+                    record, f"acceleration is {usual:.3g} m/s² most of the time: probably {unit}"
+                )
+    for role in ("orientation", "base_orientation"):
+        q = record.signals.get(role)
+        if q is not None and np.nanmedian(np.abs(q[:, 0])) > 0.9:
+            _raise(record, f"{role} has its largest part in x, a robot on its back: probably the "
+                           "order is w, x, y, z")  # fmt: skip
+
+
+def _inputs(record: Record) -> None:
+    supply, enable = record.inputs.get("supply"), record.inputs.get("enable")
+    usual = 1.0 if supply is None else float(np.median(supply))
+    if not 0.3 <= usual <= 2.5:
+        _raise(record, f"supply is {usual:.3g} most of the time, not near 1: probably in V, to be "
+                       "divided by the nominal voltage (unit: V, scale: 1/12)")  # fmt: skip
+    if enable is not None and not np.all((enable == 0.0) | (enable == 1.0)):
+        _raise(record, f"enable must be 0 or 1, it has {np.min(enable):g} to {np.max(enable):g}")

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings in the air and on the ground: what the air explains is fixed first.
+
+In the air no contact hides what joints, links and sensors do, and runs follow a recording from
+its start to its end. What is left on the ground is then looked for on top of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from loco_sim.plant.model import Model
+
+from .recordings.record import Record
+from .verdict.decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
+
+AIR, GROUND = "in the air", "on the ground"
+LISTS = ("alarms", "align", "notes", "not_tried", "rivals", "ambiguous", "kinds", "terms")
+
+
+def free(model: Model, record: Record) -> bool:
+    """Whether the base of a recorded robot could move."""
+    return not Model(model.robot, {**model.overrides, **record.overrides}).make_robot().fixed_base
+
+
+def parted(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Records in the air, and those on the ground."""
+    flags = [free(model, record) for record in records]
+    return tuple(
+        [r for r, f in zip(records, flags, strict=True) if f is on] for on in (False, True)
+    )
+
+
+def after(model: Model, air: Mapping[str, Any]) -> Model:
+    """The model with what the air explained; as it was where that is not established.
+
+    Args:
+        model: Model before.
+        air: Contents of ``gap.json`` of the records in the air.
+    """
+    if air["verdict"] not in (NAMED, AMBIGUOUS):
+        return model
+    found = air["model"]
+    return Model(found["robot"], dict(found["overrides"]), [dict(e) for e in found["effects"]])
+
+
+def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
+    """Contents of ``gap.json`` of both; all numbers of the gap are those on the ground.
+
+    Args:
+        air: Contents for the records in the air.
+        ground: Contents for those on the ground, of the model with what the air explained.
+    """
+    lists = {key: _without_twins([*air[key], *ground[key]]) for key in LISTS}
+    return {
+        **ground,
+        **lists,
+        "verdict": _both(air["verdict"], ground["verdict"]),
+        "names": sorted({*air["names"], *ground["names"]}),
+        "evidence": f"In the air: {air['evidence']} On the ground: {ground['evidence']}",
+        "stages": [
+            {"where": where, **{key: one[key] for key in ("verdict", "names", "evidence", "gap")}}
+            for where, one in ((AIR, air), (GROUND, ground))
+        ],
+    }
+
+
+def _both(air: str, ground: str) -> str:
+    """Verdict on both: the less sure of the two; no gap in one counts for nothing."""
+    said = {air, ground} - {NO_GAP}
+    return next((v for v in (UNKNOWN, AMBIGUOUS, NAMED) if v in said), NO_GAP)
+
+
+def _without_twins(rows: Sequence[Any]) -> list[Any]:
+    return [row for i, row in enumerate(rows) if row not in rows[:i]]

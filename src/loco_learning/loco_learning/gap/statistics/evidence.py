@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Evidence that one model explains the measurement better than another, with honest odds.
+
+Residuals are whitened: predicted minus measured over the channel's floor, 1 = noise.
+Three choices keep the odds honest, because what a wrong model leaves is systematic:
+
+- Noise is what the better of the two models leaves, in each channel: its scale (Student-t
+  density, at least the floor) and its integrated autocorrelation tau are used for both. As
+  long as nobody explains the data, small differences are no proof.
+- A sample counts 1 / tau (for an AR(1) residual tau = (1 + phi) / (1 - phi)). Predicting
+  each residual from the one before would instead remove the slow errors by which effects
+  differ. A slow error of a fraction of the floor is forgiven (`TOLERANCE`).
+- The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
+  those of the one sample at hand: two equally wrong models do not get odds of a million.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.special import gammaln, logsumexp
+
+NU = 5.0  # degrees of freedom of the density
+LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
+FEW, MANY = 8, 32  # blocks over all records
+MOST_ODDS = 1e9
+LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
+TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
+BLOCK_IS_WON = 10.0  # odds in a block from which on it is won, however much more it gains
+TELLING = 1.0  # evidence of one channel in a block that says something [nat]
+CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
+
+
+@dataclass(frozen=True)
+class Score:
+    """Residual of a model with its statistics.
+
+    Attributes:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+        scale: Scale of the Student-t density per channel, (C,), at least 1.
+        tau: Integrated autocorrelation per record and channel [samples], (R, C), at least 1.
+        rms: Over all records and channels [floors].
+        log_likelihood: Student-t, each sample counted 1 / tau [nat].
+        n_eff: Independent values that the samples stand for.
+    """
+
+    residuals: tuple[np.ndarray, ...]
+    scale: np.ndarray
+    tau: np.ndarray
+    rms: float
+    log_likelihood: float
+    n_eff: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Evidence for the first of two models over the second, on the same data.
+
+    Attributes:
+        gain: Difference of log-likelihood [nat], positive when the first is better.
+        low: Lower end of the gain's 95 % interval [nat].
+        high: Upper end [nat].
+        blocks_improved: Share of the blocks that say something that the first wins.
+        odds: Odds for the first against the second, 1 = nobody can tell, at most 1e9.
+        blocks: Number of blocks.
+    """
+
+    gain: float
+    low: float
+    high: float
+    blocks_improved: float
+    odds: float
+    blocks: int
+
+
+def whiten(
+    measured: Sequence[np.ndarray], predicted: Sequence[np.ndarray], floor: np.ndarray
+) -> list[np.ndarray]:
+    """Residual per record in floors, (T, C): NaN where nothing was measured.
+
+    A prediction that is not finite (the model diverged) counts as `LIMIT`, it is not left out.
+
+    Args:
+        measured: (T, C) per record, NaN = not measured or not to be weighed.
+        predicted: (T, C) per record.
+        floor: (C,) in the channels' units.
+    """
+    out = []
+    for y, p in zip(measured, predicted, strict=True):
+        with np.errstate(over="ignore", invalid="ignore"):
+            z = (p - y) / floor
+        z = np.where(np.isfinite(p), np.clip(z, -LIMIT, LIMIT), LIMIT)
+        out.append(np.where(np.isfinite(y), z, np.nan))
+    return out
+
+
+def rms(residuals: Sequence[np.ndarray]) -> float:
+    """Root mean square of all values that were measured [floors]."""
+    energy = sum(float(np.nansum(np.square(r))) for r in residuals)
+    count = sum(int(np.isfinite(r).sum()) for r in residuals)
+    return math.sqrt(energy / count) if count else math.nan
+
+
+def closed(before: float, after: float, floor: float = 1.0) -> float:
+    """Share of the reducible gap that is closed, 1 = down to the floor, below 0 = worse.
+
+    ``1 - (after² - floor²) / (before² - floor²)``; 0 when there was no gap to close.
+
+    Args:
+        before: Whitened rms of the model as it came [floors].
+        after: Whitened rms of the model with the effect [floors].
+        floor: 1, unless another level is known to be unreachable.
+    """
+    gap = before**2 - floor**2
+    if not gap > 1e-9:
+        return 0.0
+    return 1.0 - max(after**2 - floor**2, 0.0) / gap
+
+
+def excess(residuals: Sequence[np.ndarray]) -> float:
+    """Energy above the noise, summed over channels: a quiet one does not hide a loud one.
+
+    Args:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+    """
+    power = _power(residuals) - np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0)
+    return float(np.maximum(power, 0.0).sum())
+
+
+def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> float:
+    """Share of the excess of one model that another one closes; 0 when there was none.
+
+    Args:
+        before: Whitened residual per record, (T, C), NaN = not measured.
+        after: Whitened residual of the other model on the same data.
+    """
+    gap = excess(before)
+    count = sum(int(np.isfinite(r).sum()) for r in before)
+    return 1.0 - excess(after) / gap if gap > 1e-9 * count else 0.0
+
+
+def score(residuals: Sequence[np.ndarray]) -> Score:
+    """Weigh what a model leaves unexplained.
+
+    Args:
+        residuals: Whitened residual per record, (T, C), NaN = not measured.
+    """
+    records = tuple(np.asarray(r, dtype=float) for r in residuals)
+    scale = _scale(np.concatenate(records))
+    tau = np.array([[correlation_time(r[:, c]) for c in range(r.shape[1])] for r in records])
+    ticks = _ticks(records, scale, tau)
+    log_likelihood = float(sum(x.sum() for x in ticks))
+    return Score(records, scale, tau, rms(records), log_likelihood, _count(records, tau))
+
+
+def correlation_time(x: np.ndarray) -> float:
+    """Integrated autocorrelation time about zero [samples], 1 for white noise.
+
+    ``1 + 2 sum rho_k`` up to the first lag of five times the sum so far (Sokal's window).
+    A residual whose mean is not zero is correlated for as long as the record is.
+
+    Args:
+        x: (T,), NaN = not measured.
+    """
+    valid = np.isfinite(x)
+    n = int(valid.sum())
+    if n < 4:
+        return 1.0
+    y = np.where(valid, x, 0.0)
+    size = 1 << (2 * len(y) - 1).bit_length()
+    power = np.abs(np.fft.rfft(y, size)) ** 2
+    pairs = np.abs(np.fft.rfft(valid.astype(float), size)) ** 2
+    covariance = np.fft.irfft(power, size)[: len(y)]
+    counts = np.maximum(np.round(np.fft.irfft(pairs, size)[: len(y)]), 1.0)
+    if not covariance[0] > 0.0:
+        return 1.0
+    rho = (covariance / counts) / (covariance[0] / counts[0])
+    sums = 2.0 * np.cumsum(rho) - 1.0
+    stop = np.flatnonzero(np.arange(len(sums)) >= 5.0 * sums)
+    stride = float(np.median(np.diff(np.flatnonzero(valid))))  # > 1: measured more rarely
+    tau = sums[stop[0]] if len(stop) else sums.max()
+    return float(np.clip(tau / stride, 1.0, n))
+
+
+def compare(
+    a: Score,
+    b: Score,
+    rng: np.random.Generator,
+    trials: int = 1,
+    price: float = 0.0,
+    draws: int = 1000,
+) -> Comparison:
+    """Evidence for `a` over `b` by paired block bootstrap.
+
+    Args:
+        a: Residuals of the first model.
+        b: Residuals of the second on the same records.
+        rng: Source of the resampling, keyed by the caller's seed.
+        trials: Number of models among which `a` was picked by this very data; widens the
+            interval so that the best of many counts no more than it should (Bonferroni).
+        price: Price that the first pays in the odds for parameters that the second lacks [nat];
+            below 0 the second pays.
+        draws: Bootstrap samples.
+    """
+    sums, pieces = _blocks(a, b)
+    n = len(sums)
+    gain = float(sums.sum())
+    if n < 2:
+        return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
+    index = rng.choice(n, (draws, n))
+    picks = sums[index].sum(1) - gain
+    freedom = max(min(n, pieces) - 1.0, LEAST_FREEDOM)
+    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
+    tail = 0.025 / max(trials, 1)
+    low, high = gain + few * np.quantile(picks, [tail, 1.0 - tail])
+    return Comparison(
+        gain,
+        float(low),
+        float(high),
+        _improved(sums, a.residuals[0].shape[1]),
+        _odds(sums, index, CAUTION * few, pieces, price),
+        n,
+    )
+
+
+def _improved(sums: np.ndarray, channels: int) -> float:
+    """Share of the blocks with something to say in which the first model wins.
+
+    Where an effect hardly shows, noise decides, and that of several channels adds up in squares:
+    a block that says less does not count beside those that say more.
+    """
+    size, least = np.abs(sums), TELLING * math.sqrt(channels)
+    telling = size > (least if np.any(size > least) else 0.05 * size.mean())
+    return float((sums[telling] > 0.0).mean()) if telling.any() else 0.5
+
+
+def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float) -> float:
+    """Odds of the gain as it is, or of who wins the blocks, whichever says the same louder.
+
+    One block with a push or a stop in it may gain more than all others together, and its
+    absence from a bootstrap sample then hides that every block was won.
+    """
+    most = math.log(BLOCK_IS_WON)
+    sizes, wins = (
+        _log_odds(x, index, wide, pieces, price) for x in (sums, np.clip(sums, -most, most))
+    )
+    value = wins if sizes * wins > 0.0 and abs(wins) > abs(sizes) else sizes
+    return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
+
+
+def _log_odds(
+    sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float
+) -> float:
+    """Logarithm of the posterior odds, averaged over bootstrap samples of the gain.
+
+    Equal models win every one of k blocks in one of ``2^k`` cases: the data count for no
+    more, with k the number of independent blocks that the gain effectively comes from.
+    """
+    gain = sums.sum()
+    power = gain - price + wide * (sums[index].sum(1) - gain)
+    yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
+    count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
+    most = math.log(2.0) * min(count, pieces)
+    return float(np.clip(yes - no, -most - max(price, 0.0), most + max(-price, 0.0)))
+
+
+def odds(gain: float, spread: float) -> float:
+    """Odds to expect for a gain in log-likelihood that is known to a spread [nat].
+
+    Average of the posterior probability over a normal law of the gain, in MacKay's closed
+    form: ``log odds = gain / sqrt(1 + pi spread² / 8)``.
+    """
+    power = gain / math.sqrt(1.0 + math.pi * spread**2 / 8.0)
+    return float(np.clip(math.exp(np.clip(power, -700.0, 700.0)), 1.0 / MOST_ODDS, MOST_ODDS))
+
+
+def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
+    """Scale (C,) and correlation time (R, C) that the best model of each channel leaves."""
+    power = np.array([_power(s.residuals) for s in scores])
+    scale = np.min([s.scale for s in scores], axis=0)
+    best = power == power.min(0)  # (models, C)
+    tau = np.max([s.tau * is_best for s, is_best in zip(scores, best, strict=True)], axis=0)
+    return scale, tau
+
+
+def _allowance(a: Score, b: Score) -> np.ndarray:
+    """Correlation of white noise with an allowed error as slow as the models differ, (R, C)."""
+    times = [
+        [correlation_time((x - y)[:, c]) for c in range(x.shape[1])]
+        for x, y in zip(a.residuals, b.residuals, strict=True)
+    ]
+    return 1.0 + TOLERANCE**2 * (np.array(times) - 1.0)
+
+
+def _power(records: Sequence[np.ndarray]) -> np.ndarray:
+    """Sum of squares of each channel, (C,)."""
+    return np.sum([np.nansum(np.square(r), axis=0) for r in records], axis=0)
+
+
+def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
+    """Independent values that the samples of all records stand for."""
+    return sum(float((np.isfinite(r).sum(0) / t).sum()) for r, t in zip(records, tau, strict=True))
+
+
+def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
+    """Gain of `a` over `b` in each block [nat], and how many independent pieces there are.
+
+    Blocks are longer than the correlation of the gain, as long as there are a few of them.
+    """
+    scale, tau = _noise((a, b))
+    seen = [np.isfinite(r).any(1) for r in a.residuals]
+    total = sum(int(rows.sum()) for rows in seen)
+    wide = np.minimum(np.maximum(tau, _allowance(a, b)), max(total / FEW, 1.0))
+    pairs = zip(_ticks(a.residuals, scale, wide), _ticks(b.residuals, scale, wide), strict=True)
+    ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, seen, strict=True)]
+    mean = sum(float(x.sum()) for x in ticks) / max(total, 1)
+    sums, pieces = [], 0.0
+    for each, taus in zip(ticks, tau, strict=True):
+        if len(each):
+            long = max(correlation_time(each - mean), float(np.median(taus)))
+            length = np.clip(2.0 * long, total / MANY, total / FEW)
+            parts = np.array_split(each, max(1, round(len(each) / length)))
+            sums += [float(part.sum()) for part in parts if len(part)]
+            pieces += len(each) / long
+    return np.array(sums), pieces
+
+
+def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
+    """Log density of each sample over its tau, summed over channels, (T,) per record."""
+    constant = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * math.log(NU * math.pi)
+    out = []
+    for r, each in zip(records, tau, strict=True):
+        logs = constant - np.log(scale) - (NU + 1) / 2 * np.log1p((r / scale) ** 2 / NU)
+        out.append(np.nansum(logs / each, axis=1))
+    return out
+
+
+def _scale(r: np.ndarray) -> np.ndarray:
+    """Scale of the Student-t law that fits each channel best, (C,), at least 1."""
+    square = np.square(r)
+    seen = np.maximum(np.isfinite(r).sum(0), 1)
+    s2 = np.maximum(np.nansum(square, axis=0) / seen, 1.0)
+    for _ in range(30):  # expectation-maximisation
+        weight = (NU + 1) / (NU + square / s2)
+        s2 = np.maximum(np.nansum(weight * square, axis=0) / seen, 1.0)
+    return np.sqrt(s2)

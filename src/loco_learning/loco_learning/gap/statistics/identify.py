@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of what the data can tell of the fitted parameters.
+
+All from the sensitivities: columns of the derivative of the whitened prediction with
+respect to each parameter in units of its typical size. Parameters that are refitted with
+every candidate (nuisance) take part: what they can imitate is not evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from .evidence import Score
+
+SAME_DIRECTION = 0.95  # cosine above which two effects cannot be told apart in these data
+DEAD = 1e-3  # length of a column [standard deviations per typical size] that counts as none
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Precision of the parameters, in units of their typical sizes.
+
+    Attributes:
+        names: Parameters, in the order of the columns.
+        errors: Standard error with all others free, (P,); inf where not determined.
+        errors_alone: Standard error if all others were known, (P,).
+        dead: Names of parameters that do not change the prediction.
+        weak: Names whose standard error is above 1: the data say less than the prior.
+        alike: Pairs with the cosine of their columns, above `SAME_DIRECTION` after projecting out
+            the nuisance columns.
+        cosines: All of these cosines, (F, F) over the parameters that are no nuisance.
+        worst: Direction in parameter space that the data determine least, in words.
+        worst_error: Standard error along it.
+        condition: Ratio of the largest to the smallest standard error of any direction.
+        imitated: Cosine of each column that is no nuisance with what all nuisance columns
+            together make of it, by name.
+    """
+
+    names: tuple[str, ...]
+    errors: np.ndarray
+    errors_alone: np.ndarray
+    dead: tuple[str, ...]
+    weak: tuple[str, ...]
+    alike: tuple[tuple[str, str, float], ...]
+    cosines: np.ndarray
+    worst: str
+    worst_error: float
+    condition: float
+    imitated: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Whether all parts of the data want the same parameters.
+
+    Attributes:
+        shifts: Change that each part wants of the joint fit, (G, P); nan where it cannot tell.
+        errors: Standard errors of these, (G, P).
+        spread: Deviation of the parameter between parts that errors do not explain, (P,).
+        probability: Probability of such shifts if the parameter is one and the same, (P,).
+    """
+
+    shifts: np.ndarray
+    errors: np.ndarray
+    spread: np.ndarray
+    probability: np.ndarray
+
+
+def flat(residuals: Sequence[np.ndarray]) -> np.ndarray:
+    """Residuals or one parameter's sensitivities of all records in one row, (N,)."""
+    return np.concatenate([np.ravel(r) for r in residuals])
+
+
+def weights(score: Score) -> np.ndarray:
+    """Information of each value of `flat` [1/floor²]: 1 / (tau scale²), 0 where not measured."""
+    rows = []
+    for r, tau in zip(score.residuals, score.tau, strict=True):
+        rows.append(np.where(np.isfinite(r), 1.0 / (tau * score.scale**2), 0.0).ravel())
+    return np.concatenate(rows)
+
+
+def analyse(
+    columns: np.ndarray,
+    names: Sequence[str],
+    nuisance: Sequence[str] = (),
+    weight: np.ndarray | float = 1.0,
+) -> Identifiability:
+    """Fisher information of sensitivities, in numbers and words.
+
+    Args:
+        columns: (N, P) [floors per typical size]; rows with NaN are left out.
+        names: One per column.
+        nuisance: Names of those that are refitted with every candidate.
+        weight: Information per row (`weights`), (N,) or one for all.
+    """
+    j = _weighted(columns, weight)
+    lengths = np.linalg.norm(j, axis=0)
+    alive = lengths > DEAD
+    errors, errors_alone = np.full(len(names), np.inf), np.full(len(names), np.inf)
+    errors_alone[alive] = 1.0 / lengths[alive]
+    if alive.any():
+        errors[alive] = np.sqrt(np.diag(_covariance(j[:, alive])))
+    kept = [name for name, lives in zip(names, alive, strict=True) if lives]
+    worst, worst_error, condition = _worst(j[:, alive], kept)
+    free = [i for i, name in enumerate(names) if name not in set(nuisance)]
+    others = [i for i in range(len(names)) if i not in free]
+    cosines = _cosines(j, free, others)
+    return Identifiability(
+        tuple(names),
+        errors,
+        errors_alone,
+        tuple(name for name, lives in zip(names, alive, strict=True) if not lives),
+        tuple(n for n, e, lives in zip(names, errors, alive, strict=True) if lives and e > 1.0),
+        _pairs(cosines, [names[i] for i in free]),
+        cosines,
+        worst,
+        worst_error,
+        condition,
+        {names[i]: imitated(j[:, i], j[:, others]) for i in free},
+    )
+
+
+def stability(
+    columns: np.ndarray,
+    residual: np.ndarray,
+    groups: np.ndarray,
+    weight: np.ndarray | float = 1.0,
+) -> Stability:
+    """Ask each part of the data, e.g. each record, how it would change the joint fit.
+
+    One Gauss-Newton step per part with all columns free. A true effect has the same
+    parameters everywhere; what merely imitates one has not.
+
+    Args:
+        columns: (N, P) [floors per typical size], at the joint fit.
+        residual: (N,) predicted minus measured [floors].
+        groups: (N,) whole numbers, the part that each row belongs to.
+        weight: Information per row (`weights`), (N,) or one for all.
+    """
+    whole = np.isfinite(columns).all(1) & np.isfinite(residual)
+    root = np.sqrt(np.broadcast_to(weight, whole.shape))[whole]
+    j, r, groups = columns[whole] * root[:, None], residual[whole] * root, groups[whole]
+    keys = np.unique(groups)
+    shifts, errors = np.full((2, len(keys), columns.shape[1]), np.nan)
+    for g, key in enumerate(keys):
+        rows = groups == key
+        alive = np.linalg.norm(j[rows], axis=0) > DEAD
+        if not alive.any():
+            continue
+        covariance = _covariance(j[rows][:, alive])
+        shifts[g, alive] = -covariance @ (j[rows][:, alive].T @ r[rows])
+        errors[g, alive] = np.sqrt(np.diag(covariance))
+    spread, probability = np.zeros(columns.shape[1]), np.ones(columns.shape[1])
+    for p in range(columns.shape[1]):
+        spread[p], probability[p] = _heterogeneity(shifts[:, p], errors[:, p])
+    return Stability(shifts, errors, spread, probability)
+
+
+def _weighted(columns: np.ndarray, weight: np.ndarray | float) -> np.ndarray:
+    """Columns times the root of the weight, without rows that are not complete."""
+    whole = np.isfinite(columns).all(1)
+    return columns[whole] * np.sqrt(np.broadcast_to(weight, whole.shape))[whole, None]
+
+
+def _covariance(j: np.ndarray) -> np.ndarray:
+    """Inverse Fisher matrix; directions without any information get a huge variance."""
+    _, s, vt = np.linalg.svd(j, full_matrices=False)
+    s = np.maximum(s, 1e-9 * max(s.max(initial=0.0), DEAD))
+    return (vt.T / s**2) @ vt
+
+
+def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
+    """Least determined direction in words, its standard error, and the condition."""
+    if not names:
+        return "no parameter changes the prediction", math.inf, math.inf
+    _, s, vt = np.linalg.svd(j, full_matrices=False)
+    s = np.maximum(s, 1e-9 * s[0])
+    direction = vt[-1] * np.sign(vt[-1][np.abs(vt[-1]).argmax()])
+    order = np.argsort(-np.abs(direction), kind="stable")
+    told = [i for i in order if abs(direction[i]) >= 0.3 * abs(direction[order[0]])][:4]
+    words = [f"{_words(names[i])} {'up' if direction[i] > 0 else 'down'}" for i in told]
+    text = " with ".join([words[0], " and ".join(words[1:])] if words[1:] else words)
+    return text, float(1.0 / s[-1]), float(s[0] / s[-1])
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").replace(".", " ")
+
+
+def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.ndarray:
+    """Cosines of columns after projecting out the nuisance ones; 0 with a dead column."""
+    columns = j[:, list(free)]
+    if nuisance and len(j):
+        u, s, _ = np.linalg.svd(j[:, list(nuisance)], full_matrices=False)
+        u = u[:, s > 1e-9 * max(s.max(initial=0.0), DEAD)]
+        columns = columns - u @ (u.T @ columns)
+    lengths = np.linalg.norm(columns, axis=0)
+    unit = np.where(lengths > DEAD, columns / np.maximum(lengths, DEAD), 0.0)
+    return unit.T @ unit
+
+
+def imitated(column: np.ndarray, nuisance: np.ndarray) -> float:
+    """Cosine of a column with its projection on others."""
+    length = float(np.linalg.norm(column))
+    if not nuisance.size or length <= DEAD:
+        return 0.0
+    made = nuisance @ np.linalg.lstsq(nuisance, column, rcond=1e-9)[0]
+    return float(np.linalg.norm(made)) / length
+
+
+def _pairs(cosines: np.ndarray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
+    found = []
+    for a in range(len(names)):
+        for b in range(a + 1, len(names)):
+            if abs(cosines[a, b]) > SAME_DIRECTION:
+                found.append((names[a], names[b], float(cosines[a, b])))
+    return tuple(found)
+
+
+def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
+    """Spread of estimates beyond their errors, and the probability of theirs by chance."""
+    known = np.isfinite(shifts) & np.isfinite(errors) & (errors < 1e6)
+    if known.sum() < 2:
+        return 0.0, 1.0
+    x, w = shifts[known], 1.0 / errors[known] ** 2
+    mean = (w * x).sum() / w.sum()
+    q = float((w * (x - mean) ** 2).sum())
+    freedom = len(x) - 1
+    scale = w.sum() - (w**2).sum() / w.sum()
+    return math.sqrt(max(q - freedom, 0.0) / scale), float(stats.chi2.sf(q, freedom))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""White noise floor of each measured channel, from the measurement alone.
+
+Differences of order k remove what a polynomial of degree k - 1 describes over k + 1
+samples and keep white noise, whose variance they multiply by ``binomial(2k, k)``. The
+smallest estimate over several orders is the one least disturbed by motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+ORDERS = (2, 3, 4, 5, 6)
+TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
+RELATIVE = 1e-4  # of a channel's own deviation: no floor is set below it
+EFFORT = 0.02  # the same of a torque: on robots it is an estimate from current or pressure
+BUSIEST_SHARE = (
+    1e-3  # of the largest deviation of any torque: what holds a joint to its stop says nothing
+)
+
+
+def floor(
+    measured: Sequence[np.ndarray],
+    resolution: np.ndarray | float = 0.0,
+    signals: Sequence[str] = (),
+) -> np.ndarray:
+    """Standard deviation of the white noise of each channel, in the channel's unit.
+
+    Args:
+        measured: One (T, C) array per record; NaN where nothing was measured.
+        resolution: Quantisation step per channel, (C,) or one for all; 0 where none is seen.
+        signals: Signal of each channel, (C,): see `least`; none is a torque by default.
+
+    Returns:
+        (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `least`.
+    """
+    columns = [[record[:, c] for record in measured] for c in range(measured[0].shape[1])]
+    noise = np.array([white(column) for column in columns])
+    steps = np.asarray(resolution, dtype=float) / math.sqrt(12.0)
+    spread = np.array([_deviation(column) for column in columns])
+    return np.maximum(np.maximum(noise, steps), least(spread, signals))
+
+
+def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
+    """Below which no floor is set, so that a record without noise does not ask for a perfect model.
+
+    A share of the channel's deviation; torque sensors of a robot are alike, so that none tells
+    less than a share of what the busiest of them does.
+
+    Args:
+        spread: Deviation of each channel, (C,).
+        signals: Signal of each channel, (C,); none is a torque by default.
+    """
+    torques = np.array([signal == "tau" for signal in signals or [""] * len(spread)])
+    own = np.where(torques, EFFORT, RELATIVE) * spread
+    alike = BUSIEST_SHARE * np.max(spread, where=torques, initial=0.0) * torques
+    return np.maximum(np.maximum(own, alike), np.finfo(float).tiny ** 0.5)
+
+
+def white(columns: Sequence[np.ndarray]) -> float:
+    """Deviation of the white noise in one channel's records, 0 when too few samples.
+
+    Args:
+        columns: (T,) per record, NaN where nothing was measured; samples are taken as
+            evenly spaced between gaps.
+    """
+    estimates = []
+    for order in ORDERS:
+        values = np.concatenate([_differences(column, order) for column in columns])
+        if len(values) >= 8:
+            gain = math.sqrt(math.comb(2 * order, order))
+            estimates.append(TO_DEVIATION * float(np.median(np.abs(values))) / gain)
+    return min(estimates, default=0.0)
+
+
+def total(noise: np.ndarray, numeric: np.ndarray | float = 0.0) -> np.ndarray:
+    """Floor used everywhere: noise of the sensors and error of the model's integrator, (C,)."""
+    return np.sqrt(np.square(noise) + np.square(numeric))
+
+
+def _differences(column: np.ndarray, order: int) -> np.ndarray:
+    """Differences of an order over neighbouring samples, none across a gap."""
+    index = np.flatnonzero(np.isfinite(column))
+    if len(index) <= order:
+        return np.empty(0)
+    values = np.diff(column[index], order)
+    stride = np.median(np.diff(index))  # more than 1 when measured more rarely than the axis
+    return values[index[order:] - index[:-order] <= 1.5 * stride * order]
+
+
+def _deviation(columns: Sequence[np.ndarray]) -> float:
+    values = np.concatenate(columns)
+    values = values[np.isfinite(values)]
+    return float(values.std()) if len(values) else 0.0

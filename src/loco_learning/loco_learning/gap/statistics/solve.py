@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robust least squares for residuals that cost a simulation each.
+
+Levenberg-Marquardt whose Jacobian is kept up to date by the steps it takes (Broyden), so
+that a fit of one parameter takes about eight simulations. Differences are large, a tenth of
+the parameter: friction, play and delays are not smooth on a small scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+LONGEST_STEP = 1.5  # step of a coordinate, in its units
+SMALL = 1e-4  # relative decrease of the cost that is not worth a simulation
+FEW = 0.5  # absolute decrease [nat] that is not
+
+
+@dataclass
+class Solution:
+    """End of a fit.
+
+    Attributes:
+        z: Coordinates, (P,).
+        cost: Half the sum of squares after the robust transform.
+        jacobian: Jacobian of the transformed residual, (N, P), as last known.
+        evaluations: Simulations.
+    """
+
+    z: np.ndarray
+    cost: float
+    jacobian: np.ndarray
+    evaluations: int
+
+
+def soft(residual: np.ndarray, scale: float) -> np.ndarray:
+    """Residual whose square is twice the soft-L1 loss: small values stay, large ones shrink."""
+    magnitude = scale * np.sqrt(2.0 * (np.sqrt(1.0 + np.square(residual / scale)) - 1.0))
+    return np.sign(residual) * magnitude
+
+
+def minimise(
+    fun: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    step: float,
+    budget: int,
+) -> Solution:
+    """Least squares from a start.
+
+    Args:
+        fun: Residual (N,) at coordinates (P,).
+        z: Start, (P,).
+        bounds: Smallest and largest coordinates, (P,) each.
+        step: Difference for the Jacobian, in units of the coordinates.
+        budget: Most simulations.
+    """
+    search = _Search(fun, bounds, step)
+    return search.run(np.clip(z, *bounds), budget)
+
+
+class _Search:
+    """State of one fit."""
+
+    def __init__(self, fun: Callable, bounds: tuple, step: float):
+        self.fun, self.bounds, self.step, self.count = fun, bounds, step, 0
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        self.count += 1
+        return self.fun(z)
+
+    def jacobian(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Differences towards the inside of the bounds."""
+        columns = []
+        for p in range(len(z)):
+            h = self.step if z[p] + self.step <= self.bounds[1][p] else -self.step
+            moved = z.copy()
+            moved[p] += h
+            columns.append((self.at(moved) - r) / h)
+        return np.stack(columns, axis=1)
+
+    def run(self, z: np.ndarray, budget: int) -> Solution:
+        r = self.at(z)
+        cost, jacobian, damping, fresh = 0.5 * float(r @ r), self.jacobian(z, r), 1e-3, True
+        while self.count < budget:
+            dz = self.move(z, jacobian, r, damping)
+            model = r + jacobian @ dz
+            gain = cost - 0.5 * float(model @ model)
+            if gain < max(SMALL * cost, FEW) and fresh:
+                break
+            tried = self.at(z + dz)
+            new = 0.5 * float(tried @ tried)
+            length = float(dz @ dz)
+            if length > 0.0:
+                jacobian = jacobian + np.outer(tried - model, dz) / length
+            if new < cost:
+                small = cost - new < max(10.0 * SMALL * cost, FEW)
+                z, r, cost, damping = z + dz, tried, new, max(damping / 5.0, 1e-6)
+                if not small:
+                    fresh = False
+                    continue
+                if fresh:
+                    break
+            else:
+                damping *= 10.0
+                if damping > 1e4:
+                    break
+                if fresh:
+                    continue
+            if self.count + len(z) >= budget:
+                break
+            self.step = max(0.3 * self.step, 0.03)
+            jacobian, fresh = self.jacobian(z, r), True
+        return Solution(z, cost, jacobian, self.count)
+
+    def move(
+        self, z: np.ndarray, jacobian: np.ndarray, r: np.ndarray, damping: float
+    ) -> np.ndarray:
+        """Damped step inside the bounds; coordinates that it would push out are held."""
+        free = np.ones(len(z), dtype=bool)
+        dz = np.zeros(len(z))
+        for _ in range(len(z)):
+            if not free.any():
+                break
+            part = jacobian[:, free]
+            hessian = part.T @ part
+            scale = np.diag(hessian) + 1e-9 * max(float(np.trace(hessian)), 1e-300)
+            dz[:] = 0.0
+            dz[free] = -np.linalg.solve(hessian + np.diag(damping * scale + 1e-12), part.T @ r)
+            out = free & (((z <= self.bounds[0]) & (dz < 0)) | ((z >= self.bounds[1]) & (dz > 0)))
+            if not out.any():
+                break
+            free &= ~out
+        dz = np.clip(dz, -LONGEST_STEP, LONGEST_STEP)
+        return np.clip(z + dz, *self.bounds) - z

@@ -1,0 +1,411 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Weighs the result of a search: each effect against its absence and against its rivals.
+
+All models that are compared are fitted to the end and freed of their own step error first.
+A parameter more has its price (`occam`): friction with a Stribeck velocity beyond all speeds
+is Coulomb friction, and must not make it ambiguous.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from loco_sim.effects.base import EFFECTS
+
+from ..fitting.fit import Fitted, fit
+from ..fitting.search import Found, Search
+from ..fitting.seen import finish
+from ..hypotheses.hypotheses import Hypothesis
+from ..prediction.case import Case
+from ..statistics import evidence, identify
+from .candidates import Candidate, Estimate, Rival
+from .decide import (
+    LIMITS,
+    NO_GAP,
+    UNKNOWN,
+    Decision,
+    Limits,
+    adequate,
+    decide,
+    has_gap,
+)
+from .sensitivity import sensitivities
+from .traded import LeftOut, Nominal, strayed
+
+RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
+LEADING = 4  # models of which the simplest that nobody beats is selected
+COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
+TRIFLE = 0.1, 0.02  # of the low end of a prior, and of the high end of a two-sided one
+MOST_PRICE = 100.0  # odds that all parameters together cost at most
+NO_RIVAL = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
+LEAST_SHARE = 0.02  # of the gap that one effect more must close
+ODDS, INTERVAL = 1, 2  # keys of random streams
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A decision with everything that it rests on.
+
+    Attributes:
+        decision: The verdict.
+        given: The user's own model: "before".
+        base: The same with nominal values refitted: what effects have to beat.
+        best: The selected model.
+        candidates: Effects of the selected model with the evidence, in order.
+        rivals: Other models of as many effects, each with the evidence of the best over it.
+        identifiability: Analysis of the best model's parameters; None without any.
+        left_out: Models that nominal values imitate.
+    """
+
+    decision: Decision
+    given: Fitted
+    base: Fitted
+    best: Fitted
+    candidates: tuple[Candidate, ...]
+    rivals: tuple[tuple[Fitted, evidence.Comparison], ...]
+    identifiability: identify.Identifiability | None
+    left_out: tuple[LeftOut, ...] = ()
+    alarms: tuple[str, ...] = ()
+
+    @property
+    def after(self) -> Fitted:
+        """The model that goes on: with effects where these are named, or one of a few."""
+        return self.base if self.decision.verdict in (NO_GAP, UNKNOWN) else self.best
+
+
+def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
+    """Weigh what a search found.
+
+    Args:
+        case: Model and data.
+        search: Settings and processes.
+        found: Result of the search.
+        limits: Conditions for a name.
+    """
+    base = found.base
+    nominal = Nominal(search.nominal, search.params.free_spread)
+    if found.models:
+        judged = _Judgement(case, search, found, nominal).run(limits)
+    else:
+        decision = decide((), found.given.held, base.held, limits, (base.whole, base.whole))
+        judged = Judged(decision, found.given, base, base, (), (), None)
+    if judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
+        text = (
+            f"With {' and '.join(search.nominal)} refitted the model explains the data: "
+            f"{found.given.held.rms:.2f} noise floors before, {base.held.rms:.2f} after."
+        )
+        judged = replace(judged, decision=replace(judged.decision, evidence=text))
+    alarms = (
+        *judged.decision.alarms,
+        *nominal.alarms(judged.after, limits),
+        *strayed(case, judged.after, limits),
+    )
+    return replace(judged, alarms=alarms)
+
+
+def occam(a: Fitted, b: Fitted) -> float:
+    """Price of the first model for parameters that the second lacks, and for odd ones [nat].
+
+    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion,
+    and what the priors of shapes say, both within limits.
+    """
+    price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
+    most = math.log(MOST_PRICE)
+    both = price * (a.paid - b.paid), a.strain - b.strain
+    return sum(min(max(nat, -most), most) for nat in both)
+
+
+def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
+    """All strengths are far below what the effect has on any robot.
+
+    Only where that can be said: friction in N·m is large on one robot and nothing on another.
+    """
+    priors = EFFECTS[hypothesis.effect].identity.priors
+    for c, at in zip(hypothesis.coordinates, x, strict=True):
+        if not c.strength:
+            continue
+        prior = priors.get(c.name)
+        if prior is None or c.unit not in COMPARABLE:
+            return False
+        least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
+        if abs(c.value(at)) > least:
+            return False
+    return True
+
+
+class _Judgement:
+    """Fits what has to be compared and compares it."""
+
+    def __init__(self, case: Case, search: Search, found: Found, nominal: Nominal):
+        self.case, self.search, self.found = case, search, found
+        self.seed = search.params.seed
+        self.done: dict[str, Fitted] = {}
+        self.scores: dict[str, evidence.Score] = {}  # of finished models
+        self.nominal = nominal
+        size = np.nanstd(np.concatenate(case.forward.measured), axis=0) / case.floor
+        self.enough = search.params.accuracy * size
+
+    def run(self, limits: Limits) -> Judged:
+        models, out = self.nominal.believed(
+            self.case, self.found.models, limits, lambda m: self._explains(m, limits)
+        )
+        judged = self._swapped(self._judged(self._best(models, limits), limits), out, limits)
+        if judged.decision.verdict == UNKNOWN and judged.decision.adequate:
+            judged = self._instead(judged, {o.model.key for o in out}, limits)
+        if judged.decision.verdict == UNKNOWN:
+            judged = self._established(judged, limits)
+        return replace(judged, left_out=tuple(out))
+
+    def _swapped(self, judged: Judged, out: Sequence, limits: Limits) -> Judged:
+        """The same for the best rival where that beats the selected model."""
+        known = {o.model.key for o in out}
+        better = [
+            model
+            for model, _ in judged.rivals
+            if self._beats(model, judged.best, limits)
+            and model.key not in known
+            and not any(trifle(*part) for part in model.parts)
+        ]
+        best = min(better, key=lambda m: (self.search.energy(m), m.key), default=None)
+        return self._judged(best, limits) if best else judged
+
+    def _instead(self, judged: Judged, out: set[str], limits: Limits) -> Judged:
+        """A rival that is established in place of what is not, if it cannot be excluded."""
+        near = [
+            m
+            for m, over in judged.rivals
+            if over.odds <= limits.odds
+            and _ratio(m, judged.best) <= _sharp(limits, judged.best).worse
+            and m.key not in out
+        ]
+        for model in near[:RIVAL_PLACES]:
+            other = self._judged(model, limits)
+            if other.decision.verdict != UNKNOWN:
+                return other
+        return judged
+
+    def _established(self, judged: Judged, limits: Limits) -> Judged:
+        """The model without the effects that are not established, if that stands by itself."""
+        rulings = judged.decision.rulings
+        idle = [i for i, ruling in enumerate(rulings) if ruling.verdict == UNKNOWN]
+        if not idle or len(idle) == len(rulings):
+            return judged
+        best = judged.best
+        for i in reversed(idle):
+            best = self._without(best, i)
+        other = self._judged(self._finished([best])[0], limits)
+        return judged if other.decision.verdict == UNKNOWN else other
+
+    def _judged(self, best: Fitted, limits: Limits) -> Judged:
+        """A model without what it can do without, weighed against its rivals."""
+        best, lost = self._pruned(best, limits)
+        swaps = [self._swaps(best, i) for i in range(len(best.parts))]
+        rest = self._finished([m for each in swaps for m in each])
+        estimates, known = sensitivities(self.case, best)
+        candidates, rivals = [], []
+        for i, (hypothesis, _) in enumerate(best.parts):
+            mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
+            weighed = [(m, self._odds(best, m)) for m in mine]
+            rivals += weighed
+            made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed)
+            traded = self.nominal.traded(best, hypothesis, known, limits)
+            candidates.append(replace(made, traded=traded))
+        base = self.found.base
+        whole = base.whole, best.whole
+        sharp = _sharp(limits, best)
+        before, after = self._weighed(self.found.given, best)
+        decision = decide(candidates, before, after, sharp, whole, self.enough)
+        rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
+        given = self.found.given
+        return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
+
+    def _explains(self, model: Fitted, limits: Limits) -> bool:
+        """A model explains the data."""
+        return adequate(self.found.base.whole, model.whole, limits, self.enough)
+
+    def _best(self, found: Sequence[Fitted], limits: Limits) -> Fitted:
+        """Simplest of the leading models that none of them beats."""
+        first = {len(m.parts): m for m in reversed(found)}.values()
+        leading = {m.key: m for m in (*found[:LEADING], *first)}
+        models = self._finished(list(leading.values()))
+        models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
+        for model in models:
+            rivals = (other for other in models if other is not model)
+            if not any(self._beats(r, model, limits) for r in rivals):
+                return model
+        return min(models, key=lambda m: (self.search.energy(m), m.key))
+
+    def _pruned(self, best: Fitted, limits: Limits) -> tuple[Fitted, list[Fitted]]:
+        """A model without effects that it can do without, and what it is without each left."""
+        while True:
+            lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
+            idle = [m for m in lost if m.parts and not self._beats(best, m, limits)]
+            if not idle:
+                return best, lost
+            best = min(idle, key=lambda m: (self.search.energy(m), m.key))
+
+    def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
+        """A model is more probable; one with more effects also explains visibly more."""
+        if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= _sharp(limits, a).worse:
+            return False
+        more = self._closed(a) - self._closed(b)
+        plain = self._explains(b, limits) and more <= LEAST_SHARE
+        return len(a.parts) <= len(b.parts) or not plain
+
+    def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
+        """Models fitted with their own step error; the better of before and after."""
+        new = {m.key: m for m in models if m.key not in self.done}
+        tasks = [(m, self.search.setting) for m in new.values()]
+        for key, polished in zip(new, self.search.each(finish, tasks), strict=True):
+            self.done[key] = polished
+        return [self.done[m.key] for m in models]
+
+    def _without(self, best: Fitted, index: int) -> Fitted:
+        """The model without one effect, the others refitted."""
+        left = [part for i, part in enumerate(best.parts) if i != index]
+        if not left:
+            return self.found.base
+        key = " + ".join(sorted(h.key for h, _ in left))
+        for model in self.found.models:
+            if model.key == key:
+                return model
+        return next(iter(self.search.each(fit, [(left, self.search.setting)])))
+
+    def _swaps(self, best: Fitted, index: int) -> list[Fitted]:
+        """The model with another effect, or the same elsewhere, in the place of one."""
+        mine = best.parts[index][0]
+        others = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
+        fitted: dict[str, Fitted] = {}
+        for model in self.found.models:
+            keys = [h.key for h, _ in model.parts]
+            if all(keys.count(k) >= others.count(k) for k in others):
+                other = [h for h, _ in model.parts if h.key not in others]
+                if len(other) == 1 and len(keys) == len(best.parts) and other[0].key != mine.key:
+                    fitted.setdefault(other[0].key, model)
+        new = [
+            (s.hypothesis, s.x)
+            for s in _leading(self.found.screened, mine)
+            if s.hypothesis.key not in (*fitted, *others)
+        ]
+        rest = tuple(part for i, part in enumerate(best.parts) if i != index)
+        room = max(0, RIVAL_NAMES - len({m.key for m in fitted.values()}))
+        tasks = [((*rest, part), self.search.setting) for part in new[:room]]
+        models = [*fitted.values(), *self.search.each(fit, tasks)]
+        models.sort(key=lambda m: (self.search.energy(m), m.key))
+        return _few(models, mine, others)
+
+    def _closed(self, model: Fitted) -> float:
+        """Share of the gap of the model as it came, on the data that judge."""
+        before, after = self._weighed(self.found.base, model)
+        return evidence.closed_by(before.residuals, after.residuals)
+
+    def _weighed(self, without: Fitted, model: Fitted) -> tuple[evidence.Score, evidence.Score]:
+        """Both on the data that judge; on all where the first leaves nothing in them."""
+        pair = without, model
+        return tuple(self._score(m) if _elsewhere(without) else m.held for m in pair)
+
+    def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
+        """Evidence on the data that judge, and share of the gap of the second that is closed.
+
+        Where the second leaves nothing in them, but elsewhere, all data judge: parameters that
+        were fitted to them are paid then.
+        """
+        rng = np.random.default_rng([self.seed, INTERVAL])
+        trials = max(1, min(len(self.found.models), self.search.params.finalists))
+        before, after = self._weighed(b, a)
+        over = evidence.compare(after, before, rng, trials)
+        closed = evidence.closed_by(before.residuals, after.residuals)
+        return (_paid(over, occam(a, b)) if _elsewhere(b) else over), closed
+
+    def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
+        """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
+        rng = np.random.default_rng([self.seed, ODDS])
+        return evidence.compare(self._score(a), self._score(b), rng, price=occam(a, b))
+
+    def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
+        """Evidence on all data for a model over the same without an effect, parameters paid."""
+        return _paid(self._odds(a, b), occam(a, b))
+
+    def _score(self, model: Fitted) -> evidence.Score:
+        if model.key not in self.scores:
+            self.scores[model.key] = evidence.score(model.whole)
+        return self.scores[model.key]
+
+    def _candidate(
+        self,
+        best: Fitted,
+        index: int,
+        estimates: tuple[Estimate, ...],
+        without: Fitted,
+        rivals: Sequence[tuple[Fitted, evidence.Comparison]],
+    ) -> Candidate:
+        hypothesis = best.parts[index][0]
+        others = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
+        made = []
+        for model, over in rivals:
+            (other,) = [h for h, _ in model.parts if h.key not in others]
+            small = trifle(*next(part for part in model.parts if part[0] is other))
+            closed = self._closed(model)
+            made.append(Rival(other.effect, other.place, over, closed, small, _ratio(model, best)))
+        return Candidate(
+            hypothesis.effect,
+            hypothesis.place,
+            estimates,
+            *self._gain(best, without),
+            tuple(made),
+            trifle(*best.parts[index]),
+            total=self._total(best, without),
+            worse=_ratio(without, best),
+            elsewhere=_elsewhere(without),
+        )
+
+
+def _elsewhere(model: Fitted) -> bool:
+    """A model leaves a gap, but none in the data that judge."""
+    return has_gap(model.whole) and not has_gap(model.held.residuals)
+
+
+def _paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
+    return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
+
+
+def _sharp(limits: Limits, model: Fitted) -> Limits:
+    """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
+    noise = evidence.rms(model.whole) <= limits.adequate_rms
+    return limits.replace(worse=min(limits.worse, NO_RIVAL)) if noise else limits
+
+
+def _ratio(a: Fitted, b: Fitted) -> float:
+    """Ratio of the residuals of two models on all data, 1 where that judges better."""
+    more = evidence.rms(a.whole) / evidence.rms(b.whole)
+    return more if _elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
+
+
+def _leading(screened: Sequence, mine: Hypothesis) -> list:
+    """Best hypothesis of each other effect that may explain something, look-alikes first."""
+    alike = {a.name for a in EFFECTS[mine.effect].identity.look_alikes}
+    best: dict[str, object] = {}
+    for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
+        if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
+            best.setdefault(s.hypothesis.effect, s)
+    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in alike, -s.share))
+
+
+def _few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
+    """Best model of each of a few other names, and the best of a few other places."""
+    kept, names, places = [], set(), set()
+    for model in models:
+        (other,) = [h for h, _ in model.parts if h.key not in others]
+        if other.effect != mine.effect and other.effect not in names and len(names) < RIVAL_NAMES:
+            names.add(other.effect)
+            kept.append(model)
+        elif (
+            other.effect == mine.effect and other.place not in places and len(places) < RIVAL_PLACES
+        ):
+            places.add(other.place)
+            kept.append(model)
+    return kept

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kind of an ambiguous effect, such as friction, of which the law is not told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from loco_sim.effects.base import EFFECTS
+
+from .candidates import Candidate
+from .decide import AMBIGUOUS, LIMITS, Limits, Ruling, serious
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind that is named.
+
+    Attributes:
+        kind: Kind in the registry, e.g. friction.
+        places: Places where it may sit.
+        effects: Laws of the kind among which the data cannot choose.
+        odds: Against the best rival of another kind; without any, against its absence.
+    """
+
+    kind: str
+    places: tuple[str, ...]
+    effects: tuple[str, ...]
+    odds: float
+
+
+def kind_of(name: str) -> str:
+    """Kind of an effect; empty where it is of none, or no effect."""
+    return EFFECTS[name].identity.kind if name in EFFECTS else ""
+
+
+def shared(candidate: Candidate, ruling: Ruling, limits: Limits = LIMITS) -> Kind | None:
+    """The kind that all explanations of one term have in common, if it is ambiguous.
+
+    Args:
+        candidate: Candidate with its rivals.
+        ruling: Verdict on the candidate.
+        limits: Conditions of the verdict.
+    """
+    names = {ruling.name, *ruling.look_alikes}
+    kinds = {kind_of(name) for name in names}
+    if ruling.verdict != AMBIGUOUS or len(kinds) > 1 or kinds == {""}:
+        return None
+    (kind,) = kinds
+    near = serious(candidate, limits)
+    places = {candidate.place, *(r.place for r in near if r.name in ruling.look_alikes)}
+    odds = [r.over.odds for r in near if kind_of(r.name) != kind]
+    return Kind(
+        kind,
+        tuple(sorted(places | set(ruling.places))),
+        tuple(sorted(names)),
+        min(odds, default=candidate.gain.odds),
+    )

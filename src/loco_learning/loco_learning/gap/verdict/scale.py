@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes that hang on the scale of the drives' torque: without a force sensor only ratios show.
+
+All masses, all torques and all forces times one factor are the same motion. What is found in
+kg, N or N·m is as right as what `robot.yaml` says of drives and masses, and where an effect
+does nearly what another torque of the drives would do, the data cannot even tell the two apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ImpedanceDrive, ServoParams, TorqueDrive
+
+from ..fitting.fit import Fitted
+from ..hypotheses.hypotheses import Hypothesis
+from ..prediction.case import Case
+from ..statistics import evidence, identify
+
+SCALE_STEP = 0.1  # on the logarithm of a scale
+STRENGTH = 0.05  # of a strength
+SCALES = {
+    TorqueDrive: ("gain",),
+    ServoParams: ("stall_torque",),
+    ImpedanceDrive: ("kp", "kd", "swing_kp", "swing_kd"),
+}
+ABSOLUTE = ("grf",)  # signals that measure a force by themselves
+
+
+def torques(robot: Robot, factor: float) -> dict[str, float]:
+    """Values of robot.yaml with which all drives pull harder by a factor."""
+    return {
+        f"drives.{joint}.{name}": factor * getattr(drive, name)
+        for joint, drive in robot.drives.items()
+        for name in SCALES.get(type(drive), ())
+        if getattr(drive, name) >= 0.0  # swing_kp: -1 stands for kp
+    }
+
+
+def masses(robot: Robot, factor: float) -> dict[str, float]:
+    """Values of robot.yaml with which all links are heavier by a factor, inertias with them."""
+    text = Description(robot.urdf)
+    total = {link: sum(text.mass_of(below) for below in text.below(link)) for link in text.links()}
+    weighed = [link for link in total if text.mass_of(link) > 0.0]  # others are frames
+    return {f"masses.{link}": factor * total[link] for link in weighed}
+
+
+def words(case: Case, model: Fitted) -> list[str]:
+    """Sizes that cannot be told from the scale of the drives' torque, one sentence each."""
+    said = []
+    for row in ambiguous(case, model):
+        alone, together = row["torque"], row["torque_and_masses"]
+        if max(alone, together) <= identify.SAME_DIRECTION:
+            continue
+        what = f"{row['parameter'].replace('.', ' ').replace('_', ' ')} {row['place']}".strip()
+        if alone > identify.SAME_DIRECTION:
+            said.append(
+                f"{what} and the scale of the drives' torque: only their ratio shows (cosine "
+                f"{alone:.3f}). Its size is as right as the torque in robot.yaml: weigh it, or "
+                "hang a known mass on the joint."
+            )
+        else:
+            said.append(
+                f"{what}, the scale of the drives' torque and that of all masses: only their "
+                f"ratios show (cosine {together:.3f}). Its size is as right as the torque and the "
+                "masses in robot.yaml: measure one of them."
+            )
+    return said
+
+
+def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
+    """Strengths that cannot be told from the scale of the drives' torque.
+
+    Args:
+        case: Model and data.
+        model: Selected model.
+
+    Returns:
+        One row for each strength in kg, N or what holds them: its name and place, the cosine of
+        its column with that of the torque's scale, and with what the scales of torque and masses
+        together can make.
+    """
+    robot = case.forward.given()
+    if set(case.signals) & set(ABSOLUTE) or not torques(robot, 1.0):
+        return []
+    here = case.whitened(model.specs, model.overrides)
+    weight = np.sqrt(identify.weights(evidence.score(model.whole)))
+
+    def column(specs: Sequence[Mapping], overrides: Mapping[str, float]) -> np.ndarray:
+        moved = case.whitened(specs, {**model.overrides, **overrides})
+        change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
+        return np.nan_to_num(np.clip(change, -case.cap, case.cap)) * weight
+
+    factor = math.exp(SCALE_STEP)
+    torque = column(model.specs, torques(_with(case, model), factor))
+    both = np.stack([torque, column(model.specs, masses(robot, factor))], axis=1)
+    rows = []
+    for i, (hypothesis, x) in enumerate(model.parts):
+        for j in filter(partial(_forceful, hypothesis), hypothesis.strengths):
+            specs = model.moved(i, [v * (1.0 + STRENGTH * (k == j)) for k, v in enumerate(x)])
+            mine = column(specs, {})
+            alone, together = (identify.imitated(mine, c) for c in (torque[:, None], both))
+            rows.append(
+                {
+                    "parameter": f"{hypothesis.effect}.{hypothesis.coordinates[j].label}",
+                    "place": hypothesis.place,
+                    "torque": alone,
+                    "torque_and_masses": together,
+                }
+            )
+    return rows
+
+
+def _forceful(hypothesis: Hypothesis, index: int) -> bool:
+    """A coordinate whose unit holds a mass or a force."""
+    unit = hypothesis.coordinates[index].unit
+    return "N" in unit or "kg" in unit
+
+
+def _with(case: Case, model: Fitted) -> Robot:
+    """The robot with the nominal values that were refitted."""
+    return case.forward.given(model.overrides)

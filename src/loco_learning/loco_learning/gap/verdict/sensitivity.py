@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensitivities of a fitted model to its parameters, and so their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from loco_sim.effects.base import EFFECTS
+
+from ..fitting.fit import Fitted
+from ..hypotheses.hypotheses import Hypothesis
+from ..prediction.case import Case
+from ..statistics import evidence, identify
+from .candidates import Estimate
+
+STRENGTH_STEP, LOG_STEP = (
+    0.05,
+    0.1,
+)  # of a strength, and on the logarithm of a shape or nominal value
+UNLIKELY = 1e-3  # probability below which parts of the data want other values
+
+
+def sensitivities(
+    case: Case, model: Fitted
+) -> tuple[dict[str, tuple[Estimate, ...]], identify.Identifiability | None]:
+    """Parameters of a model with intervals, and what the data can tell of them.
+
+    Args:
+        case: Model and data.
+        model: Fitted to it.
+
+    Returns:
+        Estimates by key of the hypothesis, and the analysis of all coordinates; None where
+        nothing was fitted.
+    """
+    names, moves = _moves(model)
+    if not moves:
+        return {}, None
+    here = case.whitened(model.specs, model.overrides)
+    matrix = np.stack([_column(case, here, *move) for move in moves], axis=1)
+    score = evidence.score(model.whole)
+    weight = identify.weights(score)
+    known = identify.analyse(matrix, names, list(model.overrides), weight)
+    steady = identify.stability(matrix, identify.flat(model.whole), halves(model.whole), weight)
+    errors = np.sqrt(known.errors**2 + steady.spread**2 / len(steady.shifts))
+    spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
+    found, at = {}, 0
+    for hypothesis, x in model.parts:
+        rows = slice(at, at + len(x))
+        found[hypothesis.key] = estimates(hypothesis, x, errors[rows], spread[rows])
+        at += len(x)
+    return found, known
+
+
+def estimates(
+    hypothesis: Hypothesis, x: Sequence[float], errors: np.ndarray, spread: np.ndarray
+) -> tuple[Estimate, ...]:
+    """Parameters of one effect with 95 % intervals, in their units.
+
+    Args:
+        hypothesis: Hypothesis that was fitted.
+        x: Coordinates of the hypothesis.
+        errors: Their standard errors.
+        spread: Their deviation between parts of the data.
+    """
+    passive = EFFECTS[hypothesis.effect].identity.passive
+    found = []
+    for c, at, error, wide in zip(hypothesis.coordinates, x, errors, spread, strict=True):
+        ends = sorted(_unbounded(c, at + sign * 1.96 * error) for sign in (-1.0, 1.0))
+        sign = 1 if passive and c.strength and c.one_sided else 0
+        wide = abs(wide * c.size) if c.strength else 0.0
+        absent = 0.0 if c.strength else None
+        bounds = (c.low, c.high)
+        found.append(Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide))
+    return tuple(found)
+
+
+def halves(whole: Sequence[np.ndarray]) -> np.ndarray:
+    """Half of a record that each value of `identify.flat` belongs to, (N,)."""
+    groups = [
+        np.repeat(2 * i + (np.arange(len(r)) >= len(r) // 2), r.shape[1])
+        for i, r in enumerate(whole)
+    ]
+    return np.concatenate(groups)
+
+
+def _moves(model: Fitted) -> tuple[list[str], list[tuple[list, dict, float]]]:
+    """Every coordinate moved a little: names, and (effects, nominal values, step) of each."""
+    names, moves = [], []
+    for i, (hypothesis, x) in enumerate(model.parts):
+        for j, c in enumerate(hypothesis.coordinates):
+            step = LOG_STEP if c.logarithmic else STRENGTH_STEP * (abs(x[j]) or 1.0)
+            if c.clipped(x[j] + step) != x[j] + step:
+                step = -step
+            specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
+            names.append(f"{hypothesis.effect}.{c.label} {hypothesis.place}".strip())
+            moves.append((specs, model.overrides, step))
+    for name, value in model.overrides.items():
+        names.append(name)
+        moves.append((model.specs, {**model.overrides, name: value * np.exp(LOG_STEP)}, LOG_STEP))
+    return names, moves
+
+
+def _column(
+    case: Case, here: Sequence[np.ndarray], specs: list, overrides: dict, step: float
+) -> np.ndarray:
+    """Change of all residuals per unit of a coordinate, (N,)."""
+    moved = case.whitened(specs, overrides)
+    change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
+    return np.clip(change, -case.cap, case.cap) / step
+
+
+def _unbounded(c, x: float) -> float:
+    """Parameter at a coordinate whatever its bounds, so that an interval may pass zero."""
+    if not np.isfinite(x):
+        return float(x)
+    return float(replace(c, low=-np.inf, high=np.inf).value(x))

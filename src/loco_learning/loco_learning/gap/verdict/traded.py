@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Effects that refitted nominal values imitate: a model that needs both is not believed.
+
+Where a nominal value and an effect do nearly the same, a fit may take the one to where no
+robot has it and let the other make up for it. Such a pair is no finding: models without it
+come first if they explain the data, and what is left out is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..fitting.fit import Fitted
+from ..hypotheses.hypotheses import Hypothesis
+from ..prediction.case import Case
+from ..statistics.identify import Identifiability
+from .decide import Limits
+from .sensitivity import sensitivities
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A model that was not considered, because nominal values imitate what it adds.
+
+    Attributes:
+        model: Model with its nominal values.
+        effects: Name and place of each effect that they imitate, with the cosine.
+        values: Nominal values beyond what is plausible.
+    """
+
+    model: Fitted
+    effects: tuple[tuple[str, str, float], ...]
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """Values that are refitted, as the robot says them.
+
+    Attributes:
+        values: Value by dotted name.
+        spread: Standard deviation of their logarithm.
+    """
+
+    values: Mapping[str, float]
+    spread: float
+
+    def strained(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
+        """Values that a fit took beyond what is plausible."""
+        most = limits.strained * self.spread
+        return tuple(
+            name
+            for name, value in model.overrides.items()
+            if abs(math.log(value / self.values[name])) > most
+        )
+
+    def alarms(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
+        """Strained values of a model, a sentence each."""
+        return tuple(
+            f"{name} goes to {model.overrides[name]:.3g}, "
+            f"{model.overrides[name] / self.values[name]:.3g} times what the robot says: more than "
+            f"{limits.strained:g} deviations of its prior"
+            for name in self.strained(model, limits)
+        )
+
+    def traded(
+        self, model: Fitted, of: Hypothesis, known: Identifiability, limits: Limits
+    ) -> tuple[str, ...]:
+        """Strained values from which an effect cannot be told."""
+        alike = cosine(of, known)
+        return self.strained(model, limits) if alike > limits.imitated else ()
+
+    def believed(
+        self,
+        case: Case,
+        models: Sequence[Fitted],
+        limits: Limits,
+        explains: Callable[[Fitted], bool],
+    ) -> tuple[list[Fitted], list[LeftOut]]:
+        """Models without an effect that is traded, if one of them explains the data.
+
+        Args:
+            case: Model and data.
+            models: The best first.
+            limits: Conditions for a name.
+            explains: Whether a model explains the data.
+
+        Returns:
+            Models to consider, all if none explains the data, and those that were left out.
+        """
+        kept, out = [], []
+        for model in models:
+            found = self._left_out(case, model, limits)
+            (out if found else kept).append(found or model)
+        return (kept, out) if any(map(explains, kept)) else (list(models), [])
+
+    def _left_out(self, case: Case, model: Fitted, limits: Limits) -> LeftOut | None:
+        values = self.strained(model, limits)
+        if not values:
+            return None
+        known = sensitivities(case, model)[1]
+        alike = [(h.effect, h.place, cosine(h, known)) for h, _ in model.parts]
+        found = tuple(one for one in alike if one[2] > limits.imitated)
+        return LeftOut(model, found, values) if found else None
+
+
+def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
+    """Values of ``uncertain`` in robot.yaml that went further than believable, a sentence each."""
+    if case.loose is None:
+        return ()
+    known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
+    return tuple(
+        f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {limits.strained:g} "
+        "deviations of what robot.yaml says of it"
+        for name, at, spread in known
+        if abs(model.loose.get(name, at) - at) > limits.strained * spread
+    )
+
+
+def cosine(of: Hypothesis, known: Identifiability) -> float:
+    """Likeness of an effect to what nominal values make: the largest cosine of its strengths."""
+    names = (f"{of.effect}.{c.label} {of.place}".strip() for c in of.coordinates if c.strength)
+    return max((known.imitated.get(name, 0.0) for name in names), default=0.0)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A function that runs somewhere, and the outcomes of its calls."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from loco_control.exceptions import GraphError, LocoError
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A job without a result."""
+
+    reason: str  # one line
+    error: Exception | None = None  # raised by the job; None if its process died or was ended
+    trace: str = ""  # traceback of the error, from the process that raised it
+
+    def again(self) -> Exception:
+        """The error of the job, to be raised here."""
+        error = self.error or GraphError(f"a job has no result: {self.reason}")
+        if self.trace:
+            error.__cause__ = RuntimeError(self.trace)
+        return error
+
+
+class Jobs(ABC):
+    """A function that runs somewhere; a context manager that closes itself."""
+
+    @abstractmethod
+    def outcomes(self, jobs: Sequence[tuple]) -> Iterator[tuple[int, Any]]:
+        """Index and result of each job, as they are done; a `Failure` stands for no result.
+
+        Args:
+            jobs: Arguments of each call, after those that all calls share.
+        """
+
+    def results(self, jobs: Sequence[tuple]) -> Iterator[tuple[int, Any]]:
+        """Index and result of each job, as they are done; raises the error of a failed one."""
+        for index, result in self.outcomes(jobs):
+            if isinstance(result, Failure):
+                raise result.again()
+            yield index, result
+
+    def ordered(self, jobs: Sequence[tuple]) -> Iterator[Any]:
+        """Results in the order of the jobs; raises the error of a failed one."""
+        early: dict[int, Any] = {}
+        following = 0
+        for index, result in self.results(jobs):
+            early[index] = result
+            while following in early:
+                yield early.pop(following)
+                following += 1
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of processes and connections, also in the middle of a job."""
+
+    def __enter__(self) -> Jobs:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def outcome(function: Callable[..., Any], job: tuple) -> Any:
+    """Result of a call, or the `Failure` that says how it went wrong."""
+    try:
+        return function(*job)
+    except Exception as error:  # noqa: BLE001, a job may do anything
+        plain = isinstance(error, LocoError)
+        reason = str(error) if plain else f"{type(error).__name__}: {error}"
+        return Failure(reason or type(error).__name__, error)
+
+
+def sendable(result: Any) -> Any:
+    """The outcome of a call such that another process can read it."""
+    if not isinstance(result, Failure) or result.error is None:
+        return result
+    trace = "".join(traceback.format_exception(None, result.error, result.error.__traceback__))
+    return Failure(result.reason, _portable(result.error), trace)
+
+
+def _portable(error: Exception) -> Exception:
+    """The error if it survives pickling, or a like one that does."""
+    try:
+        return pickle.loads(pickle.dumps(error))  # noqa: S301, our own bytes
+    except Exception:  # noqa: BLE001, errors of others may do anything, too
+        kind = LocoError if isinstance(error, LocoError) else RuntimeError
+        return kind(str(error))

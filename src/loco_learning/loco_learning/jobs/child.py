@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A long computation in a process of its own, for callers that have to stay responsive.
+
+The process sends news through a pipe; a `LocoError` in it is news of kind `Failed`, and so is
+its death.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+from loco_control.exceptions import LocoError
+
+from .process import spawn
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The computation has no result."""
+
+    text: str
+
+
+class Child:
+    """A process and the news from it.
+
+    Args:
+        title: Name of the computation, for the message that its process died.
+        last: Kind of news after which nothing follows; `Failed` is another.
+        work: Called in the child with its end of the pipe and the arguments.
+        arguments: Values for `work`, pickled.
+        duplex: Whether the child can receive as well as send.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        last: type,
+        work: Callable[..., None],
+        arguments: tuple,
+        duplex: bool = False,
+    ):
+        self._title, self._last, self._ended = title, (last, Failed), False
+        self._process, self._ours = spawn(_serve, (work, arguments), duplex)
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return int(self._process.pid or 0)
+
+    def news(self) -> list[Any]:
+        """News since the last call, oldest first; that of the end is the last."""
+        news: list[Any] = []
+        try:
+            while not self._ended and self._ours.poll():
+                news.append(self._ours.recv())
+                self._ended = isinstance(news[-1], self._last)
+        except (EOFError, OSError):
+            self._process.join(1.0)
+            self._ended = True
+            news.append(Failed(f"{self._title} died with exit code {self._process.exitcode}"))
+        return news
+
+    def close(self) -> None:
+        """End the process at once."""
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(2.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._ours.close()
+
+
+def _serve(pipe: Connection, work: Callable[..., None], arguments: tuple) -> None:
+    try:
+        work(pipe, *arguments)
+    except LocoError as error:
+        pipe.send(Failed(str(error)))
+    except BrokenPipeError:
+        return  # nobody listens any more

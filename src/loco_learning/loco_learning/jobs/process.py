@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A spawned process with a pipe, which ends with the process that started it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+
+ORPHANED = 3  # exit code
+
+
+def spawn(
+    work: Callable[..., None], arguments: tuple = (), duplex: bool = True
+) -> tuple[BaseProcess, Connection]:
+    """Start `work(pipe, *arguments)` in a new process; returns the process and our end of the pipe.
+
+    The process is spawned, not forked: children of a fork would share locks and threads (DDS
+    has some). It uses one BLAS thread, as more cost milliseconds a step, and ignores Ctrl-C,
+    which is for its parent to answer.
+
+    Args:
+        work: A function that can be pickled.
+        arguments: Further arguments of `work`, pickled.
+        duplex: Whether the process can receive as well as send.
+    """
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[variable] = "1"
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex)
+    process = context.Process(target=_live, args=(theirs, work, arguments), daemon=True)
+    process.start()
+    theirs.close()
+    return process, ours
+
+
+def end_with_parent() -> None:
+    """End this process as soon as its parent is gone; call it first in a worker.
+
+    A worker that computes does not notice that nobody listens any more, and a parent that
+    was killed can tell nobody. Without a parent, in the first process, nothing happens.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_outlive, args=(parent,), daemon=True).start()
+
+
+def _outlive(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(ORPHANED)
+
+
+def _live(pipe: Connection, work: Callable[..., None], arguments: tuple) -> None:
+    end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    work(pipe, *arguments)

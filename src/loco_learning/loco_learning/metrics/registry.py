@@ -1,0 +1,428 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every metric of a run by name, with unit and equation; a new one is a decorated function.
+
+``METRICS["speed"](log, log.phase_of("test"))`` gives a number. A metric whose signals a run
+lacks is absent from `table`; NaN is a number that an interval is too short for, or that makes
+no sense in it. The arithmetic is in `signals`.
+
+Robots differ in what moves them, and three notions follow that: a stride is counted by the gait
+clock where there is one and by the frequency of the oscillators elsewhere; the way forward is
+the x axis of the world for a robot whose trunk controller holds its heading and its own heading
+elsewhere; a servo gives no work back, a hydraulic drive does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_sim.robot.description import Description
+from loco_sim.robot.frames import feet_in_base
+
+from ..runs.log import Log
+from . import signals
+
+MAWE_SHIFT = 0.05  # largest shift of eq. (3.40) [s]
+REFERENCE_POWER = 100.0  # P_ref of eq. (3.32) [W], about the power of a slow trot
+SHORTEST = 1.0  # intervals below say nothing about a gait [s]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number about an interval of a run."""
+
+    name: str
+    unit: str
+    equation: str  # in the thesis; "ours" if it has none
+    doc: str
+    function: Callable[[Log], float]
+    needs: tuple[str, ...]  # columns of the log
+    learner: bool  # needs a network
+    applies: Callable[[Log], bool]  # to the robot of a log
+
+    def suits(self, log: Log) -> bool:
+        """The run has the signals, and the network if one is needed."""
+        learns = log.experiment.learner.enabled or not self.learner
+        return learns and log.has(*self.needs) and self.applies(log)
+
+    def __call__(self, log: Log, interval: slice = slice(None)) -> float:
+        """Value over the ticks of `interval`; NaN if it is too short or does not apply."""
+        cut = log.cut(interval)
+        if len(cut) * cut.dt < SHORTEST or not self.suits(cut):
+            return float("nan")
+        return float(self.function(cut))
+
+
+METRICS: dict[str, Metric] = {}
+
+
+def metric(
+    unit: str,
+    equation: str,
+    *needs: str,
+    learner: bool = False,
+    applies: Callable[[Log], bool] = lambda log: True,
+) -> Callable:
+    """Register a function of a log under its own name; the docstring says what it is.
+
+    Args:
+        unit: Unit of the number.
+        equation: Number of its equation in the thesis, or "ours".
+        needs: Columns of the log that it is computed from.
+        learner: It is about a network.
+        applies: Whether it means something for the robot of a log.
+    """
+
+    def register(function: Callable[[Log], float]) -> Callable[[Log], float]:
+        name, doc = function.__name__, function.__doc__ or ""
+        METRICS[name] = Metric(name, unit, equation, doc, function, needs, learner, applies)
+        return function
+
+    return register
+
+
+def table(log: Log) -> dict[str, dict[str, float]]:
+    """Metrics of each phase that was reached, by phase and name; standing has no gait."""
+    chosen = {name: each for name, each in METRICS.items() if each.suits(log)}
+    return {
+        phase: {name: each(log, ticks) for name, each in chosen.items()}
+        for phase, ticks in log.phases().items()
+        if phase != "stand"
+    }
+
+
+# ---- what metrics are computed from ----------------------------------------------------
+
+
+def walks(log: Log) -> bool:
+    """The robot has a gait clock and a trunk controller that holds its heading."""
+    return log.experiment.gait is not None
+
+
+def target_and_prediction(log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of the joints that the network moves [rad], wanted and predicted, each (T, k)."""
+    outputs = log.experiment.outputs
+    return _columns(log.target, outputs), log.prediction[:, : len(outputs)]
+
+
+def outputs_wanted(log: Log) -> np.ndarray:
+    """Targets of the outputs: positions [rad] and velocities [rad/s], (T, 2k)."""
+    outputs = log.experiment.outputs
+    return np.concatenate((_columns(log.target, outputs), _columns(log.target_dq, outputs)), axis=1)
+
+
+def outputs_commanded(log: Log) -> np.ndarray:
+    """Commands of the joints of the outputs, positions and velocities, (T, 2k)."""
+    outputs = log.experiment.outputs
+    parts = _columns(log.command, outputs), _columns(log.command_dq, outputs)
+    return np.concatenate(parts, axis=1)
+
+
+def _columns(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    return values if len(chosen) == values.shape[1] else values[:, chosen]
+
+
+def period(log: Log) -> int:
+    """Ticks of one stride at the frequency asked for, at least 1."""
+    asked = float(np.mean(log.target_frequency)) if walks(log) else log.experiment.target.frequency
+    return max(1, round(1.0 / (asked * log.dt)))
+
+
+def stride_angle(log: Log) -> np.ndarray:
+    """Stride phase of the target [strides], (T,)."""
+    if walks(log):
+        return log.stride_phase[:, 0]
+    return log.experiment.target.frequency * log.t
+
+
+def lag(log: Log) -> np.ndarray:
+    """Lag of the prediction behind the target [strides], (T,)."""
+    return signals.phase_lag(*target_and_prediction(log), stride_angle(log), period(log))
+
+
+def progress(log: Log) -> np.ndarray:
+    """Displacement along and across the way forward at the first tick [m], (T, 2)."""
+    if walks(log):
+        return log.position[:, :2] - log.position[0, :2]
+    yaw = signals.roll_pitch_yaw(log.orientation[:1])[0, 2]
+    x, y = (log.position[:, :2] - log.position[0, :2]).T
+    return np.stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x], axis=1)
+
+
+def heading_speed(log: Log) -> np.ndarray:
+    """Speed of the base along its heading of the moment [m/s], (T,)."""
+    yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
+    if len(log) < 2:
+        return np.full(len(log), np.nan)
+    dx, dy = (np.gradient(log.position[:, i]) / log.dt for i in (0, 1))
+    return np.cos(yaw) * dx + np.sin(yaw) * dy
+
+
+def mass(log: Log) -> float:
+    """Mass of the robot [kg]."""
+    if walks(log):
+        return log.experiment.trunk.mass
+    return Description(log.experiment.plant.urdf).mass()
+
+
+def drives(log: Log) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity [rad/s] and torque [N·m] of the driven joints, each (T, m)."""
+    driven = log.experiment.plant.driven
+    return _columns(log.dq, driven), _columns(log.tau, driven)
+
+
+def feet(log: Log, column: str = "q") -> np.ndarray:
+    """Foot positions in the base frame [m], (T, f, 3), of joint positions in a column."""
+    if walks(log):
+        from loco_control.legs.kinematics import feet_and_jacobians  # loads numba
+
+        legs, rows = log.experiment.plant.legs, log.columns[column].reshape(-1, 4, 3)
+        return np.array([feet_and_jacobians(row, legs)[0] for row in rows])
+    return feet_in_base(log.experiment.plant, log.columns[column])
+
+
+def _has_feet(log: Log) -> bool:
+    return bool(log.experiment.plant.feet)
+
+
+def passive(log: Log) -> np.ndarray:
+    """Indices of the joints that no drive moves, (p,)."""
+    plant = log.experiment.plant
+    return np.setdiff1d(np.arange(len(plant.joints)), plant.driven)
+
+
+def _has_passive_joints(log: Log) -> bool:
+    return len(passive(log)) > 0
+
+
+def _moves(log: Log) -> bool:
+    return not log.experiment.plant.fixed_base
+
+
+# ---- behaviour, thesis section 3.6.2 ---------------------------------------------------
+
+
+@metric("m", "ours", "position", "orientation", applies=_moves)
+def distance(log: Log) -> float:
+    """Displacement along the way forward at the start of the phase."""
+    return float(progress(log)[-1, 0])
+
+
+@metric("m/s", "3.30", "position", "orientation", applies=_moves)
+def speed(log: Log) -> float:
+    """Distance over time."""
+    return signals.mean_speed(progress(log)[:, 0], log.dt)
+
+
+@metric("m/s", "ours", "position", "orientation", applies=_moves)
+def forward_speed(log: Log) -> float:
+    """Mean speed along the heading of the moment: that of a robot that may turn."""
+    return float(np.mean(heading_speed(log)))
+
+
+@metric("-", "ours", "position", "target_speed", applies=_moves)
+def speed_ratio(log: Log) -> float:
+    """Speed over the speed asked for."""
+    asked = float(np.mean(log.target_speed))
+    return speed(log) / asked if abs(asked) > 1e-6 else float("nan")
+
+
+@metric("m", "ours", "position", "orientation", applies=_moves)
+def lateral_drift(log: Log) -> float:
+    """Displacement across the way forward at the start of the phase; left is positive."""
+    return float(progress(log)[-1, 1])
+
+
+@metric("rad", "ours", "orientation", applies=_moves)
+def heading_drift(log: Log) -> float:
+    """Yaw at the end minus yaw at the start."""
+    yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
+    return float(yaw[-1] - yaw[0])
+
+
+@metric("m", "3.27", "position", applies=_moves)
+def stability(log: Log) -> float:
+    """Range of the height of the base; lower is steadier."""
+    return signals.excursion(log.position[:, 2])
+
+
+@metric("rad", "ours", "orientation", applies=_moves)
+def roll_range(log: Log) -> float:
+    """Range of the roll of the base."""
+    return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 0])
+
+
+@metric("rad", "ours", "orientation", applies=_moves)
+def pitch_range(log: Log) -> float:
+    """Range of the pitch of the base (the author's pitch range is really that of yaw)."""
+    return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 1])
+
+
+@metric("W", "3.28", "dq", "tau")
+def power(log: Log) -> float:
+    """Mean mechanical power of the drives, negative work counted against it."""
+    return signals.mechanical_power(*drives(log))
+
+
+@metric("W", "ours", "dq", "tau")
+def positive_power(log: Log) -> float:
+    """Mean mechanical power of the drives, negative work lost."""
+    return signals.positive_power(*drives(log))
+
+
+def _spent(log: Log) -> tuple[float, float, float]:
+    """Power that counts [W], forward speed that it buys [m/s], and mass [kg]."""
+    if walks(log):
+        return power(log), speed(log), mass(log)
+    return positive_power(log), forward_speed(log), mass(log)
+
+
+@metric("-", "3.31", "position", "orientation", "dq", "tau", applies=_moves)
+def cost_of_transport(log: Log) -> float:
+    """P / (m g V), lower is better; of servos P is the positive power. The thesis inverts it."""
+    return signals.cost_of_transport(*_spent(log))
+
+
+@metric("m/(s·kg)", "3.32", "position", "orientation", "dq", "tau", applies=_moves)
+def saturated_score(log: Log) -> float:
+    """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better."""
+    return signals.saturated_score(*_spent(log), REFERENCE_POWER)
+
+
+@metric("N·m", "ours", "tau")
+def torque_max(log: Log) -> float:
+    """Largest torque of a drive, mean over a control period."""
+    return float(np.max(np.abs(drives(log)[1]), initial=0.0))
+
+
+@metric("N", "3.33", "grf", applies=_has_feet)
+def grf_max(log: Log) -> float:
+    """Largest normal force on any foot."""
+    return signals.peak_force(log.grf)
+
+
+@metric("-", "ours", "grf", applies=_has_feet)
+def grf_snr(log: Log) -> float:
+    """|mean| over standard deviation of the normal forces, mean over feet."""
+    return signals.snr(log.grf[..., 2])
+
+
+@metric("-", "ours", "contact", applies=_has_feet)
+def duty_factor(log: Log) -> float:
+    """Share of the time that a foot touches the ground, mean over feet."""
+    return float(np.mean(log.contact))
+
+
+@metric("m", "3.6.2.6", "q", applies=_has_feet)
+def step_length(log: Log) -> float:
+    """Range of the measured foot position along x in the base frame, mean over feet."""
+    return float(np.mean(np.ptp(feet(log)[..., 0], axis=0)))
+
+
+@metric("m", "3.6.2.6", "q", applies=_has_feet)
+def step_height(log: Log) -> float:
+    """Range of the measured foot position along z in the base frame, mean over feet."""
+    return float(np.mean(np.ptp(feet(log)[..., 2], axis=0)))
+
+
+@metric("Hz", "ours", "command")
+def stride_frequency(log: Log) -> float:
+    """Strongest line of the normal forces; of the commands where oscillators give them."""
+    return signals.stride_frequency(log.grf[..., 2] if walks(log) else log.command, log.dt)
+
+
+@metric("rad", "ours", "q", applies=_has_passive_joints)
+def passive_range(log: Log) -> float:
+    """Range of the passive joints, mean over them."""
+    return float(np.mean(np.ptp(log.q[:, passive(log)], axis=0)))
+
+
+@metric("rad", "ours", "command", "q")
+def tracking_error(log: Log) -> float:
+    """Rms of commanded minus measured position of the driven joints."""
+    return float(np.sqrt(signals.mse(log.command, _columns(log.q, log.experiment.plant.driven))))
+
+
+# ---- learning, thesis section 3.6.3 ----------------------------------------------------
+
+
+@metric("rad²", "3.34", "prediction", learner=True)
+def mse(log: Log) -> float:
+    """Mean squared error of the predicted positions."""
+    return signals.mse(*target_and_prediction(log))
+
+
+@metric("rad", "3.35", "prediction", learner=True)
+def mae(log: Log) -> float:
+    """Mean absolute error of the predicted positions."""
+    return signals.mae(*target_and_prediction(log))
+
+
+@metric("-", "3.36", "prediction", learner=True)
+def nrmse(log: Log) -> float:
+    """Rms error of the predicted positions over the mean range of their targets."""
+    return signals.nrmse(*target_and_prediction(log))
+
+
+@metric("-", "3.36", "prediction", learner=True)
+def nrmse_author(log: Log) -> float:
+    """Rms error of positions and velocities over their global range, as the author's code does."""
+    return signals.nrmse_global(outputs_wanted(log), log.prediction)
+
+
+@metric("-", "3.36", "prediction", learner=True)
+def shape_error(log: Log) -> float:
+    """NRMSE stride by stride, each at the shift that suits it best: the gait without its clock."""
+    (target, prediction), stride, errors = target_and_prediction(log), period(log), []
+    for start in range(stride, len(log) - 2 * stride + 1, stride):
+        actual = prediction[start : start + stride]
+        shifts = range(start - stride // 2, start + stride // 2 + 1)
+        errors.append(min(signals.mse(target[k : k + stride], actual) for k in shifts))
+    width = signals.mean_range(target)
+    return float(np.sqrt(np.mean(errors)) / width) if errors else float("nan")
+
+
+@metric("-", "3.37", "prediction", learner=True)
+def accuracy(log: Log) -> float:
+    """1 / NRMSE."""
+    return signals.accuracy(*target_and_prediction(log))
+
+
+@metric("rad²", "3.38", "prediction", learner=True)
+def fmse(log: Log) -> float:
+    """Mean squared difference of the amplitude spectra of the positions."""
+    return signals.fmse(*target_and_prediction(log))
+
+
+@metric("rad", "3.40", "prediction", learner=True)
+def mawe(log: Log) -> float:
+    """Mean absolute error of the positions at the best common shift of up to 50 ms."""
+    return signals.mawe(*target_and_prediction(log), round(MAWE_SHIFT / log.dt))
+
+
+@metric("s", "3.41", "reflex_time", learner=True)
+def step_time(log: Log) -> float:
+    """Mean wall-clock time of one step of the network; in train, the training time."""
+    return float(np.mean(log.reflex_time))
+
+
+@metric("Hz", "ours", "prediction", learner=True)
+def prediction_frequency(log: Log) -> float:
+    """Strongest line of the predicted positions."""
+    return signals.stride_frequency(target_and_prediction(log)[1], log.dt)
+
+
+@metric("stride", "ours", "prediction", learner=True)
+def phase_lag(log: Log) -> float:
+    """Lag behind the target at the end, whole strides of the interval counted."""
+    return float(lag(log)[-1])
+
+
+@metric("-", "3.6.3.3", "prediction", learner=True)
+def limit_cycle_size(log: Log) -> float:
+    """Size of the predicted limit cycle over that of the target, in the target's PCA plane."""
+    target, actual = signals.limit_cycle(outputs_wanted(log), log.prediction)
+    size = float(np.sum(np.var(target, axis=0)))
+    return float(np.sqrt(np.sum(np.var(actual, axis=0)) / size)) if size else float("nan")

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Page and tables of chapter 6: verdicts with numbers, figures, and every run with its seed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from loco_sim.msd.params import PRESETS
+
+from . import figures as msd_figures
+from .claims import Verdict, judge
+from .results import Results, author_power, load
+
+CAPTIONS = {
+    "6.1": "Score of the best gait over the number of nodes",
+    "6.2": "Course of four optimisations",
+    "6.3": "Speed and power of the best gaits, without noise",
+    "6.4": "Score over the frequency of actuation",
+    "6.5": "Speed under a budget of power",
+    "6.7": "Distance under noise on the actuation, open loop",
+    "6.8": "Error of the readout while it learns, 20 nodes",
+    "6.9": "Distance in the last 10 s, open and closed loop",
+    "6.10": "Filtered accelerations of the test in two principal components, light to dark",
+    "6.11": "Error of the readout over the number of nodes",
+}
+
+
+def write(name: str, preset: str, data: Path, folder: Path) -> tuple[Path, list[Verdict]]:
+    """Write README.md, figures and gaits.csv about a plan's results; returns page and verdicts."""
+    folder.mkdir(parents=True, exist_ok=True)
+    results = load(name, preset, data)
+    verdicts = judge(results)
+    figures = {path.stem: path.name for path in msd_figures.write(results, folder)}
+    _table(results, folder / "gaits.csv")
+    lines = [
+        f"# Chapter 6, preset `{preset}`, {name} plan",
+        "",
+        f"{PRESETS[preset].about}. Made by `loco reproduce msd --plan {name}"
+        f" --preset {preset}`; every run with its seed is in [gaits.csv](gaits.csv).",
+        "",
+        "| claim | thesis | wanted | found | verdict |",
+        "| --- | --- | --- | --- | --- |",
+        *(f"| {v.claim} | {v.item} | {v.wanted} | {v.found} | **{v.verdict}** |" for v in verdicts),
+        "",
+    ]
+    for number, caption in CAPTIONS.items():
+        file = figures.get(f"figure_{number.replace('.', '_')}")
+        if file:
+            lines += [f"## Figure {number}", "", f"{caption}.", "", f"![{caption}]({file})", ""]
+    page = folder / "README.md"
+    page.write_text("\n".join(lines))
+    return page, verdicts
+
+
+def _table(results: Results, path: Path) -> None:
+    """One row per optimisation."""
+    columns = (
+        "experiment", "nodes", "frequency", "power_ref", "seed", "evaluations", "best", "clean",
+        "retested", "speed", "power", "author_power",
+    )  # fmt: skip
+    with open(path, "w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(columns)
+        for kind in ("gaits", "omega", "powers"):
+            for _, g in sorted(getattr(results, kind).items()):
+                done = len(g.course) * g.population
+                values = (g.best, g.clean, g.retested.mean(), g.speed, g.power, author_power(g))
+                rows.writerow(
+                    [kind, g.task.nodes, f"{float(g.gait.frequency):.4g}", f"{g.task.power_ref:g}",
+                     g.task.seed, done, *(f"{float(v):.4g}" for v in values)]
+                )  # fmt: skip

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reflex network: what a body feels in, references for its joints out."""
+
+from __future__ import annotations
+
+import zlib
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from loco_control.types import GaitTarget, LearningState, MotionCommand
+
+from ..params import PHASES, PhasedParams
+from . import weights
+from .readout import Readout
+from .reservoir import DelayLine, ElmLayer
+from .schedule import CLOSING, TRAIN, Schedule
+from .senses import BodySensors, FootForces, Senses
+
+__all__ = ["PHASES", "ReflexNetwork"]
+
+
+class ReflexNetwork:
+    """Delay line, fixed hidden layer and readout, trained while the robot walks.
+
+    ==========  ===============  =====================================
+    phase       drives the legs  readout
+    ==========  ===============  =====================================
+    stand       target           rests, the delay line fills
+    train       target           learns at each tick
+    closing     prediction       learns ever more rarely
+    test        prediction       rests
+    ==========  ===============  =====================================
+
+    How learning fades in closing is told in `Schedule`. What is felt, and how it is scaled, is
+    the part `senses`. Source: thesis sections 3.5 and 7.2.3; on a robot of joints with passive
+    knees and an IMU for the forces on the feet.
+
+    Args:
+        params: Shape, scaling and schedule.
+        senses: Signals that the network feels, and the k joints of the target that it moves.
+        dt: Control period [s].
+        seed: Seed of the hidden weights.
+    """
+
+    def __init__(self, params: PhasedParams, senses: Senses, dt: float, seed: int = 0):
+        self.params, self.senses, self.dt, self.seed = params, senses, dt, seed
+        self.outputs = senses.outputs
+        self.schedule = Schedule(params, dt)
+        self._silent = np.zeros(2 * len(self.outputs))
+        self._works = params.enabled or params.phases_when_off
+        self.norm = 0.0  # Frobenius norm of the readout [-]
+        if not self._works:
+            return
+        rng = np.random.default_rng([seed, zlib.crc32(b"reflex")])
+        p, size = params, senses.size
+        self.delay_line = DelayLine(p.memory, size)
+        self.hidden = ElmLayer(
+            size * p.memory, p.neurons, senses.width, p.hidden_bias, p.activation, rng
+        )
+        first = senses.first_weights(p, rng)
+        self.readout = Readout(p.neurons, len(self._silent), p.regularisation, first)
+        self._load()
+
+    def reset(self) -> None:
+        """Forget the past; trained weights too, unless they came from a file."""
+        if self._works:
+            for part in (self.senses, self.delay_line, self.readout):
+                part.reset()
+            self._load()
+
+    def _load(self) -> None:
+        self.refresh()
+        if self.params.weights:
+            weights.restore_weights(self, self.params.weights)
+
+    def refresh(self) -> None:
+        """Recompute what is derived from the weights, after they were replaced."""
+        flat = self.readout.weights.ravel()
+        self.norm = sqrt(flat.dot(flat))
+
+    def step(
+        self, tick: int, t: float, felt: np.ndarray | None, target: GaitTarget | MotionCommand
+    ) -> tuple[MotionCommand, LearningState]:
+        """Answer one tick.
+
+        Args:
+            tick: Control periods since reset.
+            t: Simulated time [s]; only the tick counts.
+            felt: State that the senses take; a network that is switched off takes none.
+            target: Joint references of the target generator at the same tick.
+
+        Returns:
+            Joint references for the plant, and what the network did.
+        """
+        if not self._works:
+            command = MotionCommand(tick, t, target.q, target.dq)
+            return command, LearningState(tick, t, self._silent, 0.0, 0.0, TRAIN, False, False)
+        phase = self.schedule.phase_of(tick)
+        learning = self.schedule.learns(tick, phase)
+        driving = self.params.enabled and phase >= CLOSING
+        prediction = self._predict(felt, target, learning)
+        q, dq, error = references(target.q, target.dq, prediction, self.outputs, driving)
+        command = MotionCommand(tick, t, q, dq)
+        return command, LearningState(
+            tick, t, prediction, error, self.norm, phase, driving, learning
+        )
+
+    def _predict(
+        self, felt: np.ndarray | None, target: GaitTarget | MotionCommand, learning: bool
+    ) -> np.ndarray:
+        """Output (2k,) for this tick, after the update if there is one (eq. 3.17)."""
+        if not self.params.enabled:
+            return self._silent
+        line = self.delay_line.step(self.senses.sample(felt, learning))
+        u = self.hidden.step(self.senses.hidden(line, learning))
+        if not learning:
+            return self.senses.output(self.readout.predict(u))
+        wanted = chosen_of(target.q, target.dq, self.outputs)
+        value = self.readout.learn(u, self.senses.fit_target(wanted))
+        self.refresh()
+        return self.senses.output(value)
+
+    def phase_at(self, t: float) -> int:
+        """Index in `PHASES` at simulated time t [s]; test goes on after its end."""
+        return self.schedule.phase_at(t) if self._works else TRAIN
+
+    def parts(self) -> dict[str, Any]:
+        """Parts with a `state()` to save, by name; none if there is no network."""
+        if not self._works:
+            return {}
+        own = {"hidden": self.hidden, "readout": self.readout, "delay_line": self.delay_line}
+        return {**own, **self.senses.parts()}
+
+    def save(self, path: str | Path) -> None:
+        """Write weights, configuration, seed and running state to one ``.npz`` file."""
+        weights.save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReflexNetwork:
+        """Network as it was saved; it goes on exactly where the saved one stopped.
+
+        Raises:
+            MissingFileError: There is no such file.
+            ParameterError: The file is not one of ours, or of another version.
+        """
+        return weights.load(cls, (FootForces, BodySensors), path)
+
+
+@njit(cache=True)
+def chosen_of(q, dq, outputs):
+    """Positions, then velocities, of the joints that the network moves, (2k,)."""
+    return np.concatenate((q[outputs], dq[outputs]))
+
+
+@njit(cache=True)
+def references(target_q, target_dq, prediction, outputs, driving):
+    """The reference for the plant, and the error of the prediction.
+
+    Args:
+        target_q: Joint positions of the target [rad], (m,).
+        target_dq: Joint velocities of the target [rad/s], (m,).
+        prediction: Output of the network, positions, then velocities, (2k,).
+        outputs: Indices of the joints that the network moves, (k,).
+        driving: The prediction replaces the target where it says something.
+
+    Returns:
+        Joint positions and velocities to follow, each (m,), and the rms error over the
+        predicted positions [rad].
+    """
+    q, dq, squares = target_q.copy(), target_dq.copy(), 0.0
+    for i, joint in enumerate(outputs):
+        squares += (prediction[i] - target_q[joint]) ** 2
+        if driving:
+            q[joint], dq[joint] = prediction[i], prediction[len(outputs) + i]
+    return q, dq, sqrt(squares / len(outputs))

@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An experiment is one YAML file: everything a run depends on, checked before it starts."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.gait.generator import GaitParams
+from loco_control.gait.oscillators import Cpg, CpgParams
+from loco_control.params import Params, from_dict, parameter, to_dict
+from loco_control.reading import understood
+from loco_control.stance.controller import StanceParams
+from loco_control.stance.trunk import TrunkParams
+from loco_sim import effects as sim_effects
+from loco_sim.params import SimParams
+from loco_sim.plant import model as models
+from loco_sim.robot import robot as robots
+from loco_sim.robot.robot import Robot
+
+from ..params import OUTPUT_JOINTS, CriterionParams, JointLearnerParams, LearnerParams
+from ..plain import flat, read_yaml
+from . import gait_file, quadruped
+
+if TYPE_CHECKING:
+    from .network_experiment import NetworkExperiment
+
+WALKING = {"gait": GaitParams, "trunk": TrunkParams, "stance": StanceParams}
+BLOCKS = {**WALKING, "target": CpgParams}
+KINDS = ("hyq", "joint", "msd")  # of experiments of earlier versions
+NETWORK = ("network", "preset", "loop")  # keys that only a network of masses and springs has
+
+
+def _free(kind: type, doc: str) -> Any:
+    """Field whose content another package checks."""
+    return field(default_factory=kind, metadata={"doc": doc, "unit": "-"})
+
+
+def _block(doc: str) -> Any:
+    """Field of parameters that may be absent."""
+    return field(default=None, metadata={"doc": doc, "unit": "-", "optional": True})
+
+
+@dataclass(frozen=True)
+class Experiment(Params):
+    """Everything that decides a run; two runs of equal experiments are equal bit by bit.
+
+    A robot with legs walks by a `gait`, with a trunk controller and a stance estimator; any
+    robot follows oscillators, its `target`. An experiment has one of the two, by default the
+    gait where the robot lists legs. What it leaves open is settled when it is made, so that a
+    saved experiment stands for itself: a ``model.yaml`` dissolves into the robot it names, its
+    overrides and its effects (those of the experiment come after), a `control_rate` of 0
+    becomes the robot's, and the physics engine is named.
+    """
+
+    name: str = parameter("unnamed", "name in logs and reports")
+    description: str = parameter("", "what it shows, for people")
+    robot: str = parameter("hyq", "name of a robot, or path of a robot.yaml or model.yaml")
+    seed: int = parameter(0, "seed of learner and effects", "-", 0, 2**31 - 1)
+    control_rate: float = parameter(0.0, "ticks per second; 0: the robot's", "Hz", 0.0, 1e4)
+    duration: float = parameter(0.0, "simulated time; 0: all phases of the learner", "s", 0.0, 1e6)
+    gait: GaitParams | None = _block("gait of a robot with legs")
+    trunk: TrunkParams | None = _block("trunk controller, with a gait")
+    stance: StanceParams | None = _block("stance estimator, with a gait")
+    target: CpgParams | None = _block("oscillators of the driven joints, without a gait")
+    learner: LearnerParams | JointLearnerParams | None = _block("reflex network")
+    sim: dict[str, Any] = _free(dict, "parameters of the plant that differ from the robot's")
+    effects: tuple[dict[str, Any], ...] = _free(
+        tuple, "effects of the plant, in order: a list of {name, parameters...}"
+    )
+    overrides: dict[str, Any] = _free(
+        dict, "values of robot.yaml by dotted name, e.g. springs.l?_kfe_joint.stiffness: 440.6"
+    )
+    criterion: CriterionParams = parameter(CriterionParams(), "when a trial has failed")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key in ("sim", "overrides"):
+            if not isinstance(getattr(self, key), (Mapping, type(None))):
+                raise ParameterError(f"{key} must be a mapping, got {getattr(self, key)!r}")
+        if not isinstance(self.effects, (list, tuple, type(None))):
+            raise ParameterError(f"effects must be a list of mappings, got {self.effects!r}")
+        model = self._merged_model()
+        self._set(robot=model.robot, overrides=model.overrides, effects=tuple(model.effects))
+        self._set(sim=dict(self.sim or {}))
+        self._set(control_rate=self.control_rate or float(self.plant.control_rate))
+        sim_effects.from_list(self.effects)  # raises where a name or value is wrong
+        self._set(sim={**self.sim, "engine": self.sim_params.engine})  # raises the same
+        self._settle()
+
+    def _merged_model(self) -> models.Model:
+        """The model that `robot` names, with overrides and effects of the experiment on top."""
+        # A plain name is not looked into here: `plant` reads the robot, once.
+        plain = self.robot in robots.names()
+        base = models.Model(self.robot) if plain else models.load_any(self.robot)
+        named = base.robot in robots.names()
+        return models.Model(
+            base.robot if named else str(Path(base.robot).resolve()),  # for a bag that is moved
+            {**flat(base.overrides), **flat(self.overrides or {})},
+            [*base.effects, *(self.effects or ())],
+        )
+
+    def _settle(self) -> None:
+        """Fill in the parts that go with a gait, or with oscillators, and refuse a mixture."""
+        walking = [key for key in WALKING if getattr(self, key) is not None]
+        if self.target is not None and walking:
+            raise ParameterError(
+                f"an experiment has a target of oscillators, or a gait with trunk and stance, "
+                f"not both; this one has target and {', '.join(walking)}"
+            )
+        if walking or (self.target is None and self.plant.legs is not None):
+            for key, params in quadruped.defaults(self.plant).items():
+                self._set(**{key: getattr(self, key) or params})
+        else:
+            self._set(target=self.target or CpgParams())
+            self._set(learner=self.learner or JointLearnerParams())
+            self.make_target()  # raises where a list has a wrong length
+        wanted = LearnerParams if self.gait else JointLearnerParams
+        if not isinstance(self.learner, wanted):
+            raise ParameterError(f"learner must be {wanted.__name__}, got {self.learner!r}")
+
+    def _set(self, **values: Any) -> None:
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def node_set(self) -> str:
+        """Nodes that run it."""
+        return "hyq" if self.gait else "joint"
+
+    @cached_property
+    def plant(self) -> Robot:
+        """The robot, overrides included."""
+        return models.Model(self.robot, self.overrides, []).make_robot()
+
+    @cached_property
+    def sim_params(self) -> SimParams:
+        """Parameters of the plant: the robot's with `sim` on top."""
+        return from_dict(SimParams, {**to_dict(self.plant.sim), **self.sim}, "sim")
+
+    @property
+    def draws(self) -> bool:
+        """Whether a run depends on the seed: by learning, noisy sensors or a random effect."""
+        learns = self.learner.enabled and not self.learner.weights
+        noisy = self.plant.sensors is not None and not self.plant.sensors.exact
+        effects = sim_effects.from_list(self.effects)
+        return learns or noisy or any(effect.draws and not effect.absent() for effect in effects)
+
+    @property
+    def outputs(self) -> np.ndarray:
+        """Indices of the joints that the network moves, among the driven ones."""
+        return OUTPUT_JOINTS if self.gait else np.arange(len(self.plant.driven))
+
+    def make_target(self) -> Cpg:
+        """New oscillators for the driven joints of the robot."""
+        return Cpg(self.target, len(self.plant.driven), self.dt)
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return 1.0 / self.control_rate
+
+    @property
+    def ticks(self) -> int:
+        """Control periods from start to end."""
+        return round((self.duration or self.learner.duration) * self.control_rate)
+
+
+def names() -> list[str]:
+    """Names of the experiments that come with the package."""
+    return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
+
+
+@understood("whole experiment")
+def load(
+    name_or_path: str | Path, overrides: Mapping[str, Any] | None = None
+) -> Experiment | NetworkExperiment:
+    """Read an experiment; one with a network of masses and springs has a class of its own.
+
+    A robot that is the path of a YAML file is looked for beside the experiment first.
+
+    Args:
+        name_or_path: One of `names()`, or a path that ends in ``.yaml``.
+        overrides: Values by dotted name, such as ``{"learner.memory": 50}``.
+
+    Raises:
+        NameUnknownError: No such experiment, or a key that is no parameter.
+        MissingFileError: No such file.
+        ParameterError: Broken YAML, a wrong type or a value out of range.
+    """
+    path = _find(name_or_path, Path())
+    values = _read(path, ())
+    for key, value in (overrides or {}).items():
+        values = merge(values, _nested(key, value))
+    values.setdefault("name", path.stem)
+    beside = path.parent / str(values.get("robot", ""))
+    if beside.suffix == ".yaml" and beside.is_file():
+        values["robot"] = str(beside)
+    return from_values(values, where=path.stem)
+
+
+def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | NetworkExperiment:
+    """Experiment from nested plain values (what `to_dict` makes).
+
+    `target` may be the name or path of a gait file, or have one as its key ``gait`` beside
+    values that differ from it. Files and bags of earlier versions are read: they have a key
+    ``kind``, and HyQ's gains under ``impedance``.
+    """
+    values = {key: value for key, value in values.items() if value is not None}
+    kind = values.pop("kind", None)
+    if kind not in (None, *KINDS):
+        raise NameUnknownError("kind of experiment", str(kind), KINDS)
+    if kind == "msd" or is_network(values):
+        from . import network_experiment  # loads SciPy
+
+        return network_experiment.from_values(values, where)
+    if values.get("impedance"):
+        values["overrides"] = gains_as_overrides(values)
+    values.pop("impedance", None)
+    if "target" in values:
+        values["target"] = _target(values["target"])
+    follows = "target" in values or kind == "joint"
+    walks = not (follows and values.keys().isdisjoint(WALKING))
+    if walks:  # sections are completed at the robot's size
+        sections = quadruped.defaults(_robot(values))
+        values = merge({name: to_dict(params) for name, params in sections.items()}, values)
+    learner = LearnerParams if walks else JointLearnerParams
+    for key, params in {**BLOCKS, "learner": learner}.items():
+        if key in values:
+            values[key] = from_dict(params, values[key], f"{where}.{key}" if where else key)
+    if not walks:
+        values.setdefault("target", CpgParams())
+    return from_dict(Experiment, values, where)
+
+
+def is_network(values: Mapping[str, Any]) -> bool:
+    """The values are of a network of masses and springs."""
+    return values.get("kind") == "msd" or not values.keys().isdisjoint(NETWORK)
+
+
+def _robot(values: Mapping[str, Any]) -> Robot:
+    """The robot of an experiment, overrides included."""
+    model, overrides = models.load_any(values.get("robot", "hyq")), values.get("overrides") or {}
+    if not isinstance(overrides, Mapping):
+        raise ParameterError(f"overrides must be a mapping, got {overrides!r}")
+    return models.Model(model.robot, {**flat(model.overrides), **flat(overrides)}).make_robot()
+
+
+def _target(value: Any) -> Any:
+    """Values of oscillators, those of a gait file put in."""
+    if isinstance(value, str):
+        value = {"gait": value}
+    if not isinstance(value, Mapping) or "gait" not in value:
+        return value
+    changes = {key: each for key, each in value.items() if key != "gait"}
+    return {**to_dict(gait_file.load(str(value["gait"])).target), **changes}
+
+
+def gains_as_overrides(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Overrides of an experiment of HyQ whose gains are under the key ``impedance``.
+
+    Experiments and bags of earlier versions say ``swing_kp``, ``swing_kd``, ``stance_kp`` and
+    ``stance_kd`` there, each a list for hip abduction, hip flexion and knee of every leg.
+
+    Raises:
+        ParameterError: A value is not such a list.
+        NameUnknownError: Another key is there.
+    """
+    names = {"swing_kp": "swing_kp", "swing_kd": "swing_kd", "stance_kp": "kp", "stance_kd": "kd"}
+    gains, joints = values["impedance"], ("haa", "hfe", "kfe")
+    if not isinstance(gains, Mapping):
+        raise ParameterError(f"impedance must be a mapping, got {gains!r}")
+    overrides = flat(values.get("overrides") or {})
+    for key, row in gains.items():
+        if key not in names:
+            raise NameUnknownError("parameter in impedance", str(key), names)
+        if not isinstance(row, (list, tuple)) or len(row) != len(joints):
+            raise ParameterError(f"impedance.{key} must be a list of 3 numbers, got {row!r}")
+        for joint, gain in zip(joints, row, strict=True):
+            name = f"drives.*_{joint}_joint.{names[key]}"
+            overrides.pop(name, None)  # the last one counts
+            overrides[name] = gain
+    return overrides
+
+
+def override(
+    experiment: Experiment | NetworkExperiment, overrides: Mapping[str, Any]
+) -> Experiment | NetworkExperiment:
+    """Copy of an experiment with some values changed, by dotted name."""
+    values = to_dict(experiment)
+    for key, value in overrides.items():
+        values = merge(values, _nested(key, value))
+    return from_values(values, where=experiment.name)
+
+
+def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
+    """Mapping `base` with `change` on top; mappings are merged, all else is replaced.
+
+    An entry of a list is named by its number: ``effects.0.delay`` is of the first effect.
+
+    Raises:
+        ParameterError: A list has no entry of that number.
+    """
+    merged = dict(base)
+    for key, value in change.items():
+        old = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(old, (list, tuple)):
+            numbered = {str(i): entry for i, entry in enumerate(old)}
+            if lost := sorted(set(value) - set(numbered)):
+                raise ParameterError(
+                    f"{key}.{lost[0]} names no entry: {key} has {len(old)}, numbered from 0"
+                )
+            value = list(merge(numbered, value).values())
+        elif isinstance(value, Mapping) and isinstance(old, Mapping):
+            value = merge(old, value)
+        merged[key] = value
+    return merged
+
+
+def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """Values of a file on top of those it extends."""
+    path = path.resolve()
+    if path in seen:
+        raise ParameterError(f"{path} extends itself: {' > '.join(p.stem for p in (*seen, path))}")
+    values = read_yaml(path)
+    base = values.pop("extends", None)
+    if base is None:
+        return values
+    if not isinstance(base, str):
+        raise ParameterError(f"{path}: extends must be the name of an experiment, got {base!r}")
+    parent = _read(_find(base, path.parent), (*seen, path))
+    for own in ("name", "description"):
+        parent.pop(own, None)
+    return merge(parent, values)
+
+
+def _find(name_or_path: str | Path, folder: Path) -> Path:
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")):
+        path = folder / text
+        if not path.is_file():
+            raise MissingFileError(f"no experiment file {path}")
+        return path
+    if text not in names():
+        raise NameUnknownError("experiment", text, names())
+    return Path(str(_folder() / f"{text}.yaml"))
+
+
+def _folder() -> Any:
+    return importlib.resources.files("loco_learning") / "experiments"
+
+
+def _nested(key: str, value: Any) -> dict[str, Any]:
+    for part in reversed(key.split(".")):
+        value = {part: value}
+    return value

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A gait on disk: what the oscillators do, on which body it was found, and how good it was.
+
+Its block `target` is that of an experiment; of a robot that walks under a trunk
+controller it is the block `gait` of an experiment.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.resources
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.files import write_whole
+from loco_control.gait.generator import GaitParams
+from loco_control.gait.oscillators import CpgParams
+from loco_control.params import from_dict, to_dict
+from loco_control.reading import understood
+
+from ..plain import read_yaml
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A gait that a search found."""
+
+    name: str
+    robot: str  # name, or path of a model.yaml
+    target: CpgParams | GaitParams  # of oscillators, or of a generator of foot paths
+    parameters: dict[str, float]  # those that were searched
+    speed: float  # forward, mean over the rollout [m/s]
+    distance: float  # forward [m]
+    duration: float  # of the rollout [s]
+    seed: int  # of the search
+    evaluations: int  # rollouts until it was found and the search ended
+    overrides: dict[str, Any] = field(default_factory=dict)  # of the robot
+    randomise: float = 0.0  # standard deviation of the bodies it was searched on, relative
+    samples: int = 1  # bodies it was searched on
+    check: dict[str, float] = field(default_factory=dict)  # what it does on other bodies
+
+    def save(self, path: str | Path) -> None:
+        """Write to a YAML file, whole or not at all."""
+        values = {"format": FORMAT, "kind": "gait", **dataclasses.asdict(self)}
+        values["target"] = to_dict(self.target)
+        head = "# SPDX-License-Identifier: Apache-2.0\n# Written by `loco optimise`.\n"
+        text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
+        write_whole(path, head + text)
+
+
+def names() -> list[str]:
+    """Gaits that come with the package."""
+    return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
+
+
+@understood("whole gait")
+def load(name_or_path: str | Path) -> Gait:
+    """Read a gait by name or path.
+
+    Raises:
+        NameUnknownError: No such gait comes with the package, or a key is not known.
+        MissingFileError: No such file.
+        ParameterError: It is not a gait, of another version, or a value is wrong.
+    """
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")):
+        if not Path(text).is_file():
+            raise MissingFileError(f"there is no gait file {text}")
+        return _from_values(text, read_yaml(Path(text)))
+    if text not in names():
+        raise NameUnknownError("gait", text, names())
+    return _from_values(text, read_yaml(Path(str(_folder() / f"{text}.yaml"))))
+
+
+def _from_values(path: str, values: Mapping[str, Any]) -> Gait:
+    values = dict(values)
+    found = (values.pop("kind", None), values.pop("format", None))
+    if found != ("gait", FORMAT):
+        raise ParameterError(
+            f"{path} is of kind {found[0]!r}, format {found[1]}; wanted is 'gait', format {FORMAT}"
+        )
+    fields = {f.name: f for f in dataclasses.fields(Gait)}
+    for key in values:
+        if key not in fields:
+            raise NameUnknownError(f"key in gait {path}", key, fields)
+    missing = [n for n, f in fields.items() if n not in values and f.default is f.default_factory]
+    if missing:
+        raise ParameterError(f"{path} lacks {', '.join(missing)}")
+    legged = isinstance(values["target"], Mapping) and "pattern" in values["target"]
+    kind = GaitParams if legged else CpgParams
+    values["target"] = from_dict(kind, values["target"], f"{path}: target")
+    return Gait(**values)
+
+
+def _folder() -> Any:
+    return importlib.resources.files("loco_learning") / "gaits"

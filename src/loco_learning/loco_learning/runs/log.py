@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A run as plain arrays: columns by name, one row per tick."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.params import to_dict
+from loco_control.types import (
+    GaitTarget,
+    GroundTruth,
+    LearningState,
+    MotionCommand,
+    RobotState,
+    Stance,
+    TrunkTorque,
+)
+
+from .. import archive
+from ..params import OPEN, PHASES
+from .experiment import Experiment, from_values
+
+PARTS = {  # messages of a tick
+    "state": RobotState,
+    "truth": GroundTruth,
+    "target": GaitTarget,
+    "command": MotionCommand,
+    "learning": LearningState,
+    "stance": Stance,
+    "trunk": TrunkTorque,
+}
+
+
+class Column(NamedTuple):
+    """The origin of a column: a field of one of the messages of a tick."""
+
+    part: str  # which message, a key of `PARTS`
+    field: str  # of the class in `loco_control.types`
+    shape: tuple[Any, ...]  # of a row, by counts of joints n, driven joints m, feet f, outputs k
+    kind: type = float
+
+
+COLUMNS = {
+    "t": Column("state", "t", ()),  # simulated time [s]
+    "q": Column("state", "q", ("n",)),  # what the joint sensors say [rad]
+    "dq": Column("state", "dq", ("n",)),  # [rad/s]
+    "tau": Column("state", "tau", ("n",)),  # of the drives, mean over the last period [N·m]
+    "grf": Column("state", "grf", ("f", 3)),  # ground reaction forces, world frame [N]
+    "contact": Column("state", "contact", ("f",), bool),  # the foot touches the ground
+    "imu_orientation": Column("state", "orientation", (4,)),  # what the IMU says, x y z w
+    "gyro": Column("state", "angular_velocity", (3,)),  # [rad/s]
+    "acceleration": Column("state", "linear_acceleration", (3,)),  # specific force [m/s²]
+    "position": Column("truth", "position", (3,)),  # true position of the base in world [m]
+    "orientation": Column("truth", "orientation", (4,)),  # true attitude of the base, x y z w
+    "velocity": Column("truth", "linear_velocity", (3,)),  # true, base frame [m/s]
+    "spin": Column("truth", "angular_velocity", (3,)),  # true, base frame [rad/s]
+    "target": Column("target", "q", ("m",)),  # what the target generator wants [rad]
+    "target_dq": Column("target", "dq", ("m",)),  # [rad/s]
+    "command": Column("command", "q", ("m",)),  # what the drives are told [rad]
+    "command_dq": Column("command", "dq", ("m",)),  # [rad/s]
+    "prediction": Column("learning", "prediction", ("k",)),  # positions, then velocities
+    "error": Column("learning", "error", ()),  # rms of predicted minus target positions [rad]
+    "phase": Column("learning", "phase", (), np.int64),  # index in `PHASES`
+}
+WALKING = {  # what a robot with legs has beside these: its gait, its stance and its trunk
+    "target_feet": Column("target", "foot_position", ("f", 3)),  # in the base frame [m]
+    "target_feet_velocity": Column("target", "foot_velocity", ("f", 3)),  # [m/s]
+    "stride_phase": Column("target", "phase", ("f",)),  # 0 at touchdown [strides], in [0, 1)
+    "target_speed": Column("target", "speed", ()),  # forward speed asked for [m/s]
+    "target_frequency": Column("target", "frequency", ()),  # stride frequency asked for [Hz]
+    "clock": Column("target", "stance", ("f",), bool),  # the gait clock says stance
+    "weight_norm": Column("learning", "weight_norm", ()),  # Frobenius norm of the readout
+    "driving": Column("learning", "driving", (), bool),  # the prediction is in the command
+    "learning": Column("learning", "learning", (), bool),  # the readout was updated
+    "foot_height": Column("stance", "foot_height", ("f",)),  # of the commanded foot [m]
+    "stance": Column("stance", "stance", ("f",), bool),  # the leg carries the trunk
+    "estimator": Column("stance", "estimator", (), np.int64),  # index in `ESTIMATORS`
+    "trunk_tau": Column("trunk", "tau", ("n",)),  # feed-forward torque [N·m]
+    "wrench": Column("trunk", "wrench", (6,)),  # wanted at the trunk, force then moment
+}
+REFLEX_TIME = "reflex_time"  # wall-clock time of a step of the network [s]; rollouts only
+
+
+@dataclass
+class Log:
+    """A run: columns with a first axis over ticks, (T, ...), and how it ended.
+
+    A column is read as an attribute: ``log.q`` has shape (T, n). A recording may lack some.
+    """
+
+    columns: dict[str, np.ndarray] = field(repr=False)
+    experiment: Experiment
+    seed: int = 0
+    fall: str = ""  # why the robot fell, or how the simulation diverged; empty if neither
+    wall_time: float = float("nan")  # of the whole run [s]
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        columns = self.__dict__.get("columns", {})
+        if name in columns:
+            return columns[name]
+        raise AttributeError(f"this log has no {name!r}; columns: {', '.join(columns)}")
+
+    def __len__(self) -> int:
+        return len(self.columns["t"])
+
+    def has(self, *names: str) -> bool:
+        """The log has these columns, and each has a value somewhere."""
+        return all(
+            name in self.columns and not np.isnan(self.columns[name]).all() for name in names
+        )
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return self.experiment.dt
+
+    @property
+    def complete(self) -> bool:
+        """The run lasted as long as its experiment says."""
+        return len(self) >= self.experiment.ticks
+
+    @property
+    def distance(self) -> float:
+        """Way of the base along x, forward, from the first tick to the last [m]."""
+        x = self.columns["position"][:, 0]
+        return float(x[-1] - x[0]) if len(x) else 0.0
+
+    def phase_of(self, name: str) -> slice:
+        """Ticks of a phase of `PHASES`; empty if it was not reached."""
+        ticks = np.flatnonzero(self.columns["phase"] == PHASES.index(name))
+        return slice(int(ticks[0]), int(ticks[-1]) + 1) if len(ticks) else slice(0, 0)
+
+    def phases(self) -> dict[str, slice]:
+        """Ticks of the phases that were reached; where nothing trains, "train" is `OPEN`."""
+        found = {}
+        for name in PHASES:
+            ticks = self.phase_of(name)
+            if ticks.stop > ticks.start:
+                called = name != "train" or self.experiment.learner.enabled
+                found[name if called else OPEN] = ticks
+        return found
+
+    def ticks(self) -> np.ndarray:
+        """Control periods since reset, (T,)."""
+        return np.rint(self.columns["t"] / self.dt).astype(int)
+
+    def message(self, part: str, row: int) -> Any:
+        """A message of `PARTS` as it was sent in a tick; None where the log lacks a column."""
+        fields = {f.name: None for f in dataclasses.fields(PARTS[part])}
+        for name, column in columns_of(self.experiment).items():
+            if column.part == part and name in self.columns:
+                fields[column.field] = self.columns[name][row]
+        if part == "trunk":
+            fields["stance"] = self.columns["stance"][row]  # the same legs
+        t = float(self.columns["t"][row])
+        return PARTS[part](**{**fields, "tick": round(t / self.dt), "t": t})
+
+    def cut(self, interval: slice) -> Log:
+        """The same run, only the ticks of `interval`."""
+        return dataclasses.replace(self, columns={k: v[interval] for k, v in self.columns.items()})
+
+    def changed(self, **columns: np.ndarray) -> Log:
+        """The same run with some columns replaced."""
+        return dataclasses.replace(self, columns={**self.columns, **columns})
+
+    def save(self, path: str | Path) -> None:
+        """Write columns, experiment, seed and outcome to one ``.npz`` file."""
+        meta = {
+            "experiment": to_dict(self.experiment),
+            "seed": self.seed,
+            "fall": self.fall,
+            "wall_time": self.wall_time,
+        }
+        archive.write(path, "log", meta, self.columns)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read what `save` wrote.
+
+        Raises:
+            MissingFileError: There is no such file.
+            ParameterError: It is not a log of this version.
+        """
+        meta, columns = archive.read(path, "log")
+        return cls(columns, from_values(meta.pop("experiment")), **meta)
+
+
+def columns_of(experiment: Experiment) -> dict[str, Column]:
+    """Columns of the messages of a run."""
+    return {**COLUMNS, **WALKING} if experiment.gait else COLUMNS
+
+
+def empty(experiment: Experiment, ticks: int) -> dict[str, np.ndarray]:
+    """Columns of zeros for a run of `ticks`."""
+    plant = experiment.plant
+    counts: dict[Any, int] = {
+        "n": len(plant.joints),
+        "m": len(plant.driven),
+        "f": len(plant.feet),
+        "k": 2 * len(experiment.outputs),
+    }
+    return {
+        name: np.zeros((ticks, *(counts.get(k, k) for k in column.shape)), column.kind)
+        for name, column in columns_of(experiment).items()
+    }
+
+
+def writer(
+    experiment: Experiment, columns: dict[str, np.ndarray]
+) -> Callable[[int, dict[str, Any]], None]:
+    """Function that writes the messages of a tick, by the names of their parts, to a row."""
+    parts: dict[str, list[tuple[str, str]]] = {}
+    for name, column in columns_of(experiment).items():
+        parts.setdefault(column.part, []).append((column.field, name))
+    plan = [
+        (part, attrgetter(*(f for f, _ in pairs)), [columns[name] for _, name in pairs])
+        for part, pairs in parts.items()
+    ]
+
+    def write(row: int, messages: dict[str, Any]) -> None:
+        for part, values, arrays in plan:
+            for array, value in zip(arrays, values(messages[part]), strict=True):
+                array[row] = value
+
+    return write

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CMA-ES and the processes that evaluate its populations."""

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run of a study, reduced to what tables and figures need."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.params import to_dict
+
+from .. import archive
+from ..metrics import registry as metrics
+from ..metrics import signals
+from ..runs.experiment import Experiment, override
+from ..runs.log import Log
+from . import trial
+
+COARSE = 10  # slow curves keep each tenth tick
+FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
+REFUSED = "refused"  # the failure of a case that the plant refuses to run
+TRACE = 3.0  # strides of joint angles kept from the end of each phase
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Verdict, metrics and curves of one run."""
+
+    name: str
+    variant: str
+    seed: int
+    experiment: dict[str, Any]
+    verdict: dict[str, Any]
+    metrics: dict[str, dict[str, float]]  # by phase and name
+    real_time_factor: float
+    at: dict[str, Any] = field(default_factory=dict)  # place in a grid: value by axis
+    key: str = ""  # digest of what decides the run
+    seconds: float = float("nan")  # processor time that it took [s]
+    curves: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write to one ``.npz`` file, whole or not at all."""
+        meta = {k: v for k, v in vars(self).items() if k != "curves"}
+        archive.write(path, "case", meta, self.curves, compress=True)
+
+    @classmethod
+    def load(cls, path: Path) -> CaseResult:
+        """Read what `save` wrote.
+
+        Raises:
+            MissingFileError: There is no such file.
+            ParameterError: It is not a case result of this version.
+        """
+        meta, curves = archive.read(path, "case")
+        return cls(**meta, curves=curves)
+
+
+def run_case(
+    name: str,
+    variant: str,
+    seed: int,
+    base: Experiment,
+    settings: dict[str, Any],
+    at: dict[str, Any],
+    key: str,
+    curves: bool = True,
+) -> CaseResult:
+    """Run one case; the function that workers call.
+
+    Args:
+        name: Name of the case.
+        variant: Name of its variant.
+        seed: Seed of learner and effects.
+        base: Experiment of the variant.
+        settings: Values that the grid sets in it, by dotted name.
+        at: Place in the grid, value by axis.
+        key: Digest of what decides the run.
+        curves: Keep curves for figures, too.
+    """
+    from ..runs.rollout import rollout  # loads physics, in the worker
+
+    started = time.process_time()
+    experiment = override(base, settings) if settings else base
+    try:
+        result = reduce(rollout(experiment, seed), name, variant, curves)
+    except ParameterError as error:  # a corner of the grid that cannot be run
+        if not settings:
+            raise
+        verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
+        result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {}, float("nan"))
+    return replace(result, at=at, key=key, seconds=time.process_time() - started)
+
+
+def reduce(log: Log, name: str, variant: str, curves: bool = True) -> CaseResult:
+    """Verdict, metrics and, if asked for, curves of a log."""
+    parts = (_error, _feet, _cycle, _trunk, _traces) if curves else ()
+    return CaseResult(
+        name=name,
+        variant=variant,
+        seed=log.seed,
+        experiment=json.loads(json.dumps(to_dict(log.experiment))),
+        verdict=trial.judge(log).as_dict(),
+        metrics=metrics.table(log),
+        real_time_factor=len(log) * log.dt / log.wall_time,
+        curves={key: values for part in parts for key, values in part(log).items()},
+    )
+
+
+def _error(log: Log) -> dict[str, np.ndarray]:
+    """Smoothed NRMSE after standing, and the lag while the prediction drives."""
+    moving = log.cut(slice(log.phase_of("stand").stop, None))
+    if not log.experiment.learner.enabled or len(moving) < metrics.period(log):
+        return {}
+    target, prediction = metrics.target_and_prediction(moving)
+    smooth = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    curves = {"error_t": moving.t[::COARSE], "error": smooth[::COARSE]}
+    found = trial.course(log)
+    if found:
+        curves |= {"lag_t": found.t[::COARSE], "lag": found.lag[::COARSE]}
+    return curves
+
+
+def _feet(log: Log) -> dict[str, np.ndarray]:
+    """Heights of the front feet at the end of the run, wanted and commanded [m]."""
+    if not log.has("target_feet"):
+        return {}
+    end = log.cut(slice(max(0, len(log) - round(FEET_SECONDS / log.dt)), None))
+    ground = -abs(log.experiment.gait.origin[2])
+    return {
+        "feet_t": end.t,
+        "feet_target": end.target_feet[:, :2, 2] - ground,
+        "feet": metrics.feet(end, "command")[:, :2, 2] - ground,
+    }
+
+
+def _cycle(log: Log) -> dict[str, np.ndarray]:
+    """Limit cycle of the test phase in the two principal components of the target [-]."""
+    test = log.cut(log.phase_of("test"))
+    if not log.experiment.learner.enabled or len(test) < metrics.period(log):
+        return {}
+    wanted, commanded = metrics.outputs_wanted(test), metrics.outputs_commanded(test)
+    target, actual = signals.limit_cycle(wanted, commanded)
+    return {"cycle_t": test.t, "cycle_target": target, "cycle": actual}
+
+
+def _traces(log: Log) -> dict[str, np.ndarray]:
+    """Commands and passive joints at the end of each phase, by its name."""
+    width, passive = round(TRACE * metrics.period(log)), metrics.passive(log)
+    if not len(passive):
+        return {}
+    curves = {}
+    for phase, ticks in log.phases().items():
+        rows = slice(max(ticks.start, ticks.stop - width), ticks.stop)
+        key = phase.replace(" ", "_")
+        curves[f"{key}_trace_t"] = log.t[rows]
+        curves[f"{key}_trace_command"] = log.command[rows]
+        curves[f"{key}_trace_passive"] = log.q[rows][:, passive]
+    return curves
+
+
+def _trunk(log: Log) -> dict[str, np.ndarray]:
+    """Position and attitude of the base over the whole run."""
+    angles = signals.roll_pitch_yaw(log.orientation)
+    return {
+        "trunk_t": log.t[::COARSE],
+        "trunk_position": log.position[::COARSE],
+        "trunk_angles": angles[::COARSE],
+    }

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Axes of a study's grid, and what its maps show.
+
+axes:
+  learner.memory: [20, 50, 80]                   # a parameter by its dotted name
+  kp: {logspace: [0, 4, 60], unit: N·m/rad,      # powers of ten, both ends included
+       sets: [overrides.drives.*_hfe_joint.kp, overrides.drives.*_kfe_joint.kp]}
+  M: {linspace: [10, 90, 5], whole: true, sets: [learner.memory]}
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.reading import shown
+
+SPACINGS = {"linspace": np.linspace, "logspace": np.logspace}
+AXIS_KEYS = ("values", *SPACINGS, "whole", "sets", "unit")
+MAP_KEYS = ("x", "y", "metrics", "legal", "iso_damping", "regions")
+MOST_POINTS = 10_000  # on one axis
+MOST_CASES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a grid: its values, and the parameters that take them."""
+
+    name: str
+    values: tuple[Any, ...]
+    sets: tuple[str, ...]  # dotted names
+    unit: str = ""
+    spacing: tuple[str, float, float, bool] | None = None  # in `SPACINGS`, ends, whole numbers
+
+    def with_points(self, count: int) -> Axis:
+        """The same range in another number of points; a list stays as it is.
+
+        Raises:
+            ParameterError: Fewer than 1 or more than 10,000 points.
+        """
+        if self.spacing is None:
+            return self
+        return replace(self, values=_spaced(self.name, *self.spacing, count))
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether its values are powers."""
+        return self.spacing is not None and self.spacing[0] == "logspace"
+
+
+@dataclass(frozen=True)
+class MapSpec:
+    """Axes, metrics and lines of the maps of a grid."""
+
+    x: str
+    y: str
+    metrics: tuple[str, ...]
+    legal: dict[str, tuple[float, float]]  # by metric: what is good
+    iso_damping: tuple[float, ...] = ()  # kappa of lines y = kappa sqrt(x)
+    regions: dict[str, dict[str, dict[str, tuple[float, float]]]] = field(default_factory=dict)
+
+
+def read_axes(values: Any, where: str) -> tuple[Axis, ...]:
+    """Axes from the key ``axes`` of a study.
+
+    Raises:
+        ParameterError: There is no mapping, or an axis has no values.
+        NameUnknownError: An axis has a key that is not known.
+    """
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"{where}.axes must be a mapping of axes, got {shown(values)}")
+    axes = tuple(_axis(str(name), spec, f"{where}.axes.{name}") for name, spec in values.items())
+    if math.prod(len(axis.values) for axis in axes) > MOST_CASES:
+        raise ParameterError(f"{where}.axes make more than {MOST_CASES:,} points; take fewer")
+    return axes
+
+
+def _axis(name: str, spec: Any, where: str) -> Axis:
+    spec = spec if isinstance(spec, Mapping) else {"values": spec}
+    for key in spec:
+        if key not in AXIS_KEYS:
+            raise NameUnknownError(f"key in {where}", str(key), AXIS_KEYS)
+    given = [key for key in ("values", *SPACINGS) if key in spec]
+    values = spec[given[0]] if len(given) == 1 else None
+    if not isinstance(values, (list, tuple)) or not values:
+        raise ParameterError(
+            f"{where} has no values: give a list, {{linspace: [first, last, points]}} or "
+            f"{{logspace: [first exponent, last exponent, points]}}, got {shown(dict(spec))}"
+        )
+    spacing, sets = None, spec.get("sets", [name])
+    if not isinstance(sets, (list, tuple)) or not all(isinstance(s, str) for s in sets):
+        raise ParameterError(f"{where}.sets must be a list of parameters, got {shown(sets)}")
+    if given[0] in SPACINGS:
+        numbers = len(values) == 3 and all(type(v) in (int, float) for v in values)
+        if not numbers or type(values[2]) is not int:
+            raise ParameterError(
+                f"{where}.{given[0]} must be [first, last, points], got {shown(values)}"
+            )
+        spacing = given[0], float(values[0]), float(values[1]), bool(spec.get("whole", False))
+        values = _spaced(where, *spacing, values[2])
+    return Axis(name, tuple(values), tuple(sets), str(spec.get("unit", "")), spacing)
+
+
+def _spaced(
+    where: str, kind: str, first: float, last: float, whole: bool, count: int
+) -> tuple[float, ...]:
+    if not 1 <= count <= MOST_POINTS:
+        raise ParameterError(f"{where} needs 1 to {MOST_POINTS:,} points, got {count}")
+    values = (float(v) for v in SPACINGS[kind](first, last, count))
+    return tuple(dict.fromkeys(map(round, values))) if whole else tuple(values)
+
+
+def points(axes: tuple[Axis, ...]) -> Iterator[tuple[int, ...]]:
+    """Indices of the points of a grid; the last axis is the fastest; without axes one, empty."""
+    return itertools.product(*(range(len(axis.values)) for axis in axes))
+
+
+def settings(axes: tuple[Axis, ...], point: tuple[int, ...]) -> dict[str, Any]:
+    """Parameters of a point by dotted name."""
+    pairs = zip(axes, point, strict=True)
+    return {name: axis.values[i] for axis, i in pairs for name in axis.sets}
+
+
+def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> MapSpec | None:
+    """The key ``map`` of a study; without it, the first two axes of a grid that has two.
+
+    Args:
+        values: Content of the key, None if it is absent.
+        axes: Axes of the grid.
+        where: Name of the study.
+        known: Names of metrics.
+
+    Raises:
+        ParameterError: It is no mapping, a range is not two numbers, or there are no two axes.
+        NameUnknownError: A key, an axis or a metric is not known.
+    """
+    names = [axis.name for axis in axes]
+    if len(axes) < 2:
+        if values is not None:
+            raise ParameterError(f"{where}.map needs a grid of two axes or more")
+        return None
+    values = {} if values is None else values
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"{where}.map must be a mapping, got {shown(values)}")
+    for key in values:
+        if key not in MAP_KEYS:
+            raise NameUnknownError(f"key in {where}.map", str(key), MAP_KEYS)
+    x, y = (str(values.get(key, name)) for key, name in zip(("x", "y"), names, strict=False))
+    for name in (x, y):
+        if name not in names:
+            raise NameUnknownError(f"axis of {where}", name, names)
+    legal = _ranges(values.get("legal", {}), f"{where}.map.legal")
+    metrics = tuple(values.get("metrics", legal))
+    for name in (*metrics, *legal):
+        if name not in known and name != "survived":
+            raise NameUnknownError("metric", str(name), known)
+    regions = {
+        str(name): {part: _ranges(dict(rule).get(part, {}), f"{where}.map.regions.{name}.{part}")
+                    for part in ("where", "what")}
+        for name, rule in dict(values.get("regions", {})).items()
+    }  # fmt: skip
+    damping = tuple(float(v) for v in values.get("iso_damping", ()))
+    return MapSpec(x, y, metrics, legal, damping, regions)
+
+
+def _ranges(values: Any, where: str) -> dict[str, tuple[float, float]]:
+    """Ranges by name; null leaves an end open.
+
+    Raises:
+        ParameterError: A range is not two numbers.
+    """
+    if not isinstance(values, Mapping):
+        raise ParameterError(f"{where} must be a mapping of ranges, got {shown(values)}")
+    made = {}
+    for name, pair in values.items():
+        ends = pair if isinstance(pair, (list, tuple)) else ()
+        if len(ends) != 2 or not all(v is None or type(v) in (int, float) for v in ends):
+            raise ParameterError(f"{where}.{name} must be [low, high], got {shown(pair)}")
+        low, high = ends
+        made[str(name)] = (
+            -math.inf if low is None else float(low), math.inf if high is None else float(high),
+        )  # fmt: skip
+    return made

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdict on a run: which failure criteria it met, by how much, and how it kept time."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..metrics import registry as metrics
+from ..metrics import signals
+from ..params import CriterionParams
+from ..reflex.schedule import CLOSING
+from ..runs.log import Log
+
+TAIL = 10.0  # frequency and lag are reported for the last seconds of a run [s]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The end of a trial. Numbers are NaN when the prediction never drove for a stride."""
+
+    survived: bool  # no criterion failed
+    failed: list[str]  # names of `CriterionParams` that failed
+    fall: str  # why the robot fell; empty if it did not
+    end: float  # simulated time reached [s]
+    nrmse: float = float("nan")  # largest smoothed NRMSE while the prediction drove [-]
+    amplitude: float = float("nan")  # smallest stride amplitude over the target's [-]
+    slip: float = float("nan")  # largest lag, ahead or behind [stride]
+    lag: float = float("nan")  # lag at the end, positive behind [stride]
+    frequency: float = float("nan")  # of the prediction in the last 10 s [Hz]
+    target_frequency: float = float("nan")  # of the target in the last 10 s [Hz]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Course of the prediction against its target, tick by tick while it drove."""
+
+    t: np.ndarray = field(repr=False)  # [s], (T,)
+    nrmse: np.ndarray = field(repr=False)  # smoothed over one stride [-], (T,)
+    lag: np.ndarray = field(repr=False)  # [stride], (T,)
+    amplitude: np.ndarray = field(repr=False)  # over the target's, two strides long [-], (T,)
+
+
+def driven(log: Log) -> Log:
+    """The part of a run in which the prediction drives: closing and test."""
+    if not log.experiment.learner.enabled:
+        return log.cut(slice(0, 0))
+    return log.cut(slice(int(np.searchsorted(log.phase, CLOSING)), None))
+
+
+def course(log: Log) -> Course | None:
+    """Course of a run, None if the prediction drove for less than two strides."""
+    log = driven(log)
+    if not len(log) or len(log) < 2 * metrics.period(log):
+        return None
+    stride = metrics.period(log)
+    target, prediction = metrics.target_and_prediction(log)
+    wanted = np.nanmedian(signals.stride_amplitude(target, 2 * stride))
+    return Course(
+        log.t,
+        signals.smoothed_nrmse(target, prediction, stride),
+        metrics.lag(log),
+        signals.stride_amplitude(prediction, 2 * stride) / wanted,
+    )
+
+
+def judge(log: Log, criterion: CriterionParams | None = None) -> Verdict:
+    """Hold a run against a failure criterion, by default that of its experiment."""
+    found = course(log)
+    numbers = _numbers(log, found) if found else {}
+    end = float(log.t[-1]) if len(log) else 0.0
+    bounds = criterion or log.experiment.criterion
+    failed = [
+        name
+        for name, bad in {
+            "fall": bounds.fall and bool(log.fall),
+            "phase_slip": numbers.get("slip", 0.0) >= bounds.phase_slip,
+            "freeze": numbers.get("amplitude", 1.0) < bounds.freeze,
+            "nrmse": numbers.get("nrmse", 0.0) > bounds.nrmse,
+        }.items()
+        if bad
+    ]
+    return Verdict(not failed, failed, log.fall, end, **numbers)
+
+
+def _numbers(log: Log, found: Course) -> dict[str, float]:
+    tail = driven(log)
+    tail = tail.cut(slice(max(0, len(tail) - round(TAIL / log.dt)), None))
+    target, prediction = metrics.target_and_prediction(tail)
+    return {
+        "nrmse": float(np.max(found.nrmse)),
+        "amplitude": float(np.nanmin(found.amplitude)),
+        "slip": float(np.max(np.abs(found.lag))),
+        "lag": float(found.lag[-1]),
+        "frequency": signals.stride_frequency(prediction, log.dt),
+        "target_frequency": signals.stride_frequency(target, log.dt),
+    }

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Entries of a plan, and their results as measures read them.
+
+``plans.yaml`` says for each plan and entry which study runs with how many points and seeds on
+which engine. Each entry has a folder; all are resumable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError
+
+from ..plain import read_yaml
+from ..study import study as studies
+from ..study.case import CaseResult
+from ..study.study import Study
+from .registry import NotRunError, file
+
+
+@dataclasses.dataclass(frozen=True)
+class Entry:
+    """One thing that a plan runs.
+
+    Attributes:
+        name: Name of the entry and of its folder.
+        study: Name of the study; empty for a calibration or chapter 6.
+        engine: Physics engine.
+        points: Points of spaced axes: a number for all, or by axis; None as in the study.
+        seeds: Number of seeds; None for all.
+        overrides: Values by dotted name for every variant.
+        options: Settings of an entry that is no study.
+    """
+
+    name: str
+    study: str = ""
+    engine: str = "pybullet"
+    points: Any = None
+    seeds: int | None = None
+    overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def load(self) -> Study:
+        """The study as this plan wants it."""
+        loaded = studies.load(self.study, overrides={**self.overrides, "sim.engine": self.engine})
+        if self.seeds:
+            loaded = dataclasses.replace(loaded, seeds=loaded.seeds[: self.seeds])
+        return loaded.with_points(self.points) if self.points else loaded
+
+
+def plan(name: str) -> dict[str, Entry]:
+    """Entries of a plan by name.
+
+    Raises:
+        NameUnknownError: There is no such plan.
+    """
+    plans = read_yaml(file("plans.yaml"))
+    if name not in plans:
+        raise NameUnknownError("plan", name, plans)
+    return {key: Entry(key, **values) for key, values in plans[name].items()}
+
+
+class Evidence:
+    """Results of a plan, read when a measure asks for them.
+
+    Args:
+        entries: Entries of the plan.
+        folder: Folder that holds a folder per entry.
+        others: Results of entries that are no studies, by name: functions without arguments.
+    """
+
+    def __init__(
+        self,
+        entries: dict[str, Entry],
+        folder: Path,
+        others: dict[str, Callable[[], Any]] | None = None,
+    ):
+        self.entries, self.folder, self._others = entries, folder, others or {}
+        self._read: dict[str, Any] = {}
+
+    def study(self, name: str) -> tuple[Study, list[CaseResult]]:
+        """A study and its results.
+
+        Raises:
+            NotRunError: It is not in the plan, or some of its cases were not run.
+        """
+        if name not in self._read:
+            if name not in self.entries:
+                raise NotRunError(f"{name} is not in this plan")
+            loaded = self.entries[name].load()
+            self._read[name] = loaded, studies.stored(loaded, self.folder / name)
+        loaded, cases = self._read[name]
+        if missing := sum(1 for _ in loaded.cases()) - len(cases):
+            raise NotRunError(f"{name}: {missing} of {missing + len(cases)} cases were not run")
+        return loaded, cases
+
+    def other(self, name: str) -> Any:
+        """Result of an entry that is no study.
+
+        Raises:
+            NotRunError: There is no result of it.
+        """
+        if name not in self._others:
+            raise NotRunError(f"{name} was not run")
+        if name not in self._read:
+            self._read[name] = self._others[name]()
+        return self._read[name]
+
+
+def column(cases: Sequence[CaseResult], metric: str, phase: str) -> np.ndarray:
+    """A metric of a phase, a value per case; NaN where the phase was not reached."""
+    return np.array([case.metrics.get(phase, {}).get(metric, np.nan) for case in cases])
+
+
+def over(
+    cases: Sequence[CaseResult], axis: str, metric: str, phase: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values of an axis and the mean of a metric there; cases that fell before are left out."""
+    at = np.array([case.at[axis] for case in cases], dtype=float)
+    values, places = column(cases, metric, phase), np.unique(at)
+    means = [
+        float(np.mean(known)) if len(known := v[np.isfinite(v)]) else np.nan
+        for v in (values[at == place] for place in places)
+    ]
+    return places, np.array(means)

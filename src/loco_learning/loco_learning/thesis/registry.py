@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Claims of the thesis in ``claims.yaml``, and their verdicts by the rules that stand there.
+
+A measure is a small function from evidence (what a plan ran) to named numbers. A claim names a
+measure and, for its numbers, the ranges in which the claim agrees; the ranges stand in the file
+before anything runs. It is not decided when its evidence was not run, or a number is NaN.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import LocoError, ParameterError
+
+from ..plain import read_yaml
+
+AGREES, DISAGREES, OPEN = "agrees", "disagrees", "not decided"
+Numbers = Mapping[str, float]
+MEASURES: dict[str, Callable[[Any], Numbers]] = {}
+
+
+def measure(function: Callable[[Any], Numbers]) -> Callable[[Any], Numbers]:
+    """Register a function from evidence to numbers under its own name."""
+    MEASURES[function.__name__] = function
+    return function
+
+
+class NotRunError(LocoError):
+    """The evidence that a claim needs was not run in this plan."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One row of the registry.
+
+    Attributes:
+        number: Number of the claim, such as "7.4".
+        item: Figure or line of the thesis.
+        says: The claim in a sentence.
+        evidence: Names of the plan's entries that it is judged by.
+        measure: Name of the function that measures it; "msd" for the claims of chapter 6, which
+            have judges of their own.
+        rule: Ranges of numbers in which the claim agrees.
+        why: Explanation of a disagreement, as far as one is known.
+    """
+
+    number: str
+    item: str
+    says: str
+    evidence: tuple[str, ...]
+    measure: str
+    rule: dict[str, tuple[float, float]]
+    why: str = ""
+
+    @property
+    def wanted(self) -> str:
+        """The rule in words."""
+        return "; ".join(_range(name, *ends) for name, ends in self.rule.items())
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The outcome of a claim.
+
+    Attributes:
+        claim: Number of the claim.
+        item: Figure or line of the thesis.
+        says: The claim.
+        wanted: The rule.
+        found: Numbers that were measured.
+        verdict: `AGREES`, `DISAGREES` or `OPEN`.
+        evidence: Names of the plan's entries.
+        why: Explanation of a disagreement.
+    """
+
+    claim: str
+    item: str
+    says: str
+    wanted: str
+    found: str
+    verdict: str
+    evidence: tuple[str, ...] = ()
+    why: str = ""
+
+
+def file(name: str) -> Path:
+    """Path of a file of this package."""
+    return Path(str(importlib.resources.files("loco_learning") / "thesis" / name))
+
+
+def claims() -> list[Claim]:
+    """All claims, in their order.
+
+    Raises:
+        ParameterError: The file has a claim twice, or a range that is not two numbers.
+    """
+    made = []
+    for number, row in read_yaml(file("claims.yaml")).items():
+        rule = {str(name): _ends(number, ends) for name, ends in row.get("rule", {}).items()}
+        evidence = row["from"] if isinstance(row["from"], list) else [row["from"]]
+        made.append(
+            Claim(str(number), row.get("item", ""), row.get("says", ""), tuple(evidence),
+                  row.get("measure", "msd"), rule, row.get("why", ""))
+        )  # fmt: skip
+    return made
+
+
+def _ends(number: Any, ends: Any) -> tuple[float, float]:
+    if not isinstance(ends, list) or len(ends) != 2:
+        raise ParameterError(f"claim {number}: a range is [low, high], got {ends!r}")
+    low, high = ends
+    return (-math.inf if low is None else float(low), math.inf if high is None else float(high))
+
+
+def judge(claim: Claim, evidence: Any) -> Verdict:
+    """Verdict of one claim by what was run."""
+    found, word = "not run", OPEN
+    try:
+        numbers = MEASURES[claim.measure](evidence)
+    except NotRunError as error:
+        found = str(error)
+    else:
+        found = "; ".join(f"{name.replace('_', ' ')} {_text(v)}" for name, v in numbers.items())
+        values = [numbers.get(name, math.nan) for name in claim.rule]
+        if values and not any(math.isnan(value) for value in values):
+            fits = (low <= v <= high for v, (low, high) in zip(values, claim.rule.values(),
+                                                               strict=True))  # fmt: skip
+            word = AGREES if all(fits) else DISAGREES
+    why = claim.why if word == DISAGREES else ""
+    return Verdict(
+        claim.number, claim.item, claim.says, claim.wanted, found, word, claim.evidence, why
+    )
+
+
+def _text(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.5g}" if abs(value) >= 1e3 else f"{value:.3g}"
+
+
+def _range(name: str, low: float, high: float) -> str:
+    name = name.replace("_", " ")
+    if low == high:
+        return f"{name} is {low:g}"
+    if math.isinf(high):
+        return f"{name} at least {low:g}"
+    return f"{name} at most {high:g}" if math.isinf(low) else f"{name} {low:g} to {high:g}"

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop of `bolted.Bolted`, compiled: drives, springs, laws of effects and motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..drives.actuators import COMMANDS, asked, joint_torques
+from ..effects.laws import bend, budgets, motors, torques
+from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
+from ..world.braking import split
+from .dynamics import advance, workshop
+
+MADE_OF = "513a3ac742dd"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+
+
+@njit(cache=True, error_model="numpy")
+def run(
+    tree,
+    order,
+    gravity,
+    pieces,
+    starts,
+    targets,
+    which,
+    power,
+    drives,
+    springs,
+    rotors,
+    change,
+    brakes,
+    pulls,
+    slow,
+    dt,
+    out,
+    memories,
+):
+    """Run along commands, in pieces that each begin anew, until states are no longer finite.
+
+    Args:
+        tree: `tree.Tree` of n joints.
+        order: Index among the robot's joints of each joint of the tree, (n,).
+        gravity: Acceleration of gravity [m/s²], (3,).
+        pieces: First row of each piece and the row after its last, (w, 2).
+        starts: Positions and velocities at the start of each, in the robot's order, (w, 2, n).
+        targets: Commands as in `actuators.joint_torques`, in the robot's order, (k, COMMANDS, n).
+        which: Row of `targets` for each physics step, (T * steps,).
+        power: Supply and switch of each row, (T, 2).
+        drives: Drives as `actuators.joint_torques` takes them, (n, 9).
+        springs: Springs as `actuators.joint_torques` takes them, (n, 7).
+        rotors: Rotors as `actuators.joint_torques` takes them, (n, 2); changed.
+        change: `effects.rows.Laws` of the effects on torques.
+        brakes: The same of the effects that brake.
+        pulls: `effects.pulls.Pulls`.
+        slow: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
+        dt: Physics step [s].
+        out: Filled in: positions, velocities and mean torques before each row, (T, 3, n).
+        memories: Filled in: memory of the effects before each row, (T, rows, MEMORY), or empty.
+    """
+    memory, line, n = change[3], change[4], out.shape[2]
+    q, dq = np.empty(n), np.empty(n)  # of the tree
+    for w in range(len(pieces)):
+        for i in range(n):
+            q[i], dq[i] = starts[w, 0, order[i]], starts[w, 1, order[i]]
+            rotors[i, 0], rotors[i, 1] = starts[w, 0, i], starts[w, 1, i]
+        memory[:] = 0.0
+        line[:] = 0.0
+        follow(
+            tree, order, gravity, q, dq, pieces[w, 0], pieces[w, 1], targets, which, power,
+            drives, springs, rotors, change, brakes, pulls, slow[w], dt, out, memories,
+        )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def follow(
+    tree,
+    order,
+    gravity,
+    q,
+    dq,
+    first,
+    stop,
+    targets,
+    which,
+    power,
+    drives,
+    springs,
+    rotors,
+    change,
+    brakes,
+    pulls,
+    slow,
+    dt,
+    out,
+    memories,
+):
+    """Run one piece; arguments as of `run`, `q` and `dq` those of the tree, changed."""
+    plan, joint, const, memory, line = change
+    brake_plan, brake_joint, brake_const = brakes[:3]
+    n = len(q)
+    steps = len(which) // out.shape[0]
+    known, mean = np.empty(2 * n), np.zeros(n)
+    command, budget, tau = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n)
+    push, motor = np.empty(n), np.zeros(n)  # of the tree
+    step, braked, weakened = first * steps, len(brake_plan) > 0, False
+    rows = drives.copy()
+    for k in range(len(plan)):
+        if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
+            weakened |= np.any(const[plan[k, 1] : plan[k, 2], ON_MOTOR] != 0.0)
+    room = workshop(n)
+    for row in range(first, stop):
+        for i in range(n):
+            if not (np.isfinite(q[i]) and np.isfinite(dq[i])):
+                return
+        for i in range(n):
+            out[row, 0, order[i]], out[row, 1, order[i]] = q[i], dq[i]
+            out[row, 2, i] = mean[i]
+        if len(memories):
+            memories[row] = memory
+        mean[:] = 0.0
+        for _ in range(steps):
+            command[:] = targets[which[step]]
+            for i in range(n):
+                known[order[i]], known[n + order[i]] = q[i], dq[i]
+            bend(step, plan, joint, memory, command)
+            supply, on = power[row, 0], power[row, 1]
+            if weakened:
+                rows[:] = drives
+                share = asked(known, command, drives, rotors, supply, on)
+                motors(step, plan, joint, const, rows, share[0], share[1])
+            joint_torques(known, command, rows, springs, rotors, dt, supply, on, tau)
+            if len(plan):
+                torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
+            mean += tau
+            for i in range(n):
+                push[i] = tau[order[i]]
+            if braked:
+                budget[:] = 0.0
+                budgets(step, brake_plan, brake_joint, brake_const, budget, tau, known[n:])
+                held, drag = split(budget, known[n:], slow)
+                for i in range(n):
+                    push[i] += drag[order[i]]
+                    motor[i] = held[order[i]]
+            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, room)
+            step += 1
+        mean /= steps

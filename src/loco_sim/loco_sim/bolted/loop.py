@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bolted robot that touches nothing, run along commands that are known beforehand.
+
+Tells what `Simulation` would, many times faster: no engine, one compiled loop. For
+predictions; robots that walk, and experiments with a controller in the loop, need the engine.
+
+    plant = Bolted(robot, effects)
+    run = plant.run(q_wanted, dq_wanted)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..drives.actuators import Actuators
+from ..drives.stability import substeps
+from ..effects.base import Effect, overrides, span, streams
+from ..effects.catalogue.actuator import JointOffset
+from ..effects.catalogue.delay import CommandDelay
+from ..effects.chain import Chain
+from ..effects.pulls import laid_out
+from ..effects.pulls import of as pulls
+from ..effects.readings import Layout, Measuring
+from ..effects.rows import NO_LAWS, Laws
+from ..effects.timetable import behind_springs, commanding, heard
+from ..params import SimParams
+from ..plant.orders import ramped
+from ..plant.simulation import periods
+from ..robot.description import Description
+from ..robot.robot import Robot, joint_index
+from ..world import braking
+from . import dynamics as kernels
+from . import kernels as loop
+from . import tree
+
+
+class Run(NamedTuple):
+    """Readings of the sensors before each command; NaN from where the state is not finite."""
+
+    q: np.ndarray  # positions [rad or m], (T, n)
+    dq: np.ndarray  # velocities, (T, n)
+    tau: np.ndarray  # torques, mean over the period before [N·m or N], (T, n)
+
+
+class Pieces(NamedTuple):
+    """Stretches of a run that begin anew, each from a state of its own."""
+
+    rows: np.ndarray  # first row of each piece and the one after its last, (w, 2) of whole numbers
+    starts: np.ndarray  # positions and velocities there, (w, 2, n)
+
+
+class Setting:
+    """The plant that effects may change before a run: the part of `World` that `configure` sees."""
+
+    def __init__(self, robot: Robot, params: SimParams, dt: float):
+        self.robot, self.params, self.dt = robot, params, dt
+        self.description = Description(robot.urdf)
+        self.friction, self.contact = dict(robot.friction), dict(robot.contact)
+        self.gravity = (0.0, 0.0, -params.gravity)
+        self.hinges: dict[str, tuple[float, float]] = {}
+
+    def joint_index(self, pattern: str) -> np.ndarray:
+        """Indices of the robot's joints that a name or fnmatch pattern names."""
+        return joint_index(self.robot.joints, pattern)
+
+
+class Bolted:
+    """A bolted robot with its drives, sensors and effects.
+
+    Attributes:
+        robot: The robot simulated.
+        dt: Control period [s].
+        physics_dt: Physics step [s].
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        effects: Sequence[Effect] = (),
+        seed: int = 0,
+        dt: float | None = None,
+    ):
+        """Prepare; arguments as of `Simulation`.
+
+        Raises:
+            ParameterError: The robot or an effect needs the engine: see `needs_engine`; or
+                the period does not fit the physics.
+        """
+        if reason := needs_engine(robot, effects):
+            raise ParameterError(f"robot {robot.name!r} needs the engine: {reason}")
+        self.robot, self._effects, self._seed = robot, list(effects), seed
+        self.dt = 1.0 / robot.control_rate if dt is None else dt
+        self._steps = periods(self.dt, robot.sim.physics_rate)
+        self._configure()
+        count = self._substeps()
+        if count > 1:
+            self._steps *= count
+            self._configure()
+        self.physics_dt = self.dt / self._steps
+
+    def _configure(self) -> None:
+        setting = Setting(self.robot, self.robot.sim, self.dt / self._steps)
+        for effect in self._effects:
+            if overrides(effect, "configure"):
+                effect.configure(setting)
+        described = tree.build(setting.description, self.robot.joints)
+        self._tree, self._order, self._frames = described
+        self._gravity, self._description = np.array(setting.gravity), setting.description
+
+    def _substeps(self) -> int:
+        """Parts of a physics step until damping held over one is harmless: `stability.substeps`.
+
+        Here no damping is solved, as with `SimParams.implicit_damping` off.
+        """
+        robot, dt = self.robot, self.dt / self._steps
+        damping = np.array([self._description.damping(joint) for joint in robot.joints])
+        inertia = self.inertia(robot.standing)
+        return substeps(robot.damping + damping, inertia, dt, robot.sim)
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """Inertia that the joints feel [kg·m²], (n, n), in the robot's order."""
+        n = len(q)
+        matrix, bias = np.zeros((n, n)), np.empty(n)
+        at = np.asarray(q, dtype=float)[self._order]
+        links = kernels.workshop(n)[0]
+        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), links, matrix, bias)
+        back = np.argsort(self._order)
+        return matrix[np.ix_(back, back)]
+
+    def run(
+        self,
+        q_wanted: np.ndarray,
+        dq_wanted: np.ndarray | None = None,
+        tau_wanted: np.ndarray | None = None,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+        power: np.ndarray | None = None,
+        pieces: Pieces | None = None,
+        ramps: tuple[bool, bool, bool] = (False, False, False),
+        swinging: np.ndarray | None = None,
+    ) -> Run:
+        """Run along commands, each held for a control period.
+
+        Args:
+            q_wanted: Positions wanted of all joints [rad], (T, n).
+            dq_wanted: Velocities wanted, (T, n); None is none.
+            tau_wanted: Torques wanted, (T, n); None is none.
+            start: Positions and velocities at the start, (n,) each; None is standing at rest.
+            power: Supply and switch of the drives (`Simulation.power`), (T, 2); None is on.
+            pieces: Begin anew at rows, instead of `start`. Time and commands go on, so that
+                effects come and go as in one run; what they remember does not.
+            ramps: Positions, velocities, torques wanted go straight from row to row instead
+                of being held.
+            swinging: Above 0 where the leg of a joint swings, which may change its gains,
+                (T, n); None is nowhere.
+        """
+        rows, n = q_wanted.shape
+        none = np.zeros((rows, n))
+        targets = [none if w is None else w for w in (q_wanted, dq_wanted, tau_wanted, swinging)]
+        for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
+            effect.reset(rng)
+        table, which = self._heard(
+            *ramped(np.stack(targets, axis=1).astype(float), self._steps, ramps)
+        )
+        change, brakes = self._chain("on_torque"), self._chain("on_brake")
+        forces = laid_out(self._effects, self._frames, self.robot.height, self.physics_dt)
+        if pieces is None:
+            q, dq = (self.robot.standing, none[0]) if start is None else start
+            pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq]], dtype=float))
+        slow = np.zeros((len(pieces.rows), n))
+        for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
+            slow[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
+        measures = [
+            (*span(effect, self.physics_dt), effect.measure)
+            for effect in self._effects
+            if isinstance(effect, Measuring) and not effect.absent()
+        ]
+        out = np.full((rows, 3, n), np.nan)
+        memories = np.zeros((rows if measures else 0, *change.memory.shape))
+        power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
+        drive = Actuators(self.robot, self.physics_dt)
+        loop.run(
+            self._tree, self._order, self._gravity, *pieces, table, which, power, *drive.rows(),
+            change, brakes, forces, slow, self.physics_dt, out, memories,
+        )  # fmt: skip
+        return self._measured(out, pieces.rows, measures, change, memories)
+
+    def _chain(self, hook: str) -> Laws:
+        """Laws of the effects that have a hook."""
+        acting = [e for e in self._effects if overrides(e, hook) and not e.absent()]
+        return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
+
+    def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Commands as the drives get them, (k, COMMANDS, n), and which counts in each physics step.
+
+        What a spring before the joint does to them is left to the loop.
+        """
+        changes, end = [], len(which)
+        for first, last, change in commanding(self._effects, self.physics_dt):
+            effect, whole = change.__self__, first <= 0 and last >= end
+            if changes or not whole or not isinstance(effect, (CommandDelay, JointOffset)):
+                changes.append((first, last, change))
+            elif isinstance(effect, JointOffset):
+                targets = targets.copy()
+                targets[:, 0, effect.joints] += effect.offset
+            else:
+                late = min(effect.steps, end)
+                which = np.concatenate([np.full(late, which[0]), which[: end - late]])
+        if not changes:
+            return targets, which
+        wanted = [(target[0], target[1]) for target in targets]
+        return heard(changes, wanted, which, targets[:, 2:], 0, self.physics_dt)
+
+    def _measured(
+        self, out: np.ndarray, pieces: np.ndarray, measures: list, change: Laws, memories: Any
+    ) -> Run:
+        """Readings of what happened, (T, 3, n)."""
+        q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
+        for first, stop in pieces if self.robot.sensors else ():
+            q[first:stop], dq[first:stop] = self._read(q[first:stop])
+        if not measures:
+            return Run(q, dq, tau)
+        at = Layout(len(self._order), len(self.robot.feet))
+        values = np.zeros((len(q), at.size))
+        values[:, at["orientation"]] = 0.0, 0.0, 0.0, 1.0
+        values[:, at["linear_acceleration"]] = -self._gravity
+        for name, column in (("q", q), ("dq", dq), ("tau", tau)):
+            values[:, at[name]] = column
+        for row in np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2))):
+            change.memory[:] = memories[row]
+            for first, last, measure in measures:
+                if first <= row * self._steps < last:
+                    measure(values[row], at, row * self.dt)
+        return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))
+
+    def _read(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities as `Sensors` that are exact form them, (T, n) each."""
+        sensors, q = self.robot.sensors, q.copy()
+        for i, joint in enumerate(self.robot.joints):
+            if joint in self.robot.hall:
+                q[:, i] = self.robot.hall[joint].reached(q[:, i])
+        every = max(1, round(1.0 / (sensors.rate * self.dt))) if sensors.rate > 0.0 else 1
+        rows = np.arange(len(q)) // every * every
+        dq = (q[rows] - q[np.maximum(rows - every, 0)]) / (every * self.dt)
+        return q[rows], dq
+
+
+def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
+    """Why a robot with effects cannot be run without the engine; empty if it can."""
+    if not robot.fixed_base or not robot.equipped or robot.height is None:
+        return "it has no drives in its robot.yaml, or is not bolted at a height"
+    if robot.sensors and not robot.sensors.exact:
+        return "its sensors round and rustle"
+    acting = [effect for effect in effects if not effect.absent()]
+    for effect, pull in pulls(acting):
+        if pull is None:
+            return f"{effect.name} acts on the world"
+    if reason := behind_springs(acting):
+        return reason
+    return _touches(robot.urdf, robot.joints, robot.height, robot.folder)
+
+
+@lru_cache(maxsize=64)
+def _touches(urdf: str, joints: tuple[str, ...], height: float, folder: Path) -> str:
+    description = Description(urdf)
+    try:
+        tree.build(description, joints)
+    except ParameterError as error:
+        return str(error)
+    low = tree.clearance(description, height, folder)
+    return "" if low > 0.0 else f"it may touch the ground ({low:.3g} m)"

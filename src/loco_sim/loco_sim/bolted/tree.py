@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The moving links of a bolted robot as arrays, for `tree_kernels`.
+
+Links that are fixed to others become part of them. A joint's frame is that of its child
+link at position 0; all vectors of a link are in that frame.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..robot.description import TENSOR, Description, add_point_mass
+from ..robot.meshes import mesh_points
+from ..robot.urdf_check import mesh_path
+
+SLIDES = "prismatic"
+MOVES = ("revolute", "continuous", SLIDES)
+
+
+# Columns of `Tree.body`: vectors have three, matrices nine, by rows.
+PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the link before
+AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # axis of length 1; [kg], [m], about it [kg·m²]
+DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
+
+# Joints that a free base has with the world, from there outwards: it slides along the axes of the
+# world, then turns about its own. Its pose is kept in the frames of the first and the fourth, so
+# that these joints are at 0 at every step.
+FREE = tuple(f"loco_base_{way}" for way in ("x", "y", "z", "roll", "pitch", "yaw"))
+
+
+class Tree(NamedTuple):
+    """Joints from the base outwards, each with the link it moves; n joints.
+
+    In few arrays, as a compiled function takes its time over each that it is given.
+    """
+
+    kin: np.ndarray  # index of the joint before it, -1 is the base, and whether it slides, (n, 2)
+    body: np.ndarray  # columns as above, (n, 31)
+    fastest: float  # velocities are clipped at this, as by the engine
+
+
+class Frame(NamedTuple):
+    """The place of a link of the description in the tree."""
+
+    body: int  # joint whose body it is part of, -1 is the base
+    place: np.ndarray  # its origin in the frame of that body [m], (3,)
+    turn: np.ndarray  # rotation into that frame, (3, 3)
+
+
+def build(
+    description: Description, joints: tuple[str, ...], free: bool = False
+) -> tuple[Tree, np.ndarray, dict[str, Frame]]:
+    """Tree of a robot whose joints are all its moving ones.
+
+    Args:
+        description: The robot.
+        joints: Names of its moving joints.
+        free: The base is not bolted: `FREE` come before the joints.
+
+    Returns:
+        The tree, for each of its joints the index in `joints` and then `FREE`, (n,), and the
+        frames of all links.
+
+    Raises:
+        ParameterError: A moving link has no inertia that a body can have, or another joint
+            moves.
+    """
+    walk = _Walk(description, free)
+    joints = (*joints, *FREE) if free else joints
+    if sorted(walk.names) != sorted(joints):
+        raise ParameterError("the robot has moving joints that are not listed")
+    order = np.array([joints.index(name) for name in walk.names], dtype=np.int64)
+    for name, mass, inertia in zip(walk.names, walk.mass, walk.inertia, strict=True):
+        moments = np.linalg.eigvalsh(inertia)
+        if name in FREE[:-1]:  # only the last of them moves a link
+            continue
+        if not mass > 0.0 or moments[0] <= 0.0 or moments[2] > moments[0] + moments[1] + 1e-9:
+            raise ParameterError(f"what joint {name} moves has no inertia that a body can have")
+    body = [
+        walk.place,
+        np.reshape(walk.turn, (-1, 9)),
+        walk.axis,
+        np.reshape(walk.mass, (-1, 1)),
+        walk.com,
+        np.reshape(walk.inertia, (-1, 9)),
+        [_rubbing(description, name) for name in walk.names],
+    ]
+    kin = np.array([walk.parent, walk.slides], dtype=np.int64).T
+    tree = Tree(np.ascontiguousarray(kin), np.hstack(body), description.fastest())
+    return tree, order, walk.frames
+
+
+def _rubbing(description: Description, joint: str) -> tuple[float, float, float]:
+    """Damping of a joint and its limits."""
+    if joint in FREE:
+        return 0.0, -math.inf, math.inf
+    return description.damping(joint), *description.limits(joint)
+
+
+class _Walk:
+    """Goes through a description from the root outwards."""
+
+    def __init__(self, description: Description, free: bool):
+        self._links = {e.get("name"): e for e in description.elements("link")}
+        self._children: dict[str, list[Any]] = {}
+        for joint in description.elements("joint"):
+            self._children.setdefault(joint.find("parent").get("link"), []).append(joint)
+        self.names, self.parent, self.slides = [], [], []
+        self.place, self.turn, self.axis = [], [], []
+        self.mass, self.com, self.inertia = [], [], []
+        self.frames: dict[str, Frame] = {}
+        for k, name in enumerate(FREE if free else ()):
+            self._join(name, k - 1, k < 3, (np.zeros(3), np.eye(3)), np.eye(3)[k % 3])
+        self._visit(description.root_link(), len(self.names) - 1, np.zeros(3), np.eye(3))
+
+    def _join(self, name: str, parent: int, slides: bool, frame: tuple, axis: np.ndarray) -> None:
+        """Add a joint that moves nothing yet."""
+        self.names.append(name)
+        self.parent.append(parent)
+        self.slides.append(slides)
+        self.place.append(frame[0])
+        self.turn.append(frame[1])
+        self.axis.append(axis)
+        self.mass.append(0.0)
+        self.com.append(np.zeros(3))
+        self.inertia.append(np.zeros((3, 3)))
+
+    def _visit(self, link: str, carrier: int, place: np.ndarray, turn: np.ndarray) -> None:
+        """Add a link that is fixed to the link of joint `carrier` there, and what hangs on it."""
+        self.frames[link] = Frame(carrier, place, turn)
+        if carrier >= 0:
+            self._add(self._links[link], carrier, place, turn)
+        for joint in self._children.get(link, ()):
+            offset, rotation = pose(joint.find("origin"))
+            at, facing = place + turn @ offset, turn @ rotation
+            child = joint.find("child").get("link")
+            if joint.get("type") not in MOVES:
+                self._visit(child, carrier, at, facing)
+                continue
+            axis = joint.find("axis")
+            along = numbers("1 0 0" if axis is None else axis.get("xyz"))
+            slides, axis = joint.get("type") == SLIDES, along / np.linalg.norm(along)
+            self._join(joint.get("name"), carrier, slides, (at, facing), axis)
+            self._visit(child, len(self.names) - 1, np.zeros(3), np.eye(3))
+
+    def _add(self, link: Any, to: int, place: np.ndarray, turn: np.ndarray) -> None:
+        """Make a link part of the body of a joint."""
+        inertial = link.find("inertial")
+        if inertial is None:
+            return
+        mass = float(inertial.find("mass").get("value", 0.0))
+        offset, rotation = pose(inertial.find("origin"))
+        values = {key: float(inertial.find("inertia").get(key, 0.0)) for key in TENSOR}
+        own = np.array(
+            [
+                [values["ixx"], values["ixy"], values["ixz"]],
+                [values["ixy"], values["iyy"], values["iyz"]],
+                [values["ixz"], values["iyz"], values["izz"]],
+            ]
+        )
+        facing, at = turn @ rotation, place + turn @ offset
+        if mass <= 0.0:
+            return
+        added = self.mass[to], self.com[to], self.inertia[to]
+        total, com, inertia = add_point_mass(*added, mass, at) if added[0] else (mass, at, 0.0)
+        self.mass[to], self.com[to] = total, com
+        self.inertia[to] = inertia + facing @ own @ facing.T
+
+
+def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Place [m], (3,), and rotation, (3, 3), of a URDF origin; None is none."""
+    if origin is None:
+        return np.zeros(3), np.eye(3)
+    roll, pitch, yaw = numbers(origin.get("rpy", "0 0 0"))
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    turn = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return numbers(origin.get("xyz", "0 0 0")), turn
+
+
+def numbers(text: str) -> np.ndarray:
+    """Numbers of an attribute, (k,)."""
+    return np.array([float(word) for word in text.split()])
+
+
+def clearance(description: Description, height: float, folder: Path) -> float:
+    """Smallest distance of all that moves from the ground, wherever it goes [m].
+
+    Behind a joint that turns, all lengths count in full.
+
+    Args:
+        description: The robot, bolted.
+        height: Height of the base [m].
+        folder: Folder of relative mesh files.
+    """
+    children: dict[str, list[Any]] = {}
+    for joint in description.elements("joint"):
+        children.setdefault(joint.find("parent").get("link"), []).append(joint)
+    shapes = {e.get("name"): e.findall("collision") for e in description.elements("link")}
+
+    def lowest(link: str, at: float, down: np.ndarray, swung: bool, moves: bool) -> float:
+        """Height of the lowest point of a link and what hangs on it; `down` is the world's z."""
+        heights = min(
+            [at - _extent(s, folder) for s in shapes[link]] if moves else [], default=math.inf
+        )
+        for joint in children.get(link, ()):
+            offset, rotation = pose(joint.find("origin"))
+            kind, facing = joint.get("type"), down @ rotation
+            drop = float(np.linalg.norm(offset)) if swung else -float(down @ offset)
+            if kind == SLIDES:
+                axis = numbers(joint.find("axis").get("xyz"))
+                travel = max(map(abs, description.limits(joint.get("name"))))
+                part = 1.0 if swung else abs(float(facing @ axis)) / float(np.linalg.norm(axis))
+                drop += travel * part if part > 1e-9 else 0.0
+            turned = swung or kind in ("revolute", "continuous")
+            child = joint.find("child").get("link")
+            heights = min(heights, lowest(child, at - drop, facing, turned, moves or kind in MOVES))
+        return heights
+
+    return lowest(description.root_link(), height, np.array([0.0, 0.0, 1.0]), False, False)
+
+
+def _extent(collision: Any, folder: Path) -> float:
+    """Largest distance of a shape from the origin of its link [m]; infinite if it is unknown."""
+    offset, _ = pose(collision.find("origin"))
+    shape = next(iter(collision.find("geometry")))
+    if shape.tag == "sphere":
+        size = float(shape.get("radius"))
+    elif shape.tag == "box":
+        size = 0.5 * float(np.linalg.norm(numbers(shape.get("size"))))
+    elif shape.tag == "cylinder":
+        size = math.hypot(float(shape.get("radius")), 0.5 * float(shape.get("length")))
+    else:
+        path = mesh_path(shape.get("filename", ""), folder)
+        points = np.zeros((0, 3)) if path is None else mesh_points(path)
+        if not len(points):
+            return math.inf
+        size = float(np.linalg.norm(points * numbers(shape.get("scale", "1 1 1")), axis=1).max())
+    return float(np.linalg.norm(offset)) + size

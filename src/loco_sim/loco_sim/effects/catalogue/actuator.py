@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives that do not do what they are told: too slow, too weak, loose, or turned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from ... import lazy
+from .. import rows
+from ..chain import JointEffect, MotorEffect, TorqueEffect
+from ..identity import Identity, LookAlike, Prior
+from ..readings import Layout, Measuring
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
+
+_DC_MOTOR = (
+    "Tan, Zhang, Coumans, Iscen, Bai, Hafner, Bohez, Vanhoucke 2018, Sim-to-real: learning "
+    "agile locomotion for quadruped robots, RSS (motor model)"
+)
+
+
+@dataclass
+class ActuatorLag(TorqueEffect, name="actuator_lag"):
+    """Torque follows what the drive wants with a first-order lag, solved exactly."""
+
+    time: float = parameter(0.0, "time constant", "s", low=0.0, high=1.0)
+    law, among = rows.LAG, "driven"
+
+    identity = Identity(
+        site="actuator",
+        kind="delay",
+        equation="time dtau/dt = tau_drive - tau",
+        priors={"time": Prior(0.002, 0.01, 0.1)},
+        source="Hwangbo, Lee, Dosovitskiy, Bellicoso, Tsounis, Koltun, Hutter 2019, Learning "
+        "agile and dynamic motor skills for legged robots, Science Robotics 4(26)",
+        look_alikes=(
+            LookAlike("actuation_delay", "a chirp: a delay leaves the amplitude alone at all "
+                      "frequencies"),
+            LookAlike("series_elasticity", "hold still and load the joint: a lag gives no way"),
+            LookAlike("armature", "torque off: inertia stays, a lag is gone"),
+        ),
+        touches=("torque",),
+    )  # fmt: skip
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (np.exp(-world.dt / self.time) if self.time > 0.0 else 0.0,)
+
+
+@dataclass
+class TorqueLimit(MotorEffect, name="torque_limit"):
+    """The drive gives less than the torque limit of the robot's description.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
+
+    reduction: float = parameter(0.0, "share of the limit that is missing", "-", 0.0, 1.0)
+    law, among = rows.LIMIT, "limited"
+
+    identity = Identity(
+        site="actuator",
+        equation="|tau| <= (1 - reduction) effort",
+        priors={"reduction": Prior(0.05, 0.3, 0.8)},
+        source="Siciliano, Sciavicco, Villani, Oriolo 2009, Robotics, section 5.2 (saturation of "
+        "drives)",
+        look_alikes=(
+            LookAlike("torque_speed_line", "a large step at rest: the line limits moving "
+                      "joints only"),
+            LookAlike("supply_sag", "one joint alone: the supply holds"),
+            LookAlike("spring_saturation", "torque off: the spring still saturates"),
+        ),
+        touches=("torque",),
+        smooth=False,
+    )  # fmt: skip
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return ((1.0 - self.reduction) * world.robot.effort[joints],)
+
+
+@dataclass
+class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
+    """The faster the joint moves, the less torque is left to drive it on.
+
+    Braking is not limited. In a geared servo it is about the motor, before rotor and gear.
+    """
+
+    slope: float = parameter(0.0, "one over the speed without load", "s/rad", 0.0, 10.0)
+    law, among = rows.SPEED_LINE, "limited"
+
+    identity = Identity(
+        site="actuator",
+        equation="|tau| <= effort (1 - slope |dq|) while tau dq > 0",
+        priors={"slope": Prior(0.01, 0.05, 0.2)},
+        source=_DC_MOTOR,
+        look_alikes=(
+            LookAlike("torque_limit", "a large step at rest: a limit is there without motion"),
+            LookAlike("viscous_friction", "small fast motions: the line is out of reach"),
+            LookAlike("supply_sag", "one joint alone at full speed: the supply holds"),
+        ),
+        touches=("torque",),
+        smooth=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return world.robot.effort[joints], self.slope
+
+
+@dataclass
+class SupplySag(MotorEffect, name="supply_sag"):
+    """The supply voltage, and with it every torque, falls with the load of all drives.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
+
+    sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
+    law, among, shared = rows.SAG, "limited", True
+
+    identity = Identity(
+        site="actuator",
+        equation="tau_j <- tau_j (1 - sag mean_i |tau_i| / effort_i)",
+        priors={"sag": Prior(0.05, 0.2, 0.6)},
+        source=_DC_MOTOR,
+        look_alikes=(
+            LookAlike("torque_constant_error", "load the other joints: a constant does not care"),
+            LookAlike("torque_limit", "small torques: the supply sags there too"),
+        ),
+        touches=("torque",),
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return world.robot.effort[joints], self.sag
+
+
+@dataclass
+class TorqueConstantError(MotorEffect, name="torque_constant_error"):
+    """The drive gives another torque than it believes, in proportion.
+
+    In a geared servo it is about the motor, before rotor and gear.
+    """
+
+    error: float = parameter(0.0, "relative error", "-", low=-0.9, high=2.0)
+    law, among = rows.GAIN, "driven"
+
+    identity = Identity(
+        site="actuator",
+        equation="tau <- (1 + error) tau",
+        priors={"error": Prior(-0.3, 0.0, 0.3)},
+        source="Gautier, Briot 2014, Global identification of joint drive gains and dynamic "
+        "parameters of robots, J. Dynamic Systems, Measurement and Control 136(5)",
+        look_alikes=(
+            LookAlike("payload", "two postures, or a known weight: a mass does not scale kp"),
+            LookAlike("load_friction", "raise and lower a weight slowly: friction changes sides"),
+            LookAlike("supply_sag", "load the other joints"),
+            LookAlike("armature", "hold a known weight: inertia does not weigh"),
+        ),
+        touches=("torque",),
+        passive=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (self.error,)
+
+
+@dataclass
+class Backlash(TorqueEffect, name="backlash"):
+    """Play between motor and joint: no torque while the motor crosses it.
+
+    The motor is a rotor that only its torque moves while it is free; it lands without
+    bouncing. The drive measures the joint.
+    """
+
+    width: float = parameter(0.0, "play between the two flanks", "rad", low=0.0, high=0.5)
+    inertia: float = parameter(0.003, "of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
+    law, among = rows.BACKLASH, "driven"
+
+    identity = Identity(
+        site="actuator",
+        equation="tau = tau_drive on a flank and pushing, else 0; inertia dw/dt = tau_drive in the "
+        "play; |theta - q| <= width / 2",
+        priors={"width": Prior(0.002, 0.01, 0.05), "inertia": Prior(1e-4, 0.003, 0.1)},
+        source="Nordin, Gutman 2002, Controlling mechanical systems with backlash: a survey, "
+        "Automatica 38(10)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "hold against a load: friction holds, play lets go"),
+            LookAlike("actuation_delay", "a bias torque that never reverses: play is gone"),
+            LookAlike("hysteresis", "open the loop and turn the joint by hand: play is free"),
+        ),
+        touches=("torque",),
+        smooth=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return 0.5 * self.width, self.inertia
+
+
+@dataclass
+class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
+    """A spring between motor and joint; the drive and its sensor see the motor.
+
+    The motor's equation is solved implicitly, so a stiff spring is no problem to it; the
+    rotor must be heavy enough for the gains of the drive, kd dt / inertia < 1.
+    """
+
+    compliance: float = parameter(0.0, "one over the stiffness", "rad/(N·m)", 0.0, 10.0)
+    inertia: float = parameter(0.02, "of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
+    damping: float = parameter(0.05, "of the spring", "N·m·s/rad", 0.0, 1000.0)
+    law, among = rows.SERIES, "driven"
+
+    identity = Identity(
+        site="compliance",
+        equation="inertia dw/dt = tau_drive(theta) - tau; tau = (theta - q) / compliance + "
+        "damping (w - dq); the encoder says theta",
+        priors={
+            "compliance": Prior(1e-4, 0.002, 0.05),
+            "inertia": Prior(1e-3, 0.01, 0.2),
+            "damping": Prior(0.01, 0.1, 5.0),
+        },
+        source="Spong 1987, Modeling and control of elastic joint robots, J. Dynamic Systems, "
+        "Measurement and Control 109(4); Pratt, Williamson 1995, Series elastic actuators, IROS",
+        look_alikes=(
+            LookAlike("actuator_lag", "hold still and load the joint: a lag gives no way"),
+            LookAlike("trunk_flex", "fix the trunk: the joints alone still give way"),
+            LookAlike("torque_constant_error", "ring the joint: a spring adds a resonance"),
+        ),
+        touches=("command", "torque", "q", "dq"),
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return max(self.compliance, 1e-9), self.inertia, self.damping
+
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
+        q, dq = q.copy(), dq.copy()
+        reading_laws.move_back(q, dq, self.joints, self.memory)
+        return q, dq
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        reading_laws.add_at(values, self.joints, 0, self.memory[:, 2], 1.0)
+        reading_laws.add_at(values, self.joints, at.n, self.memory[:, 3], 1.0)
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        stretch, speed = self.memory[:, 2], self.memory[:, 4]
+        stored = np.sum(stretch**2) / self.compliance if self.compliance else 0.0
+        return float(0.5 * (stored + self.inertia * np.sum(speed**2)))
+
+
+@dataclass
+class JointOffset(Measuring, JointEffect, name="joint_offset"):
+    """A joint is bolted on with a turn: what drive and sensor call zero is not the model's."""
+
+    offset: float = parameter(0.0, "true angle when the sensor says 0", "rad", -3.2, 3.2)
+    among, needs = "driven", ("follower",)
+
+    identity = Identity(
+        site="actuator",
+        equation="the drive holds q_d + offset; the sensor says q - offset",
+        priors={"offset": Prior(-0.1, 0.0, 0.1)},
+        source="Hollerbach, Khalil, Gautier 2008, Model identification, Springer Handbook of "
+        "Robotics, chapter 14",
+        look_alikes=(
+            LookAlike("sensor_bias", "hold still: a bias moves the sensor away from the command, "
+                      "an offset does not"),
+            LookAlike("rest_angle_error", "torque off: the spring stays off its rest"),
+            LookAlike("com_offset", "turn the robot: gravity moves with it"),
+        ),
+        touches=("command", "q"),
+        passive=False,
+        turned="offset",
+    )  # fmt: skip
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._sent: np.ndarray | None = None
+        self._offsets = np.full(len(self.joints), self.offset)
+
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
+        if q is not self._sent:  # a new command, not the old one again
+            self._sent, self._turned = q, q.copy()
+            self._turned[self.joints] += self.offset
+        return self._turned, dq
+
+    def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
+        reading_laws.add_at(values, self.joints, 0, self._offsets, -1.0)
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return ()

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A body that is not the one of the model: masses elsewhere, a trunk that gives way, a hose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from ...robot.description import Description
+from ..base import Effect
+from ..chain import JointEffect
+from ..coordinates import Coordinate
+from ..identity import Identity, LookAlike, Prior
+from ..offers import Hints, Offer, logarithmic, strength, vector
+from ..places import links, turning
+from ..pulls import Pull
+
+_INERTIA = (
+    "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
+    "links, Int. J. Robotics Research 5(3)"
+)
+
+
+def carrier(world: Any, link: str) -> str:
+    """The link named; empty is the base, or what the last joint of a fixed robot moves."""
+    if link:
+        return link
+    description = world.description
+    fixed = world.robot.fixed_base
+    return description.child(world.robot.joints[-1]) if fixed else description.root_link()
+
+
+def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
+    """Links that something may pull at: all that can move if the base is bolted, else the base."""
+    found = links(robot)
+    return found if robot.fixed_base else found[:1]
+
+
+@dataclass
+class Payload(Effect, name="payload"):
+    """A point mass fixed to a link from the beginning to the end.
+
+    It becomes part of the link's mass, centre of mass and inertia
+    (`description.add_point_mass`), which the engine cannot change in mid-run.
+    """
+
+    mass: float = parameter(0.0, "mass of the payload", "kg", low=0.0, high=1000.0)
+    position: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    link: str = parameter("", "link that carries it; empty is the base (last link if fixed)")
+    lasting = True
+
+    identity = Identity(
+        site="body",
+        kind="mass",
+        equation="m <- m + mass at position; centre of mass and inertia follow",
+        priors={"mass": Prior(0.01, 0.3, 20.0)},
+        source=_INERTIA,
+        look_alikes=(
+            LookAlike("torque_constant_error", "two postures, or another gain of the drive"),
+            LookAlike("com_offset", "weigh the robot: an offset adds nothing"),
+            LookAlike("cable_force", "walk away: a hose pulls by place, a mass does not"),
+            LookAlike("rest_angle_error", "the robot in the air: a weight is gone"),
+        ),
+        touches=("model",),
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """At the middle of each link; where it sits along a link that turns is free, too."""
+        rows, size = [], max(0.05 * Description(robot.urdf).mass(), 0.01)
+        for link, com in links(robot):
+            mass = strength(cls, "mass", size)
+            reach = float(np.linalg.norm(com))
+            if reach < 1e-3 or not len(turning(robot)):
+                rows.append(Offer(link, (("link", link), ("position", list(com))), (mass,)))
+                continue
+            along = tuple(float(v) / reach for v in com)
+            at = Coordinate("position", reach, (1.0, 1.8, 0.4), -5.0, 5.0, "m", direction=along)
+            rows.append(Offer(link, (("link", link),), (mass, at)))
+        return rows
+
+    def configure(self, world: Any) -> None:
+        if self.mass > 0.0:
+            world.description.add_mass(carrier(world, self.link), self.mass, self.position)
+
+
+@dataclass
+class ComOffset(Effect, name="com_offset"):
+    """The centre of mass of a link is elsewhere; mass and inertia about it stay."""
+
+    offset: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "by how much, link frame", "m", low=-1.0, high=1.0
+    )
+    link: str = parameter("", "which link; empty is the base (last link if fixed)")
+    lasting, needs = True, ("turns",)
+
+    identity = Identity(
+        site="body",
+        kind="mass",
+        equation="c <- c + offset",
+        priors={"offset": Prior(-0.03, 0.0, 0.03)},
+        source=_INERTIA,
+        look_alikes=(
+            LookAlike("payload", "weigh the robot: a payload adds to it"),
+            LookAlike("slope", "turn the robot around: a slope stays, an offset turns with it"),
+            LookAlike("imu_tilt", "feet forces: a tilted IMU does not move them"),
+            LookAlike("joint_offset", "turn the robot: gravity moves with it"),
+        ),
+        touches=("model",),
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """On each link, in all directions."""
+        return [Offer(link, (("link", link),), vector(cls, "offset")) for link, _ in links(robot)]
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        if any(self.offset):
+            world.description.shift_com(carrier(world, self.link), self.offset)
+
+
+@dataclass
+class Armature(JointEffect, name="armature"):
+    """Inertia of rotor and gear that the model leaves out.
+
+    It is added to the link that the joint moves, about the joint's axis, and half of it
+    about the two others, since no body can have less: exact for one joint, and for a chain
+    but for what the joints before it feel.
+    """
+
+    inertia: float = parameter(0.0, "of the rotor, at the joint", "kg·m²", 0.0, 100.0)
+    lasting, among = True, "turning"
+
+    identity = Identity(
+        site="body",
+        kind="mass",
+        equation="(I + inertia) ddq = tau",
+        priors={"inertia": Prior(1e-4, 0.003, 0.1)},
+        source=f"{_INERTIA}; rotor inertia n^2 J as in Robotics (Siciliano 2009), section 7.2",
+        look_alikes=(
+            LookAlike("payload", "hold still at two angles: inertia does not weigh"),
+            LookAlike("actuator_lag", "torque off: inertia stays, a lag is gone"),
+            LookAlike("torque_constant_error", "hold a known weight: inertia does not weigh"),
+        ),
+        touches=("model",),
+    )
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        for j in self._chosen(world) if self.inertia > 0.0 else ():
+            joint = world.robot.joints[j]
+            world.description.add_armature(joint, self.inertia)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Nothing to forget."""
+
+
+@dataclass
+class TrunkFlex(Effect, name="trunk_flex"):
+    """The trunk bends or twists: its rear, with all that hangs on it, is on a sprung hinge.
+
+    The root link is cut in two at `position`: each half has half its mass and inertia about
+    the same centre, so that with a locked hinge the robot is as it was.
+    """
+
+    compliance: float = parameter(0.0, "turn per torque", "rad/(N·m)", 0.0, 10.0)
+    damping: float = parameter(0.1, "of the hinge", "N·m·s/rad", 0.0, 1000.0)
+    axis: str = parameter(
+        "y", "y bends it up and down, x twists it, z sideways", choices=("x", "y", "z")
+    )
+    position: float = parameter(0.0, "where, x in the frame of the base", "m", -10.0, 10.0)
+    lasting, needs = True, ("base", "legs")
+
+    identity = Identity(
+        site="body",
+        equation="hinge between front and rear: tau = -theta / compliance - damping dtheta/dt",
+        priors={"compliance": Prior(1e-4, 0.003, 0.1), "damping": Prior(0.01, 0.1, 20.0)},
+        source="De Luca, Book 2008, Robots with flexible elements, Springer Handbook of "
+        "Robotics, chapter 13",
+        look_alikes=(
+            LookAlike("series_elasticity", "fix the trunk: the joints alone no longer give way"),
+            LookAlike("ground_compliance", "the robot in the air: a trunk still bends"),
+            LookAlike("com_offset", "shake the robot in the air: a flexible trunk rings"),
+        ),
+        touches=("model",),
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """A hinge in the middle of the trunk, about each axis."""
+        free = strength(cls, "compliance", 0.003), logarithmic(cls, "damping", (0.1, 1.0))
+        return [Offer("", (("axis", axis),), free, axis) for axis in "yxz"]
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        if self.compliance > 0.0:
+            rear = world.description.split_root(self.position, self.axis)
+            world.hinges[rear] = (1.0 / self.compliance, self.damping)
+
+
+@dataclass
+class CableForce(Effect, name="cable_force"):
+    """A hose or cable that pulls a link towards an anchor when it is taut; it never pushes."""
+
+    stiffness: float = parameter(0.0, "of the cable", "N/m", low=0.0, high=1e6)
+    anchor: tuple[float, float, float] = parameter((0.0, 0.0, 2.0), "fixed end, world frame", "m")
+    length: float = parameter(1.0, "at which it becomes taut", "m", low=0.0, high=100.0)
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    link: str = parameter("", "link that it pulls; empty is the base (last link if fixed)")
+
+    _link = None  # the base
+
+    identity = Identity(
+        site="body",
+        equation="F = stiffness max(0, |r| - length) r / |r|, r from the link to the anchor",
+        priors={"stiffness": Prior(1.0, 20.0, 500.0), "length": Prior(0.2, 1.0, 5.0)},
+        source="Semini, Tsagarakis, Guglielmino, Focchi, Cannella, Caldwell 2011, Design of HyQ, "
+        "Proc. IMechE Part I 225(6) (hydraulic hoses)",
+        look_alikes=(
+            LookAlike("push", "walk to another place: a push does not care"),
+            LookAlike("payload", "walk away: a mass does not pull by place"),
+            LookAlike("slope", "walk in a circle: a slope pulls one way"),
+        ),
+        touches=("force",),
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """From each link, or the base, to anchors ahead, behind and above."""
+        rows, ways = [], ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
+        free = strength(cls, "stiffness", 20.0), logarithmic(cls, "length", (0.8,))
+        for way, (link, com) in product(ways, reached(robot)):
+            anchor = [float(v) for v in np.array([0.0, 0.0, robot.height or 0.5]) + way]
+            fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
+            rows.append(Offer(link, fixed, free, f"to {anchor[0]:g} {anchor[2]:g}"))
+        return rows
+
+    def configure(self, world: Any) -> None:
+        self._world, self._link = world, carrier(world, self.link)
+
+    def on_step(self, world: Any, t: float) -> None:
+        at, (x, y, z), distance = self._reach(world)
+        if distance > self.length:
+            pull = self.stiffness * (distance - self.length) / distance
+            world.push((pull * x, pull * y, pull * z), self._link, at=at)
+
+    def _reach(self, world: Any) -> tuple[Any, list[float], float]:
+        """Point that is pulled [m], the way from there to the anchor [m], and its length."""
+        at = world.place(self._link, self.point)
+        way = [anchor - x for anchor, x in zip(self.anchor, at, strict=True)]
+        return at, way, sqrt(sum(w * w for w in way))
+
+    def pull(self) -> Pull:
+        cable = {"anchor": self.anchor, "stiffness": self.stiffness, "length": self.length}
+        return Pull(self._link, self.point, **cable)
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        return 0.5 * self.stiffness * max(0.0, self._reach(self._world)[2] - self.length) ** 2

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Springs in the joints that are not those of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from .. import rows
+from ..chain import TorqueEffect
+from ..identity import Identity, LookAlike, Prior
+from ..offers import Hints, Offer, logarithmic, strength, within
+
+_TOUCHES = ("torque",)
+_KERSCHEN = (
+    "Kerschen, Worden, Vakakis, Golinval 2006, Past, present and future of nonlinear system "
+    "identification in structural dynamics, Mechanical Systems and Signal Processing 20(3)"
+)
+_THESIS = "thesis section 5.3.1: springs of the real robot saturate, those of the model do not"
+
+
+def rest(robot: Any, joints: np.ndarray) -> np.ndarray:
+    """Angles of rest of joints [rad]: its spring's slack, else the standing pose, (k,)."""
+    springs = getattr(robot, "springs", {})
+    names = [robot.joints[j] for j in joints]
+    return np.array(
+        [
+            springs[name].slack if name in springs else robot.standing[j]
+            for j, name in zip(joints, names, strict=True)
+        ],
+        dtype=float,
+    )
+
+
+def springs_of(robot: Any, joints: np.ndarray) -> list[np.ndarray]:
+    """Columns of the springs' rows (`spring.SpringParams.row`), each (k,)."""
+    return list(np.array([robot.springs[robot.joints[j]].row() for j in joints]).T)
+
+
+@dataclass
+class Elastic(TorqueEffect):
+    """An effect whose torque depends on the position alone: it stores what it takes."""
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        zero, slack = np.zeros(len(q)), self._slack
+        way = np.linspace(0.0, 1.0, 101)
+        tau = [self._alone.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in way]
+        return -float(np.trapezoid(tau, way, axis=0) @ (q - slack))
+
+    def configure(self, world: Any) -> None:
+        super().configure(world)
+        self._slack = rest(world.robot, np.arange(len(world.robot.joints)))
+
+
+@dataclass
+class StiffnessError(Elastic, name="stiffness_error"):
+    """A spring of the robot is stiffer or softer than the model says."""
+
+    error: float = parameter(0.0, "relative error of the stiffness", "-", -0.99, 5.0)
+    law, among = rows.RESCALED, "sprung"
+
+    identity = Identity(
+        site="compliance",
+        kind="stiffness",
+        equation="s(q) <- (1 + error) s(q), s the spring's torque",
+        priors={"error": Prior(-0.5, 0.0, 1.5)},
+        source="thesis eq. (5.1) and Table 5.1: hind springs 181.6 to 440.6 N/m",
+        look_alikes=(
+            LookAlike("cubic_stiffness", "small and large motions: the error is the same"),
+            LookAlike("spring_saturation", "small motions: the error stays"),
+            LookAlike("payload", "two postures, or the robot in the air"),
+            LookAlike("sensor_nonlinearity", "hang known weights: the torque tells the spring"),
+        ),
+        touches=_TOUCHES,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.error, 0.0, *springs_of(world.robot, joints)
+
+
+@dataclass
+class AddedStiffness(Elastic, name="added_stiffness"):
+    """A spring beside the drive that the model does not have, e.g. of a cable or a seal."""
+
+    stiffness: float = parameter(0.0, "stiffness of the joint", "N·m/rad", -1e3, 1e5)
+    rest: float = parameter(0.0, "where it is slack, from the joint's rest", "rad", -3.2, 3.2)
+    law = rows.SPRING
+
+    identity = Identity(
+        site="compliance",
+        kind="stiffness",
+        equation="tau <- tau - stiffness (q - q_rest - rest)",
+        priors={"stiffness": Prior(-5.0, 0.0, 50.0), "rest": Prior(-0.3, 0.0, 0.3)},
+        source=_KERSCHEN,
+        look_alikes=(
+            LookAlike("cubic_stiffness", "small and large motions: the stiffness is the same"),
+            LookAlike("stiffness_error", "torque off, joint bent by hand: where is it slack"),
+            LookAlike("joint_offset", "two gains of the drive: a spring pulls less at the higher"),
+            LookAlike("torque_constant_error", "torque off: a spring remains"),
+        ),
+        touches=_TOUCHES,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return rest(world.robot, joints) + self.rest, self.stiffness
+
+
+@dataclass
+class CubicStiffness(Elastic, name="cubic_stiffness"):
+    """A joint becomes stiffer (or, below 0, softer) the further it is bent."""
+
+    cubic: float = parameter(0.0, "torque per cube of the angle", "N·m/rad³", -1e4, 1e6)
+    law = rows.SPRING
+
+    identity = Identity(
+        site="compliance",
+        kind="stiffness",
+        equation="tau <- tau - cubic (q - q_rest)^3",
+        priors={"cubic": Prior(-20.0, 0.0, 200.0)},
+        source=f"{_KERSCHEN}; Wigren, Schoukens 2013, Three free data sets for development and "
+        "benchmarking in nonlinear system identification, ECC (Silverbox)",
+        look_alikes=(
+            LookAlike("stiffness_error", "small motions: a cubic is gone"),
+            LookAlike("added_stiffness", "small motions: a cubic is gone"),
+            LookAlike("end_stop", "half the amplitude: a stop is out of reach"),
+            LookAlike("spring_saturation", "largest motions: saturation never changes sign"),
+            LookAlike("sensor_nonlinearity", "hang known weights: the torque tells the spring"),
+        ),
+        touches=_TOUCHES,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return rest(world.robot, joints), 0.0, self.cubic
+
+
+@dataclass
+class SpringSaturation(Elastic, name="spring_saturation"):
+    """Above a torque a spring of the robot gives way: a smaller share of its stiffness counts."""
+
+    lost: float = parameter(0.0, "share of the stiffness lost above the torque", "-", 0.0, 1.0)
+    torque: float = parameter(0.1, "where it begins", "N·m", 1e-4, 1e3)
+    law, among = rows.SATURATION, "sprung"
+
+    identity = Identity(
+        site="compliance",
+        kind="stiffness",
+        equation="s <- sign(s) (torque + (1 - lost) (|s| - torque)) where |s| > torque",
+        priors={"lost": Prior(0.2, 0.7, 1.0), "torque": Prior(0.02, 0.1, 2.0)},
+        source=_THESIS,
+        look_alikes=(
+            LookAlike("stiffness_error", "small motions: saturation is gone"),
+            LookAlike("cubic_stiffness", "largest motions: the slope stays positive"),
+            LookAlike("hysteresis", "load and unload slowly: saturation has one branch"),
+            LookAlike("sensor_nonlinearity", "hang known weights and measure the angle by hand"),
+            LookAlike("torque_limit", "torque off: the spring still saturates"),
+        ),
+        touches=_TOUCHES,
+        smooth=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.torque, 1.0 - self.lost, *springs_of(world.robot, joints)
+
+
+@dataclass
+class RestAngleError(Elastic, name="rest_angle_error"):
+    """A spring of the robot is slack at another angle than the model says."""
+
+    offset: float = parameter(0.0, "angle by which it is off", "rad", -1.5, 1.5)
+    law, among = rows.SHIFTED, "sprung"
+
+    identity = Identity(
+        site="compliance",
+        equation="s(q) <- s(q - offset), s the spring's torque",
+        priors={"offset": Prior(-0.15, 0.0, 0.15)},
+        source="thesis section 5.1: the slack position of a mounted spring is hard to measure",
+        look_alikes=(
+            LookAlike("sensor_bias", "joint against its stop: a bias moves the stop"),
+            LookAlike("payload", "the robot in the air: a weight is gone"),
+            LookAlike("joint_offset", "torque off: a drive's offset is gone"),
+        ),
+        touches=_TOUCHES,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.offset, 0.0, *springs_of(world.robot, joints)
+
+
+@dataclass
+class EndStop(Elastic, name="end_stop"):
+    """The joint runs into a soft stop at an angle; list it twice for both sides.
+
+    Below 0 the stop is on the other side. A stop only pushes.
+    """
+
+    angle: float = parameter(0.0, "where, from the joint's rest; 0 is none", "rad", -3.2, 3.2)
+    stiffness: float = parameter(20.0, "of the stop", "N·m/rad", 1e-3, 1e6)
+    damping: float = parameter(0.0, "of the stop", "N·m·s/rad", 0.0, 1e4)
+    law = rows.END_STOP
+
+    identity = Identity(
+        site="compliance",
+        equation="tau <- tau - max(0, stiffness (x - angle) + damping dq) where x > angle, "
+        "x = q - q_rest",
+        priors={
+            "angle": Prior(-1.0, 0.0, 1.0),
+            "stiffness": Prior(2.0, 20.0, 500.0),
+            "damping": Prior(0.01, 0.1, 10.0),
+        },
+        source="Hunt, Crossley 1975, Coefficient of restitution interpreted as damping in "
+        "vibroimpact, J. Applied Mechanics 42(2)",
+        look_alikes=(
+            LookAlike("cubic_stiffness", "half the amplitude: a cubic is still there"),
+            LookAlike("sensor_stuck", "push the joint on: at a stop the torque rises"),
+        ),
+        touches=_TOUCHES,
+        smooth=False,
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """At either side of each joint, inside the range that was measured."""
+        rows, slack = [], rest(robot, np.arange(len(robot.joints)))
+        free = strength(cls, "stiffness", 20.0), logarithmic(cls, "damping", (0.1,))
+        for j, joint in enumerate(robot.joints):
+            edges = {"above": hints.high[j] - slack[j], "below": hints.low[j] - slack[j]}
+            for side, edge in edges.items():
+                if not np.isfinite(edge) or abs(edge) < 1e-3 or (edge > 0) != (side == "above"):
+                    continue
+                ends = sorted((0.05 * edge, 1.3 * edge))
+                angle = within(cls, "angle", float(edge), (0.9, 0.7, 0.98), *map(float, ends))
+                if angle:  # a joint that turns round and round has no stop
+                    rows.append(Offer(joint, (("joint", joint),), (free[0], angle, free[1]), side))
+        return rows
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        side = float(np.sign(self.angle))
+        at = rest(world.robot, joints) + self.angle
+        return at, side, self.stiffness * abs(side), self.damping * abs(side)
+
+
+@dataclass
+class Hysteresis(TorqueEffect, name="hysteresis"):
+    """Friction behind a spring (Bouc-Wen with exponent 1, which is Dahl's law), at any speed."""
+
+    torque: float = parameter(0.0, "friction torque after a long way", "N·m", 0.0, 200.0)
+    stroke: float = parameter(0.02, "way on which 63 % of it builds up", "rad", 1e-4, 3.0)
+    law = rows.HYSTERESIS
+
+    identity = Identity(
+        site="compliance",
+        equation="stroke dz/dt = dq - |dq| z; tau <- tau - torque z",
+        priors={"torque": Prior(0.005, 0.05, 2.0), "stroke": Prior(0.003, 0.02, 0.2)},
+        source="Wen 1976, Method for random vibration of hysteretic systems, J. Engineering "
+        "Mechanics Division 102(2); Dahl 1968, A solid friction model",
+        look_alikes=(
+            LookAlike("coulomb_friction", "small reversals: dry friction does not spring back"),
+            LookAlike("viscoelasticity", "two speeds: hysteresis is the same"),
+            LookAlike("backlash", "open the loop and turn the joint by hand: play is free"),
+            LookAlike("spring_saturation", "load and unload slowly: saturation has one branch"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.torque, self.stroke
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        return float(0.5 * self.torque * self.stroke * np.sum(self.memory[:, 0] ** 2))
+
+
+@dataclass
+class Viscoelasticity(TorqueEffect, name="viscoelasticity"):
+    """A spring behind a damper (Maxwell): stiff when fast, nothing when slow."""
+
+    stiffness: float = parameter(0.0, "of the spring, felt by fast motions", "N·m/rad", 0.0, 1e5)
+    time: float = parameter(0.1, "in which its torque fades", "s", 1e-3, 100.0)
+    law = rows.MAXWELL
+
+    identity = Identity(
+        site="compliance",
+        equation="dz/dt = dq - z / time; tau <- tau - stiffness z",
+        priors={"stiffness": Prior(0.05, 1.0, 50.0), "time": Prior(0.01, 0.1, 2.0)},
+        source="Findley, Lai, Onaran 1976, Creep and relaxation of nonlinear viscoelastic "
+        "materials, North-Holland (Maxwell model)",
+        look_alikes=(
+            LookAlike("viscous_friction", "fast shakes: a damper grows on, a spring does not"),
+            LookAlike("added_stiffness", "step and hold: its torque stays"),
+            LookAlike("hysteresis", "two speeds: hysteresis is the same"),
+        ),
+        touches=_TOUCHES,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.stiffness, np.exp(-world.dt / self.time), self.time
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        return float(0.5 * self.stiffness * np.sum(self.memory[:, 0] ** 2))

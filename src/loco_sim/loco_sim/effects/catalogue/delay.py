@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pure delays: of the motion command on its way to the drives, and of the torque."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from .. import rows
+from ..base import Effect
+from ..chain import TorqueEffect
+from ..identity import Identity, LookAlike, Prior
+
+
+def delayed(pending: deque, value: Any, steps: int) -> Any:
+    """The value of `steps` calls ago; the first value while there was none.
+
+    Args:
+        pending: Values under way, oldest first; changed in place.
+        value: The newest.
+        steps: Delay in calls, >= 0.
+    """
+    pending.append(value)
+    return pending.popleft() if len(pending) > steps else pending[0]
+
+
+@dataclass
+class CommandDelay(Effect, name="command_delay"):
+    """Motion commands reach the drives late, by a whole number of physics steps.
+
+    When it begins, the command of that moment is held until the late ones arrive.
+    Source: thesis chapter 8, a delay between network and motors of unpublished size.
+    """
+
+    delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)
+    needs = ("follower",)
+
+    identity = Identity(
+        site="actuator",
+        kind="delay",
+        equation="q_d(t) <- q_d(t - delay)",
+        priors={"delay": Prior(0.002, 0.02, 0.2)},
+        source="thesis section 5.3.2.2 (about 100 ms on Tigrillo) and chapter 8",
+        look_alikes=(
+            LookAlike("actuation_delay", "push the robot by hand: a late torque takes damping "
+                      "away, a late command does not"),
+            LookAlike("sensor_latency", "an outside sensor of the same motion"),
+            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
+            LookAlike("command_dropout", "a slow ramp: lost commands make steps"),
+        ),
+        touches=("command",),
+        passive=False,
+        smooth=False,
+        twins=("sensor_latency",),  # of all sensors: whatever comes, comes later by as much
+        whole_steps="delay",
+    )  # fmt: skip
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        self.steps = round(self.delay / world.dt)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._pending: deque = deque()
+
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
+        return delayed(self._pending, (q, dq), self.steps)
+
+
+@dataclass
+class ActuationDelay(TorqueEffect, name="actuation_delay"):
+    """Joint torques act late, by a whole number of physics steps.
+
+    When it begins, the torque of that moment is held until the late ones arrive.
+    The delay is inside the impedance loop, so it takes damping away.
+    """
+
+    delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)
+    law, among = rows.DELAY, "driven"
+
+    identity = Identity(
+        site="actuator",
+        kind="delay",
+        equation="tau(t) <- tau(t - delay)",
+        priors={"delay": Prior(0.001, 0.005, 0.05)},
+        source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",
+        look_alikes=(
+            LookAlike("command_delay", "push the robot by hand: a late command keeps damping"),
+            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
+            LookAlike("backlash", "a bias torque that never reverses: play is gone"),
+        ),
+        touches=("torque",),
+        passive=False,
+        smooth=False,
+        whole_steps="delay",
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (round(self.delay / world.dt),)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction in the joints: how much torque is there to stop them.
+
+A law gives a budget (hook `on_brake`); the engine takes from it what stops the joint and
+no more. `-torque sign(dq)` instead would push a joint that rests back and forth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from ..chain import BrakeEffect
+from ..identity import Identity, LookAlike, Prior
+
+_TOUCHES = ("brake",)
+
+
+@dataclass
+class CoulombFriction(BrakeEffect, name="coulomb_friction"):
+    """Dry friction: a joint that moves is slowed by a constant torque, one at rest is held."""
+
+    torque: float = parameter(0.0, "friction torque", "N·m", low=0.0, high=200.0)
+
+    identity = Identity(
+        site="actuator",
+        equation="|tau_f| <= torque, against dq; = torque while the joint moves",
+        priors={"torque": Prior(0.005, 0.05, 2.0)},
+        source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
+        "friction compensation, European Journal of Control 4(3)",
+        look_alikes=(
+            LookAlike("stribeck_friction", "very slow ramps: its torque falls with speed"),
+            LookAlike("viscous_friction", "two speeds: its torque grows with speed"),
+            LookAlike("hysteresis", "small reversals: a spring gives before it slides"),
+            LookAlike("backlash", "hold against a load: play lets go, friction holds"),
+            LookAlike("load_friction", "hang a weight on the joint: its torque grows"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+        smooth=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (self.torque,)
+
+
+@dataclass
+class StribeckFriction(BrakeEffect, name="stribeck_friction"):
+    """Dry friction at rest that goes away with speed; add `coulomb_friction` for what stays."""
+
+    torque: float = parameter(0.0, "friction torque at rest", "N·m", low=0.0, high=200.0)
+    velocity: float = parameter(0.1, "at this speed 37 % of it is left", "rad/s", 1e-4, 100.0)
+
+    identity = Identity(
+        site="actuator",
+        equation="|tau_f| <= torque exp(-(dq / velocity)^2), against dq",
+        priors={"torque": Prior(0.005, 0.05, 2.0), "velocity": Prior(0.01, 0.1, 1.0)},
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, A survey of models, analysis "
+        "tools and compensation methods for the control of machines with friction, "
+        "Automatica 30(7)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "slow and fast ramps: its torque stays"),
+            LookAlike("backlash", "hold against a load and reverse: play has no breakaway torque"),
+            LookAlike("hysteresis", "small reversals: a spring gives before it slides"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+        smooth=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return 0.0, self.torque, 1.0 / self.velocity
+
+
+@dataclass
+class ViscousFriction(BrakeEffect, name="viscous_friction"):
+    """Friction that grows with speed.
+
+    As a budget it never does more than stop the joint, so it is stable however large it is;
+    it is right while damping dt / inertia is below 1.
+    """
+
+    damping: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0, high=1000.0)
+
+    identity = Identity(
+        site="actuator",
+        equation="tau_f = -damping dq",
+        priors={"damping": Prior(0.001, 0.05, 5.0)},
+        source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
+        "friction compensation, European Journal of Control 4(3)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "two speeds: dry friction is the same at both"),
+            LookAlike("torque_speed_line", "brake the joint from outside: the line only "
+                      "limits a motor that drives, at full torque"),
+            LookAlike("viscoelasticity", "step and hold: its torque fades at rest, and a fast "
+                      "move feels a spring"),
+            LookAlike("actuator_lag", "torque off: a lag leaves the free swing alone"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+    )  # fmt: skip
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return 0.0, 0.0, 0.0, self.damping
+
+
+@dataclass
+class LoadFriction(BrakeEffect, name="load_friction"):
+    """Dry friction of a gear in proportion to the torque that passes through it."""
+
+    share: float = parameter(0.0, "friction torque per torque", "-", low=0.0, high=0.95)
+
+    identity = Identity(
+        site="actuator",
+        equation="|tau_f| <= share |tau|, against dq",
+        priors={"share": Prior(0.02, 0.1, 0.4)},
+        source="Duclusaud, Passault, Padois, Ly 2024, Extended friction models for the physics "
+        "simulation of servo actuators, arXiv 2410.08650 (model M3)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "hang a weight on the joint: dry friction stays"),
+            LookAlike("torque_constant_error", "raise and lower a weight slowly: friction changes "
+                      "sides, a torque constant does not"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+        smooth=False,
+    )  # fmt: skip
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return 0.0, 0.0, 0.0, 0.0, self.share

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forces from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from ..base import Effect
+from ..coordinates import Coordinate
+from ..identity import Identity, LookAlike, Prior
+from ..offers import Hints, Offer, vector
+from ..pulls import Pull
+from .body import carrier, reached
+
+if TYPE_CHECKING:
+    from ...world.world import World
+
+
+@dataclass
+class Push(Effect, name="push"):
+    """A constant force, plus one that jumps at random, on a point of a link.
+
+    The random force is uniform in +-`random` on each axis and is drawn anew after a
+    uniform time between `shortest` and `longest`.
+    Source: the random force is that of the author's simulation (hyq_ml, hyq/physics.py), where
+    a new draw every 25 to 250 control periods replaces the one before.
+    """
+
+    force: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "force, world frame", "N", -1e4, 1e4
+    )
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    random: float = parameter(0.0, "amplitude of the random force on each axis", "N", 0.0, 1e4)
+    shortest: float = parameter(0.1, "shortest time between two draws", "s", low=0.0)
+    longest: float = parameter(1.0, "longest time between two draws", "s", low=0.0)
+    link: str = parameter("", "link that is pushed; empty is the base (last link if fixed)")
+
+    _link = None  # the base
+    blind = True
+
+    draws = True
+    identity = Identity(
+        site="outside",
+        equation="F = force + u(t), |u_i| <= random, on point of link, from start to stop",
+        priors={"force": Prior(-50.0, 0.0, 50.0), "random": Prior(0.5, 10.0, 100.0)},
+        strengths=("force", "random"),
+        source="thesis section 7.4; random force of the author's simulation (hyq_ml)",
+        look_alikes=(
+            LookAlike("cable_force", "walk to another place: a cable pulls by place"),
+            LookAlike("slope", "let the robot hop: a slope pulls every link"),
+            LookAlike("slip", "the robot in the air: a push is still there"),
+        ),
+        touches=("force",),
+        passive=False,
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """On each link, or the base, during the times in which the residual is large."""
+        rows = []
+        for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
+            near = 0.5 * (stop - start) + 0.2  # beyond that it is another push
+            times = tuple(
+                Coordinate(name, 0.1, (at / 0.1,), max(0.0, at - near), at + near, "s")
+                for name, at in (("start", start), ("stop", stop))
+            )
+            fixed = (("link", link), ("point", list(com)))
+            rows.append(Offer(link, fixed, (*vector(cls, "force"), *times), f"{start:g} s"))
+        return rows
+
+    def configure(self, world: World) -> None:
+        root = not self.link and not world.robot.fixed_base
+        self._link = None if root else carrier(world, self.link)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._next = -np.inf
+        self._now, self._drawn = np.array(self.force), None
+
+    def pull(self) -> Pull | None:
+        return None if self.random > 0.0 else Pull(self._link, self.point, self.force)
+
+    def on_step(self, world: World, t: float) -> None:
+        if self.random > 0.0 and t >= self._next:
+            self._now = self.force + self._rng.uniform(-self.random, self.random, 3)
+            self._next = t + self._rng.uniform(*sorted((self.shortest, self.longest)))
+        if self._now is not self._drawn:
+            self._drawn, self._force = self._now, self._now.tolist()
+        if any(self._force):
+            world.push(self._force, link=self._link, point=self.point)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places of a robot at which an effect may sit: joints, the same joint of every leg, links."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections import defaultdict
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..robot.description import Description
+
+if TYPE_CHECKING:
+    from ..robot.robot import Robot
+
+
+AMONG = {  # which joints an effect may be about
+    "all": "joint",
+    "driven": "joint with a drive",
+    "limited": "joint with a drive and a torque limit",
+    "turning": "joint that turns",
+    "sprung": "joint with a spring in robot.yaml",
+}
+
+
+def eligible(robot: Robot, among: str) -> np.ndarray:
+    """Indices of the joints of a kind in `AMONG`, (k,)."""
+    if among == "all":
+        return np.arange(len(robot.joints))
+    if among == "turning":
+        return turning(robot)
+    if among == "sprung":
+        return np.flatnonzero([joint in robot.springs for joint in robot.joints])
+    driven = np.asarray(robot.driven, dtype=np.int64)
+    return driven if among == "driven" else driven[np.isfinite(robot.effort[driven])]
+
+
+def turning(robot: Robot) -> np.ndarray:
+    """Indices of the joints that turn and do not slide, (k,)."""
+    kinds = Description(robot.urdf).joint_types()
+    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+
+
+def chains(robot: Robot) -> list[list[str]]:
+    """Joints of each branch that leaves the base, from the base outwards."""
+    text = Description(robot.urdf)
+    children = {joint: text.below(text.child(joint)) for joint in robot.joints}
+    depth = {
+        joint: sum(text.child(joint) in below for below in children.values())
+        for joint in robot.joints
+    }
+    first = [joint for joint in robot.joints if depth[joint] == 1]
+    return [[j for j in robot.joints if text.child(j) in children[root]] for root in first]
+
+
+def groups(robot: Robot) -> list[list[str]]:
+    """Joints at the same place of each branch: all hips, all knees."""
+    found = defaultdict(list)
+    for chain in chains(robot):
+        for depth, joint in enumerate(chain):
+            found[depth].append(joint)
+    return list(found.values())
+
+
+def common(names: list[str], all_names: tuple[str, ...]) -> str:
+    """Pattern that matches exactly some names: what their ends share, e.g. "*_kfe_joint"."""
+    if set(names) == set(all_names):
+        return "*"
+    parts = [name.split("_") for name in names]
+    tail = []
+    for words in zip(*(reversed(p) for p in parts), strict=False):
+        if len(set(words)) > 1:
+            break
+        tail.insert(0, words[0])
+    end = "_".join(tail)
+    matching = [name for name in all_names if name.endswith(f"_{end}")]
+    return f"*_{end}" if end and sorted(matching) == sorted(names) else ""
+
+
+def joint_places(robot: Robot, among: str) -> list[str]:
+    """Single joints that an effect applies to, and groups of them that a pattern names."""
+    fitting = [robot.joints[j] for j in eligible(robot, among)]
+    together = [[j for j in group if j in fitting] for group in groups(robot)]
+    patterns = [common(group, robot.joints) for group in together if len(group) > 1]
+    return [*fitting, *filter(None, patterns)]
+
+
+def members(robot: Robot, place: str) -> list[str]:
+    """Joints that a place names; all joints for an empty one."""
+    return [joint for joint in robot.joints if fnmatchcase(joint, place or "*")]
+
+
+def links(robot: Robot) -> list[tuple[str, tuple[float, ...]]]:
+    """Links with mass that can move, with their centre of mass in the frame of the link [m]."""
+    text = Description(robot.urdf)
+    moving = set()
+    for joint in robot.joints:
+        moving |= set(text.below(text.child(joint)))
+    found = []
+    for name in text.links():
+        if (name in moving or not robot.fixed_base) and text.mass_of(name) > 0.0:
+            found.append((name, centre(robot, name)))
+    return found
+
+
+def centre(robot: Robot, link: str) -> tuple[float, ...]:
+    """Centre of mass of a link in its frame [m]."""
+    for element in ElementTree.fromstring(robot.urdf).iter("link"):
+        if element.get("name") == link:
+            origin = element.find("inertial/origin")
+            text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+            return tuple(float(v) for v in text.split())
+    return (0.0, 0.0, 0.0)

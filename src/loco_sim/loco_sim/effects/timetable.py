@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Deeds of effects in each physics step that do not depend on the state of the robot.
+
+Known beforehand, it is data for a compiled loop: commands as the drives get them, and forces and
+friction that come and go at random.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .base import Effect, overrides, windows
+from .catalogue.actuator import JointOffset, SeriesElasticity
+from .pulls import CONSTANTS, Pulls
+
+Window = tuple[int, float, Any]  # first step, the one after the last, function
+
+
+def commanding(effects: Sequence[Effect], dt: float) -> list[Window]:
+    """Hooks `on_command`, but for springs before joints: what they are bent by comes later."""
+    found = windows(effects, "on_command", dt)
+    return [w for w in found if not isinstance(w[2].__self__, SeriesElasticity)]
+
+
+def behind_springs(effects: Sequence[Effect]) -> str:
+    """Why commands cannot be known beforehand; empty if they can."""
+    spring = False
+    for effect in (e for e in effects if overrides(e, "on_command") and not e.absent()):
+        if spring and not isinstance(effect, (JointOffset, SeriesElasticity)):
+            return f"{effect.name} comes after series_elasticity"
+        spring |= isinstance(effect, SeriesElasticity)
+    return ""
+
+
+def heard(
+    changes: Sequence[Window],
+    wanted: Sequence[tuple[np.ndarray, np.ndarray]],
+    which: np.ndarray,
+    others: np.ndarray,
+    first: int,
+    dt: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Commands as the drives get them, (k, COMMANDS, n), and which counts in each physics step.
+
+    Args:
+        changes: Hooks of `commanding`.
+        wanted: Positions and velocities wanted, (n,) each, of each command.
+        which: Command of each physics step.
+        others: The other rows of each command.
+        first: Number of the first physics step.
+        dt: Physics step [s].
+    """
+    # Effects tell a new command from an old one by identity: so one object per command.
+    numbers: dict[tuple[int, int, int], int] = {}
+    table, places, alive = [], np.empty_like(which), []
+    for at, row in enumerate(which):
+        q, dq = wanted[row]
+        for begin, end, change in changes:
+            if begin <= first + at < end:
+                q, dq = change(q, dq, (first + at) * dt)
+        key = id(q), id(dq), int(row)
+        if key not in numbers:
+            numbers[key] = len(table)
+            table.append(np.stack([q, dq, *others[row]]))
+            alive.append((q, dq))
+        places[at] = numbers[key]
+    return np.array(table), places
+
+
+class Script:
+    """Notes of what hooks `on_step` do, step by step, of effects that are `blind`.
+
+    Args:
+        frames: Frame of each link: body, place and rotation in it; None is the root link.
+        shapes: Numbers of the shapes of each link.
+    """
+
+    def __init__(self, frames: Mapping[str | None, Any], shapes: Mapping[str, Sequence[int]]):
+        self._frames, self._shapes = frames, shapes
+
+    def write(
+        self, acts: Sequence[Window], first: int, stop: int, dt: float
+    ) -> tuple[Pulls, tuple[np.ndarray, np.ndarray]]:
+        """Forces, and changes of friction: step and shape, (c, 2), and the new value, (c,).
+
+        Args:
+            acts: Hooks `on_step`.
+            first: Number of the first step.
+            stop: Number of the step after the last.
+            dt: Physics step [s].
+        """
+        self._body, self._window, self._const = [], [], []
+        self._shape, self._value = [], []
+        for step in range(first, stop):
+            self._step = step
+            for begin, end, act in acts:
+                if begin <= step < end:
+                    act(self, step * dt)
+        forces = Pulls(
+            np.array(self._body, np.int64),
+            np.array(self._window, np.int64).reshape(-1, 2),
+            np.array(self._const, float).reshape(-1, CONSTANTS),
+        )
+        return forces, (np.array(self._shape, np.int64).reshape(-1, 2), np.array(self._value))
+
+    def push(
+        self,
+        force: Sequence[float],
+        link: str | None = None,
+        point: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        """As of `World`; the same force in the next step makes it longer."""
+        body, place, turn = self._frames[link]
+        const = [*(place + turn @ np.array(point)), *force, 0.0, 0.0, 0.0, 0.0, 0.0]
+        for k in range(len(self._body) - 1, -1, -1):
+            if self._window[k][1] == self._step and (self._body[k], self._const[k]) == (
+                body,
+                const,
+            ):
+                self._window[k][1] = self._step + 1
+                return
+        self._body.append(body)
+        self._window.append([self._step, self._step + 1])
+        self._const.append(const)
+
+    def set_friction(self, link: str, friction: float) -> None:
+        """As of `World`."""
+        for shape in self._shapes[link]:
+            self._shape.append([self._step, shape])
+            self._value.append(friction)

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot as bodies behind moving joints: places, weights and inertia."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..bolted import tree as trees
+from ..robot.description import Description
+from ..robot.equipment import GRAVITY
+
+BASE = -1
+
+
+class Body:
+    """A robot as bodies, each behind one moving joint; body -1 is the base.
+
+    Attributes:
+        joints: Moving joints from the base outwards, (n,).
+        above: Joint before each joint, -1 is the base.
+        slides: Flag of each joint that slides, (n,) bool.
+        low: Smallest position of each joint [rad or m], (n,); infinite without limits.
+        high: Largest position of each joint [rad or m], (n,); infinite without limits.
+        damping: Viscous damping of each joint [N·m·s/rad], (n,).
+        links: Names of the links of each body, by index.
+        mass: Mass of each body [kg], (n + 1,), the base last.
+    """
+
+    def __init__(self, description: Description):
+        """Read the tree.
+
+        Raises:
+            ParameterError: A joint moves what has no inertia that a body can have.
+        """
+        listed = tuple(description.joint_types())
+        tree, order, frames = trees.build(description, listed)
+        self.joints = tuple(listed[i] for i in order)
+        n = len(self.joints)
+        self.above, self.slides = tree.kin[:, 0].copy(), tree.kin[:, 1] > 0
+        rows = tree.body
+        self._place = rows[:, trees.PLACE : trees.PLACE + 3]
+        self._turn = rows[:, trees.TURN : trees.TURN + 9].reshape(-1, 3, 3)
+        self._axis = rows[:, trees.AXIS : trees.AXIS + 3]
+        self.damping, self.low, self.high = (
+            rows[:, trees.DAMPING],
+            rows[:, trees.LOW],
+            rows[:, trees.HIGH],
+        )
+        self._frames = frames
+        x, y, z = self._axis.T
+        zero = 0.0 * x
+        self._cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+        self._square = self._cross @ self._cross
+        self.links = {k: [] for k in range(-1, n)}
+        for name, frame in frames.items():
+            self.links[frame.body].append(name)
+        mass, com, inertia = _base(description, frames)
+        self.mass = np.append(rows[:, trees.MASS], mass)
+        self._com = np.vstack([rows[:, trees.COM : trees.COM + 3].reshape(-1, 3), com])
+        own = rows[:, trees.INERTIA : trees.INERTIA + 9].reshape(-1, 3, 3)
+        self._inertia = np.concatenate([own, inertia[None]])
+        self._path = [self._up(k) for k in range(n)]
+
+    def _up(self, k: int) -> list[int]:
+        path = [k]
+        while self.above[path[-1]] >= 0:
+            path.append(int(self.above[path[-1]]))
+        return path[::-1]
+
+    def path(self, k: int) -> list[int]:
+        """Joints from the base to body k, itself last."""
+        return self._path[k] if k >= 0 else []
+
+    def frame(self, link: str) -> trees.Frame:
+        """Place and rotation of a link in the frame of its body."""
+        return self._frames[link]
+
+    def ends(self) -> list[int]:
+        """Bodies on which no other hangs."""
+        return [k for k in range(len(self.joints)) if k not in self.above]
+
+    def nominal(self) -> np.ndarray:
+        """Zero where the range allows it, else the nearest position a tenth inside, (n,)."""
+        span = np.where(np.isfinite(self.high - self.low), self.high - self.low, 0.0)
+        low = np.where(np.isfinite(self.low), self.low, -np.inf)
+        inside = (low <= 0.0) & (self.high >= 0.0)
+        near = np.clip(0.0, low + 0.1 * span, np.maximum(self.high - 0.1 * span, low + 0.1 * span))
+        return np.where(inside, 0.0, near)
+
+    def forward(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation, (n + 1, 3, 3), and origin [m], (n + 1, 3), of each body in the base frame."""
+        n = len(self.joints)
+        turn, place = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+        turn[BASE], place[BASE] = np.eye(3), 0.0
+        s, c = np.sin(q)[:, None, None], 1.0 - np.cos(q)[:, None, None]
+        own = self._turn @ (np.eye(3) + s * self._cross + c * self._square)  # Rodrigues
+        for k in range(n):
+            before, at = turn[self.above[k]], place[self.above[k]]
+            place[k] = at + before @ self._place[k]
+            if self.slides[k]:
+                turn[k] = before @ self._turn[k]
+                place[k] += turn[k] @ self._axis[k] * q[k]
+            else:
+                turn[k] = before @ own[k]
+        return turn, place
+
+    def axes(self, turn: np.ndarray) -> np.ndarray:
+        """Direction of each joint's axis in the base frame, (n, 3); `turn` as of `forward`."""
+        return np.einsum("kij,kj->ki", turn[:-1], self._axis)
+
+    def centre(self, q: np.ndarray) -> np.ndarray:
+        """Centre of mass in the base frame [m], (3,)."""
+        turn, place = self.forward(q)
+        points = place + np.einsum("kij,kj->ki", turn, self._com)
+        return self.mass @ points / self.mass.sum()
+
+    def jacobian(self, k: int, point: np.ndarray, frames: tuple) -> np.ndarray:
+        """Velocity of a point of body k per joint velocity, the base at rest, (3, n).
+
+        Args:
+            k: The body.
+            point: The point, in the base frame [m], (3,).
+            frames: Result of `forward`.
+        """
+        turn, place = frames
+        axes, moved = self.axes(turn), np.zeros((3, len(self.joints)))
+        for j in self.path(k):
+            moved[:, j] = axes[j] if self.slides[j] else np.cross(axes[j], point - place[j])
+        return moved
+
+    def weight_torque(self, q: np.ndarray, feet: list[int], points: np.ndarray) -> np.ndarray:
+        """Torque with which each joint carries the robot at rest, base level [N·m], (n,).
+
+        The ground pushes upwards at `points` so that forces and moments balance, in the
+        sense of least squares; without feet the base is held.
+
+        Args:
+            q: Joint positions, (n,).
+            feet: Bodies that stand, m.
+            points: Points of contact in the base frame [m], (m, 3).
+        """
+        frames = self.forward(q)
+        turn, place = frames
+        tau = np.zeros(len(self.joints))
+        for k in range(len(self.joints)):
+            at = place[k] + turn[k] @ self._com[k]
+            tau += self.mass[k] * GRAVITY * self.jacobian(k, at, frames)[2]
+        if len(feet):
+            total, com = self.mass.sum() * GRAVITY, self.centre(q)
+            rows = np.vstack([np.ones(len(feet)), np.array(points)[:, :2].T])
+            push = np.linalg.lstsq(rows, total * np.array([1.0, com[0], com[1]]), rcond=None)[0]
+            for k, point, force in zip(feet, points, push.clip(0.0), strict=True):
+                tau -= force * self.jacobian(k, np.asarray(point), frames)[2]
+        return tau
+
+    def inertia(self, q: np.ndarray, bolted: bool) -> np.ndarray:
+        """Inertia that the joints feel [kg·m²], (n, n), the base free unless it is bolted."""
+        frames = self.forward(q)
+        turn, place = frames
+        n = len(self.joints)
+        mass = np.zeros((6 + n, 6 + n))
+        axes = self.axes(turn)
+        for k in range(-1, n):
+            at = place[k] + turn[k] @ self._com[k]
+            linear, angular = np.zeros((3, 6 + n)), np.zeros((3, 6 + n))
+            linear[:, :3], angular[:, 3:6] = np.eye(3), np.eye(3)
+            x, y, z = at
+            linear[:, 3:6] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            linear[:, 6:] = self.jacobian(k, at, frames)
+            for j in self.path(k):
+                angular[:, 6 + j] = 0.0 if self.slides[j] else axes[j]
+            own = turn[k] @ self._inertia[k] @ turn[k].T
+            mass += self.mass[k] * linear.T @ linear + angular.T @ own @ angular
+        if bolted:
+            return mass[6:, 6:]
+        cross = mass[6:, :6]
+        return mass[6:, 6:] - cross @ np.linalg.solve(mass[:6, :6], cross.T)
+
+
+def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia of the links that are fixed to the root."""
+    mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
+    for link in description.elements("link"):
+        frame, inertial = frames[link.get("name")], link.find("inertial")
+        if frame.body != BASE or inertial is None or inertial.find("mass") is None:
+            continue
+        own = float(inertial.find("mass").get("value", 0.0))
+        if own <= 0.0:
+            continue
+        offset, turn = trees.pose(inertial.find("origin"))
+        at, facing = frame.place + frame.turn @ offset, frame.turn @ turn
+        tensor = inertial.find("inertia")
+        values = {} if tensor is None else tensor.attrib
+        ixx, ixy, ixz, iyy, iyz, izz = (float(values.get(key, 0.0)) for key in trees.TENSOR)
+        local = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        if mass:
+            mass, com, inertia = trees.add_point_mass(mass, com, inertia, own, at)
+        else:
+            mass, com = own, at
+        inertia = inertia + facing @ local @ facing.T
+    return mass, com, inertia

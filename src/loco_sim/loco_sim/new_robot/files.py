@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a new robot: URDF, ``robot.yaml``, ``experiment.yaml``, ``picture.png``."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from loco_control.exceptions import ParameterError
+
+from ..robot import robot as robots
+from ..robot.description import Description
+from .body import Body
+from .gains import Gains
+from .picture import picture
+from .posture import Posture
+from .supports import Support
+from .tidy import Tidied, listed
+from .trial import Outcome
+
+RATE = 250.0  # of commands [Hz]
+TILT = 0.8  # beyond which a robot has fallen [rad]
+TALL = 0.2  # share of its size
+LOW = 0.5  # share of its height below which it has
+READ, GUESSED, TRIED = "read", "guessed", "tried"
+
+
+@dataclass
+class Draft:
+    """A robot on its way from a URDF to a folder.
+
+    Attributes:
+        urdf: The file it comes from.
+        tidied: The mended URDF.
+        notes: Sentences for the user.
+        turned: Sentences about turns of the base frame.
+        guessed_limits: Joints whose limits of effort or velocity are guessed.
+        mimics: Joints that follow another one in the URDF.
+        legs: Section ``legs`` of ``robot.yaml``.
+        size: Longest side of the robot [m].
+    """
+
+    urdf: Path
+    tidied: Tidied
+    notes: list[str] = field(default_factory=list)
+    turned: list[str] = field(default_factory=list)
+    guessed_limits: list[str] = field(default_factory=list)
+    mimics: list[str] = field(default_factory=list)
+    legs: dict[str, dict[str, str]] = field(default_factory=dict)
+    size: float = 1.0
+
+    @property
+    def root(self) -> ET.Element:
+        """Element of the robot."""
+        return self.tidied.root
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the URDF."""
+        return self.urdf.resolve().parent
+
+    def text(self) -> str:
+        """The URDF as it is now."""
+        ET.indent(self.root)
+        return ET.tostring(self.root, encoding="unicode")
+
+    def description(self) -> Description:
+        """The URDF as it is now, to be asked."""
+        return Description(self.text())
+
+    def body(self) -> Body:
+        """Its tree."""
+        return Body(self.description())
+
+    def all_notes(self) -> list[str]:
+        """Notes about mended faults, then those about decisions."""
+        extra = [f"driven by themselves, along with what they mimic: {listed(self.mimics)}"]
+        return [*self.tidied.notes, *(extra if self.mimics else []), *self.notes]
+
+
+class Folder:
+    """A robot folder that is not where it belongs yet.
+
+    Attributes:
+        kept: It has been moved to its place.
+    """
+
+    def __init__(
+        self,
+        draft: Draft,
+        out: Path,
+        place: Path,
+        body: Body,
+        q: np.ndarray,
+        gains: Gains,
+        found: list[Support],
+        height: float,
+        amplitude: np.ndarray | None,
+    ):
+        self._draft, self._out, self._place, self._body = draft, out, place, body
+        self._q, self._gains, self._found, self._height = q, gains, found, height
+        self._amplitude, self.kept = amplitude, False
+        (place / f"{self._stem}.urdf").write_text(draft.text() + "\n", encoding="utf-8")
+        self._write()
+
+    @property
+    def _stem(self) -> str:
+        return self._draft.urdf.stem
+
+    def _write(self) -> None:
+        (self._place / "robot.yaml").write_text(self._yaml(), encoding="utf-8")
+
+    def robot(self) -> robots.Robot:
+        """The robot; without legs for the gait generator if its legs are not of that kind."""
+        try:
+            return robots.load(self._place)
+        except ParameterError as error:
+            if not self._draft.legs:
+                raise
+            reason = str(error).split(": ", 1)[-1].split("; ")[0].split(": the gait")[0]
+            self._draft.notes.append(f"no `legs:` for the gait generator, as {reason}")
+            self._draft.legs = {}
+            self._write()
+            return robots.load(self._place)
+
+    def keep(self) -> None:
+        """Write the rest and move the folder to its place."""
+        robot = self.robot()
+        if not picture(robot, self._place / "picture.png"):
+            self._draft.notes.append("no picture, as the URDF has no shapes")
+        (self._place / "experiment.yaml").write_text(self._experiment(robot), encoding="utf-8")
+        self._out.parent.mkdir(parents=True, exist_ok=True)
+        os.rename(self._place, self._out)
+        self.kept = True
+
+    # ---- texts
+
+    def _yaml(self) -> str:
+        draft, body, gains, bolted = self._draft, self._body, self._gains, not self._found
+        lines = [
+            f"# A first robot from {draft.urdf.name}, by `loco robot new`. What is marked as",
+            "# guessed is not in the URDF: replace it by what you know.",
+            f"urdf: {self._stem}.urdf",
+            f"fixed_base: {str(bolted).lower()}  # guessed",
+            f"joints: [{_names(body.joints)}]",
+        ]
+        if self._found:
+            lines.append(f"feet: [{_names(s.link for s in self._found)}]  # guessed")
+        if draft.legs:
+            lines.append("legs:  # guessed")
+            for leg, parts in draft.legs.items():
+                inside = ", ".join(f"{key}: {_name(value)}" for key, value in parts.items())
+                lines.append(f"  {leg}: {{{inside}}}")
+        posture = ", ".join(f"{v + 0.0:.5g}" for v in np.round(self._q, 5))
+        lines.append(f"standing: [{posture}]  # guessed [rad, m]")
+        if bolted:
+            lines.append(f"height: {self._height:g}  # guessed: nothing touches the ground [m]")
+        lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
+        lines.append("drives:  # guessed; a kp of 0 is a wheel that follows a velocity")
+        for name, kp, kd in zip(body.joints, gains.kp, gains.kd, strict=True):
+            lines.append(f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}")
+        if gains.armature.any():
+            lines.append(
+                "dynamics:  # guessed: rotors and gears of joints that are too light [kg·m²]"
+            )
+            for name, value in zip(body.joints, gains.armature, strict=True):
+                if value > 0.0:
+                    lines.append(f"  {_name(name)}: {{armature: {value:.3g}}}")
+        if self._found:
+            lines.append("contacts:  # guessed")
+            lines += [f"  {_name(s.link)}: {{friction: 1.0}}" for s in self._found]
+            low = f"height: {LOW * self._height:.3g}, " if self._tall() else ""
+            lines.append(f"fall: {{{low}roll: {TILT}, pitch: {TILT}}}  # guessed [m, rad]")
+        return "\n".join(lines) + "\n"
+
+    def _tall(self) -> bool:
+        """The base is so high that a robot whose base is half as high has fallen."""
+        return self._height > TALL * self._draft.size
+
+    def _experiment(self, robot: robots.Robot) -> str:
+        offset = ", ".join(f"{v + 0.0:.5g}" for v in robot.standing[robot.driven])
+        if self._amplitude is None:
+            what, seconds, amplitude = "stands", 5.0, "0.0"
+        else:
+            order = [self._body.joints.index(robot.joints[i]) for i in robot.driven]
+            what, seconds = "swings all joints", 10.0
+            amplitude = ", ".join(f"{v:.3g}" for v in self._amplitude[order])
+        return (
+            f"# The first experiment of a new robot: loco run {self._out / 'experiment.yaml'}\n"
+            f"name: {_name(self._out.name)}\n"
+            f"description: {self._stem} {what} for {seconds:g} s.\n"
+            "robot: robot.yaml\n"
+            f"duration: {seconds}\n"
+            "target:\n"
+            "  kind: sine\n"
+            "  frequency: 0.5\n"
+            f"  amplitude: [{amplitude}]\n"
+            f"  offset: [{offset}]\n"
+            "  phase: [0.0]\n"
+        )
+
+    def rows(self, outcome: Outcome, posture: Posture | None) -> list[tuple[str, str, str]]:
+        """Rows of the table: a property, its value, its origin."""
+        draft, body, gains = self._draft, self._body, self._gains
+        mass, wheels = body.mass.sum(), sum(s.wheel for s in self._found)
+        slides = int(body.slides.sum())
+        meshes = {m.get("filename") for m in draft.root.iter("mesh")}
+        rows = [
+            ("mass", f"{mass:.3g} kg", READ),
+            (
+                "joints",
+                f"{len(body.joints)}" + (f", {slides} of them slides" if slides else ""),
+                READ,
+            ),
+            ("meshes", f"{len(meshes)}, left where they are" if meshes else "none", READ),
+        ]
+        if draft.turned:
+            rows.append(("base frame", "; ".join(draft.turned), GUESSED))
+        if draft.guessed_limits:
+            count = len(draft.guessed_limits)
+            rows.append(
+                ("limits", f"effort or velocity of {count} joints, from the weight", GUESSED)
+            )
+        if posture is None:
+            rows.append(("base", f"bolted {self._height:g} m above the ground", GUESSED))
+        else:
+            kind = (
+                "wheels" if wheels == len(self._found) else "feet and wheels" if wheels else "feet"
+            )
+            links = listed([s.link for s in self._found])
+            rows.append(("base", f"floating, on {len(self._found)} {kind}: {links}", GUESSED))
+            rows.append((
+                "posture", f"base {posture.height:.3f} m high, mass {posture.margin:.3f} m inside "
+                "the polygon of the feet", GUESSED,
+            ))  # fmt: skip
+        if draft.legs:
+            first = next(iter(draft.legs.values()))
+            names = ", ".join(first[key] for key in ("haa", "hfe", "kfe"))
+            rows.append(("legs", f"lf rf lh rh, lf is {names}", GUESSED))
+        driven = gains.kp[gains.kp > 0.0]
+        kp = f"kp {driven.min():.3g} to {driven.max():.3g}, " if len(driven) else ""
+        step = f", {gains.steps} sub-steps" if gains.steps > 1 else ""
+        rows.append(
+            ("gains", f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}", GUESSED)
+        )
+        if gains.armature.any():
+            count = int((gains.armature > 0.0).sum())
+            rows.append(("armature", f"of {count} joints that are too light for gains", GUESSED))
+        gave = f"joints within {outcome.gave:.3f}, load at most {100.0 * outcome.load:.0f} %"
+        if posture is None:
+            rows.append(("swings", f"2 s; {gave} of their effort", TRIED))
+        else:
+            rows.append(("stands", f"2 s; sinks {1e3 * outcome.sank:.1f} mm, {gave}", TRIED))
+        return rows
+
+
+def _name(name: str) -> str:
+    """A name as YAML takes it: in quotes where it would be read as a number or worse."""
+    return yaml.safe_dump(name, default_flow_style=True, width=1000).split("\n")[0]
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(map(_name, names))
+
+
+@contextmanager
+def written(
+    draft: Draft, out: Path, body: Body, q: np.ndarray, gains: Gains, found: list[Support],
+    height: float, amplitude: np.ndarray | None = None,
+) -> Iterator[Folder]:  # fmt: skip
+    """A robot folder for a trial; it is gone afterwards unless it was kept.
+
+    Args:
+        draft: The robot.
+        out: Final place of the folder.
+        body: Tree of the robot.
+        q: Standing posture, (n,).
+        gains: Gains of the drives.
+        found: Supports of the robot; none for a bolted one.
+        height: Height of the base [m].
+        amplitude: Swing of each joint of a bolted robot, (n,).
+    """
+    above = next(p for p in out.resolve().parents if p.is_dir())
+    place = Path(tempfile.mkdtemp(dir=above, prefix=f".{out.name}."))
+    os.chmod(place, 0o755)
+    try:
+        folder = Folder(draft, out, place, body, q, gains, found, height, amplitude)
+        yield folder
+    finally:
+        shutil.rmtree(place, ignore_errors=True)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of the legs: by the names of joints and links, or by their places."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from loco_control.names import LEGS
+
+from .body import Body
+from .posture import Posture
+from .supports import Support, side_of
+
+PLACES = dict(zip(LEGS, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
+
+
+def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | None:
+    """Rotation about z that brings what is named front to +x; None if it is there or unnamed.
+
+    Args:
+        body: The robot.
+        found: Supports of the robot.
+        place: Origins of the bodies in the base frame [m], (n + 1, 3).
+    """
+    sides = [_said(body, support)[0] for support in found]
+    ends = [place[s.chain[0]][:2] for s in found]
+    front = [p for side, p in zip(sides, ends, strict=True) if side > 0]
+    hind = [p for side, p in zip(sides, ends, strict=True) if side < 0]
+    if not front or not hind:
+        return None
+    x, y = np.mean(front, axis=0) - np.mean(hind, axis=0)
+    if x >= abs(y):
+        return None
+    turn = np.pi if -x >= abs(y) else -np.sign(y) * 0.5 * np.pi
+    c, s = np.round(np.cos(turn)), np.round(np.sin(turn))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _said(body: Body, support: Support) -> tuple[int, int]:
+    """Place of a limb by the names of its joints and links."""
+    names = [body.joints[j] for j in support.chain]
+    names += [link for j in support.chain for link in body.links[j]]
+    said = [side_of(name) for name in names]
+    return (
+        next((front for front, _ in said if front), 0),
+        next((left for _, left in said if left), 0),
+    )
+
+
+def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dict[str, str]]:
+    """The section ``legs`` of a quadruped with three hinges a leg; empty for other robots."""
+    if len(found) != 4 or any(len(s.chain) != 3 or s.wheel for s in found):
+        return {}
+    if any(body.slides[j] for s in found for j in s.chain):
+        return {}
+    feet = posture.feet[:, :2] - posture.feet[:, :2].mean(axis=0)
+    made = {}
+    for leg, (front, left) in PLACES.items():
+        fits = [
+            s for s, foot in zip(found, feet, strict=True) if foot[0] * front > 0 < foot[1] * left
+        ]
+        if len(fits) != 1:
+            return {}
+        haa, hfe, kfe = (body.joints[j] for j in fits[0].chain)
+        made[leg] = {"haa": haa, "hfe": hfe, "kfe": kfe, "foot": fits[0].link}
+    return made

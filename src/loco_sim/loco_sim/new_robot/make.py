@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a URDF to a robot: read, guess, try in the engine, write.
+
+result = make(Path("a1.urdf"), Path("a1"))
+result.rows      # what was found and what was guessed
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, ParameterError
+
+from ..bolted.tree import clearance
+from ..geometry import rotation_matrix
+from ..robot.urdf_check import mass_of, problems
+from . import gains as gain
+from . import legs, limits, trial
+from .body import Body
+from .files import Draft, written
+from .posture import LEVEL, Posture, Search
+from .supports import Probe, Support, probe, stands_at, supports
+from .tidy import WORLDS, Tidied
+
+HALF = 0.5**0.5
+UPWARDS = {  # orientation of the base, x y z w, that turns an axis of it upwards
+    "z": (0.0, 0.0, 0.0, 1.0), "y": (HALF, 0.0, 0.0, HALF), "-y": (-HALF, 0.0, 0.0, HALF),
+    "x": (0.0, -HALF, 0.0, HALF), "-x": (0.0, HALF, 0.0, HALF), "-z": (1.0, 0.0, 0.0, 0.0),
+}  # fmt: skip
+STIFFER = (1.0, 2.0, 4.0, 0.5)  # factors on the stiffness, tried in turn
+SEED = 0  # of what is drawn: the same URDF gives the same robot
+SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a slide [m]
+SHARE = 0.2  # of its range that a joint swings to each side
+POSES = 200  # drawn to see how far down a bolted robot reaches
+ROOM = 0.1  # under what moves on a bolted robot [m]
+
+
+@dataclass
+class Result:
+    """A robot folder and the reasons for its contents.
+
+    Attributes:
+        folder: The robot's folder.
+        rows: Rows of a table: a property, its value, its origin.
+        notes: Sentences about mended faults and about what was not possible.
+        stands: The robot stands on its feet; otherwise it is bolted and swings.
+    """
+
+    folder: Path
+    rows: list[tuple[str, str, str]]
+    notes: list[str] = field(default_factory=list)
+    stands: bool = True
+
+
+def make(urdf: Path, out: Path) -> Result:
+    """Write a robot folder from a URDF.
+
+    Args:
+        urdf: The URDF.
+        out: New folder.
+
+    Raises:
+        MissingFileError: There is no such URDF.
+        ParameterError: The URDF is broken, the folder exists, or no gains hold the robot.
+    """
+    if not urdf.is_file():
+        raise MissingFileError(f"there is no URDF at {urdf}")
+    if out.exists():
+        raise ParameterError(f"{out} exists already; give another folder with --out")
+    draft = Draft(urdf, Tidied(urdf))
+    _refuse(urdf, draft, bolted=True)
+    if not draft.description().joint_types():
+        raise ParameterError(f"{urdf}: no joint of it moves, so there is nothing to drive")
+    rng = np.random.default_rng(SEED)
+    standing = _floating(draft, urdf, rng)
+    if standing is not None:
+        result = _try(draft, out, *standing, rng)
+        if result is not None:
+            return result
+    return _bolted(draft, out, rng)
+
+
+def _refuse(urdf: Path, draft: Draft, bolted: bool) -> None:
+    found = list(problems(draft.root, urdf.resolve().parent, bolted))
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise ParameterError(f"{urdf}: {found[0]}{more}")
+
+
+# ---- robots that stand
+
+
+def _floating(
+    draft: Draft, urdf: Path, rng: np.random.Generator
+) -> tuple[list[Support], Posture, float] | None:
+    """Supports and posture of a robot that can stand, and its size; None if it cannot."""
+    root = draft.description().root_link()
+    if root in WORLDS:
+        draft.notes.append(f"bolted, as its root link is {root!r}")
+        return None
+    with probe(draft.text(), draft.folder) as first:
+        q = first.body.nominal()
+        up, found = _upwards(first, q, rng)
+        if not found:
+            draft.notes.append("bolted, as fewer than three feet or wheels reach below its base")
+            return None
+        if mass_of(draft.tidied.link(root)) > 0.0 and up == "z":
+            _, place = first.body.forward(q)
+            if legs.facing(first.body, found, place) is None:
+                return _posture(draft, first, found, q, rng)
+    if up != "z":
+        rotation = np.reshape(rotation_matrix(UPWARDS[up]), (3, 3))
+        draft.tidied.turn_root(root, rotation)
+        draft.turned.append(f"{up} of the base is up")
+    draft.tidied.float_root(root)
+    _refuse(urdf, draft, bolted=False)
+    with probe(draft.text(), draft.folder) as turned:
+        found = supports(turned, q, rng)
+        yaw = legs.facing(turned.body, found, turned.body.forward(q)[1])
+        if yaw is None:
+            return _posture(draft, turned, found, q, rng)
+    draft.tidied.turn_root(root, yaw)
+    draft.turned.append("turned so that the legs named front are at +x")
+    with probe(draft.text(), draft.folder) as final:
+        return _posture(draft, final, supports(final, q, rng), q, rng)
+
+
+def _posture(
+    draft: Draft, final: Probe, found: list[Support], q: np.ndarray, rng: np.random.Generator
+) -> tuple[list[Support], Posture, float] | None:
+    """Supports, posture and size of a robot in its final frame; None if it cannot stand."""
+    posture = Search(final, found, q, rng).find()
+    size = final.size(q)
+    if posture.uneven > LEVEL * size * 2.0:
+        draft.notes.append(
+            f"bolted, as no posture puts its feet level ({posture.uneven:.3f} m off)"
+        )
+        return None
+    if posture.margin <= 0.0:
+        draft.notes.append(
+            f"bolted, as its centre of mass is {-posture.margin:.2f} m outside its "
+            f"{len(found)} points of support"
+        )
+        return None
+    return found, posture, size
+
+
+def _upwards(first: Probe, q: np.ndarray, rng: np.random.Generator) -> tuple[str, list[Support]]:
+    """Axis of the base that points up, and what the robot stands on then."""
+    found = supports(first, q, rng)
+    if stands_at(first, q) or _enough(found, 3):
+        return "z", found if _enough(found, 2) else []
+    for up, orientation in UPWARDS.items():
+        first.up = orientation
+        if up != "z" and stands_at(first, q):
+            others = supports(first, q, rng)
+            if _enough(others, 2):
+                return up, others
+    first.up = UPWARDS["z"]
+    return "z", found if _enough(found, 2) else []
+
+
+def _enough(found: list[Support], count: int) -> bool:
+    """Three points of support will do, two if they are feet behind three joints each."""
+    return len(found) >= max(count, 3) or (
+        len(found) == 2 == count and all(len(s.chain) > 2 and not s.wheel for s in found)
+    )
+
+
+def _try(
+    draft: Draft, out: Path, found: list[Support], posture: Posture, size: float,
+    rng: np.random.Generator,
+) -> Result | None:  # fmt: skip
+    """Write the robot with the first gains that hold it; None if none do."""
+    body, draft.size = draft.body(), size
+    wheels = [s.chain[-1] for s in found if s.wheel]
+    bodies = [s.body for s in found]
+    _, place = body.forward(posture.q)
+    radii = {w: max(1e-3, place[w][2] + posture.height) for w in wheels}
+    loads = body.weight_torque(posture.q, bodies, posture.feet)
+    draft.guessed_limits = limits.guess(draft.root, body, loads, radii, size, rng)
+    draft.legs = legs.section(body, found, posture)
+    for stiffer in STIFFER:
+        chosen = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer)
+        with written(draft, out, body, posture.q, chosen, found, posture.height) as folder:
+            outcome = trial.stand(folder.robot(), size)
+            if not outcome.fault:
+                folder.keep()
+                return Result(out, folder.rows(outcome, posture), draft.all_notes(), True)
+    draft.notes.append(f"bolted, as it does not stand: {outcome.fault}")
+    draft.legs = {}
+    return None
+
+
+# ---- robots that are bolted
+
+
+def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
+    body = draft.body()
+    q = _middle(body)
+    amplitude = _swing(body, q)
+    _mimic(draft, body, q, amplitude)
+    with probe(draft.text(), draft.folder) as final:
+        size = final.size(q)
+    loads = body.weight_torque(q, [], np.zeros((0, 3)))
+    draft.guessed_limits = limits.guess(draft.root, body, loads, {}, size, rng)
+    height = _clear(draft, body, rng)
+    for stiffer in STIFFER:
+        chosen = gain.choose(body, q, np.zeros((0, 3)), [], [], True, stiffer)
+        with written(draft, out, body, q, chosen, [], height, amplitude) as folder:
+            robot = folder.robot()
+            order = [body.joints.index(joint) for joint in robot.joints]
+            outcome = trial.swing(robot, amplitude[order])
+            if not outcome.fault:
+                folder.keep()
+                return Result(out, folder.rows(outcome, None), draft.all_notes(), False)
+    raise ParameterError(f"{draft.urdf}: no gains were found: {outcome.fault}")
+
+
+def _middle(body: Body) -> np.ndarray:
+    """Zero, or the nearest position a quarter of the range inside, (n,)."""
+    limited = np.isfinite(body.high - body.low)
+    room = np.where(limited, 0.25 * (body.high - body.low), 0.0)
+    return np.clip(0.0, body.low + room, body.high - room)
+
+
+def _swing(body: Body, q: np.ndarray) -> np.ndarray:
+    """Swing of each joint [rad or m], (n,), inside its range."""
+    span = np.where(np.isfinite(body.high - body.low), body.high - body.low, np.inf)
+    return np.minimum(np.where(body.slides, SWING[1], SWING[0]), SHARE * span)
+
+
+def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> None:
+    """Joints that follow another in the URDF are driven by themselves, along with it."""
+    for element in draft.root.findall("joint"):
+        follows, name = element.find("mimic"), element.get("name")
+        if follows is None or name not in body.joints or follows.get("joint") not in body.joints:
+            continue
+        i, lead = body.joints.index(name), body.joints.index(follows.get("joint"))
+        factor, offset = (float(follows.get(k, d)) for k, d in (("multiplier", 1), ("offset", 0)))
+        q[i] = np.clip(factor * q[lead] + offset, body.low[i], body.high[i])
+        amplitude[i] = factor * amplitude[lead]
+        draft.mimics.append(name)
+
+
+def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
+    """Height at which a bolted robot touches nothing, wherever it swings [m].
+
+    A bound that counts all lengths behind a hinge in full, so that such robots can be
+    simulated without the engine; drawn poses for meshes of unknown size.
+    """
+    lowest = clearance(draft.description(), 0.0, draft.folder)
+    with probe(draft.text(), draft.folder) as final:
+        room = ROOM * min(1.0, final.size(_middle(body)))
+        if not np.isfinite(lowest):
+            low = np.where(np.isfinite(body.low), body.low, -np.pi)
+            high = np.where(np.isfinite(body.high), body.high, np.pi)
+            poses = low + (high - low) * rng.random((POSES, len(low)))
+            found = [point[2] for q in poses for point in final.lowest(q).values()]
+            lowest = 1.1 * min(found, default=0.0)
+    return float(np.ceil(10.0 * (room - min(0.0, lowest))) / 10.0)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Feet and wheels: the ends of limbs that reach below everything else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..geometry import Triple, rotate, rotation_matrix
+from ..params import SimParams
+from ..robot.description import Description
+from ..robot.robot import Robot
+from ..world.world import World, make_world
+from .body import BASE, Body
+from .shapes import link_points
+
+ALOFT = 100.0  # where poses are tried, so that nothing reaches the ground [m]
+SAMPLES = 400  # poses drawn to see how deep each end reaches
+SAME_DEPTH = 0.12  # ends that reach this close to the deepest stand too, share of its depth
+ROUND = 0.03  # a wheel's lowest point stays as high when it turns, share of its radius
+LEVEL = 0.02  # what is this close to the lowest point touches the ground, share of the size
+
+
+@dataclass(frozen=True)
+class Support:
+    """One thing that a robot stands on.
+
+    Attributes:
+        body: Body that touches the ground.
+        link: Link of that body with the lowest point.
+        chain: Joints that move it and no other end, from the base outwards.
+        wheel: It is a wheel, whose joint is the last of the chain.
+        depth: Largest reach below the base [m], positive.
+    """
+
+    body: int
+    link: str
+    chain: tuple[int, ...]
+    wheel: bool
+    depth: float
+
+
+@dataclass
+class Probe:
+    """A robot in the engine, put into poses and asked where its links are.
+
+    Attributes:
+        body: Tree of the robot.
+        world: The engine.
+        points: Corners of the shapes of each body, in its frame [m], (k, 3).
+        up: Orientation of the base, x y z w.
+    """
+
+    body: Body
+    world: World
+    points: dict[int, np.ndarray]
+    up: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    _index: dict[str, int] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        self._index = {link: k for k, links in self.body.links.items() for link in links}
+
+    def lowest(self, q: np.ndarray) -> dict[str, Triple]:
+        """Lowest point of each link that collides, from the base's origin, axes of the world."""
+        self.world.pose((0.0, 0.0, ALOFT), self.up, q)
+        return {link: (x, y, z - ALOFT) for link, (x, y, z) in self.world.lowest_points().items()}
+
+    def by_body(self, q: np.ndarray) -> dict[int, tuple[Triple, str]]:
+        """Lowest point of each body that collides, and the link that has it."""
+        found: dict[int, tuple[Triple, str]] = {}
+        for link, point in self.lowest(q).items():
+            k = self._index[link]
+            if k not in found or point[2] < found[k][0][2]:
+                found[k] = point, link
+        return found
+
+    def size(self, q: np.ndarray) -> float:
+        """Longest side of the box around the shapes of the robot [m]."""
+        turn, place = self.body.forward(q)
+        rows = [place[k] + points @ turn[k].T for k, points in self.points.items()]
+        corners = np.vstack([*rows, place])
+        return max(1e-3, float(np.ptp(corners, axis=0).max()))
+
+
+@contextmanager
+def probe(urdf: str, folder: Path) -> Iterator[Probe]:
+    """A robot of a URDF in an engine of its own, free of gravity's consequences."""
+    description = Description(urdf)
+    body = Body(description)
+    elements = {link.get("name"): link for link in description.elements("link")}
+    points = {k: _points(body, k, elements, folder) for k in body.links}
+    robot = Robot("new", urdf, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
+    # MuJoCo's world does not tell lowest points.
+    world = make_world(robot, SimParams(engine="pybullet"), 0.001)
+    try:
+        world.rebuild(body.nominal(), height=ALOFT)
+        yield Probe(body, world, points)
+    finally:
+        world.close()
+
+
+def _points(body: Body, k: int, elements: dict, folder: Path) -> np.ndarray:
+    parts = [np.zeros((0, 3))]
+    for name in body.links[k]:
+        frame = body.frame(name)
+        parts.append(frame.place + link_points(elements[name], folder) @ frame.turn.T)
+    return np.concatenate(parts)
+
+
+def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Support]:
+    """Feet and wheels of a robot; none if nothing reaches below its base.
+
+    Args:
+        probe: The robot.
+        q: Joint positions to start from, (n,).
+        rng: Draws the poses.
+    """
+    body = probe.body
+    chains = {end: _own(body, end) for end in body.ends()}
+    own = sorted({j for chain in chains.values() for j in chain})
+    if not own:
+        return []
+    still = probe.by_body(q)
+    rest = [point[2] for k, (point, _) in still.items() if k not in own]
+    floor = min(rest, default=0.0)
+    low = np.where(np.isfinite(body.low), body.low, -np.pi)[own]
+    high = np.where(np.isfinite(body.high), body.high, np.pi)[own]
+    reach = {end: (np.inf, "") for end in chains}
+    for k in range(SAMPLES):
+        pose = q.copy()
+        pose[own] = q[own] if k == 0 else low + (high - low) * rng.random(len(own))
+        for end, (point, link) in probe.by_body(pose).items():
+            if end in reach and point[2] < reach[end][0]:
+                reach[end] = point[2], link
+    size = probe.size(q)
+    deep = {end: z for end, (z, _) in reach.items() if z < floor - LEVEL * size}
+    if not deep:
+        return []
+    limit = min(deep.values()) + SAME_DEPTH * abs(min(deep.values()) - min(floor, 0.0))
+    standing = [end for end in deep if deep[end] <= limit]
+    return [
+        Support(e, reach[e][1], chains[e], _is_wheel(probe, q, e), -reach[e][0]) for e in standing
+    ]
+
+
+def _own(body: Body, end: int) -> tuple[int, ...]:
+    """Joints that move an end and no other end."""
+    others = {j for e in body.ends() if e != end for j in body.path(e)}
+    return tuple(j for j in body.path(end) if j not in others)
+
+
+def _is_wheel(probe: Probe, q: np.ndarray, end: int) -> bool:
+    body = probe.body
+    if np.isfinite(body.high[end]) or body.slides[end]:
+        return False
+    pose, heights = q.copy(), []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
+        pose[end] = q[end] + angle
+        found = probe.by_body(pose)
+        if end not in found:
+            return False
+        heights.append(found[end][0][2])
+    turn, place = body.forward(q)
+    axis = body.axes(turn)[end]
+    before = place[end][2] - np.mean(heights)
+    return abs(axis[2]) < 0.7 and np.ptp(heights) < 2.0 * ROUND * abs(before)
+
+
+def stands_at(probe: Probe, q: np.ndarray) -> bool:
+    """The lowest points at q are ends of limbs only, at least two, about below the mass."""
+    found = probe.by_body(q)
+    if not found:
+        return False
+    size, ends = probe.size(q), set(probe.body.ends())
+    bottom = min(point[2] for point, _ in found.values())
+    touching = {k: p for k, (p, _) in found.items() if p[2] < bottom + LEVEL * size}
+    if len(touching) < 2 or not set(touching) <= ends or BASE in touching:
+        return False
+    points = np.array(list(touching.values()))[:, :2]
+    com = np.array(rotate(rotation_matrix(probe.up), probe.body.centre(q)))[:2]
+    margin = 0.1 * size
+    return bool(
+        np.all(com > points.min(axis=0) - margin) and np.all(com < points.max(axis=0) + margin)
+    )
+
+
+SIDES = {
+    **dict.fromkeys(("fl", "lf"), (1, 1)), **dict.fromkeys(("fr", "rf"), (1, -1)),
+    **dict.fromkeys(("hl", "lh", "rl", "bl", "lb"), (-1, 1)),
+    **dict.fromkeys(("hr", "rh", "rr", "br", "rb"), (-1, -1)),
+}  # fmt: skip
+
+
+def side_of(name: str) -> tuple[int, int]:
+    """Place of a limb by its name: front 1 or hind -1, left 1 or right -1; 0 unsaid."""
+    words = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    for word in words:
+        if word in SIDES:
+            return SIDES[word]
+    text = " ".join(words)
+    front = 1 if "front" in text or "fore" in text else 0
+    hind = 1 if any(w in text for w in ("back", "hind", "rear")) else 0
+    left, right = "left" in text, "right" in text
+    return front - hind, int(left) - int(right)

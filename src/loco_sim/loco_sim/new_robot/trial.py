@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does the robot stand, or swing? Tried in the engine before anybody is told that it does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, LocoError
+from loco_control.types import MotionCommand
+
+from ..geometry import roll_pitch, rotation_matrix
+from ..plant.simulation import Simulation
+from ..robot import robot as robots
+
+DURATION = 2.0  # of a trial [s]
+QUIET = 0.5  # at its end the robot must be at rest for this time [s]
+FLAT = 0.2  # of a robot whose base is lower, this share of its size counts for its height
+SINKS = 0.15  # share of its height that the base may sink
+TILTS = 0.15  # [rad]
+GIVES = 0.25  # that a joint may give way [rad or m]
+MOVES = 0.01  # height by which the base may move at the end, share of its height
+FOLLOWS = 0.5  # share of a swing that may be missed, rms
+SWING = 0.5  # swings per second [Hz]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The result of a trial.
+
+    Attributes:
+        fault: Why it failed, "" if it did not.
+        sank: Way that the base sank [m].
+        gave: Largest error of a joint, of its swing as rms [rad or m].
+        load: Largest share of its effort limit that a joint used [-].
+    """
+
+    fault: str
+    sank: float = 0.0
+    gave: float = 0.0
+    load: float = 0.0
+
+
+def stand(robot: robots.Robot, size: float) -> Outcome:
+    """Hold the standing posture for `DURATION`.
+
+    Args:
+        robot: The robot.
+        size: Longest side of the robot [m].
+    """
+    rows, load = [], 0.0
+    try:
+        with Simulation(robot=robot) as plant:
+            start = plant.ground_truth().position[2]
+            for k in range(round(DURATION / plant.dt)):
+                still = np.zeros(len(robot.joints))
+                state = plant.step(MotionCommand(k, k * plant.dt, robot.standing, still))
+                truth = plant.ground_truth()
+                rows.append((truth.position[2], *roll_pitch(rotation_matrix(truth.orientation))))
+                load = max(load, _load(state.tau, robot))
+                if plant.fallen:
+                    return Outcome(f"it falls after {k * plant.dt:.1f} s ({plant.fallen})")
+            held = np.array([getattr(robot.drives[j], "kp", 0.0) > 0.0 for j in robot.joints])
+            gave = np.abs(plant.true_q - robot.standing)[held].max(initial=0.0)
+            quiet = np.array(rows)[-round(QUIET / plant.dt) :]
+    except DivergedError:
+        return Outcome("its gains are not stable at the physics step")
+    except LocoError as error:
+        return Outcome(str(error))
+    sank, size = start - quiet[-1, 0], max(start, FLAT * size)
+    tilt = np.abs(quiet[:, 1:]).max()
+    if tilt > TILTS:
+        return Outcome(f"it tilts by {math.degrees(tilt):.0f} degrees", sank, gave, load)
+    if abs(sank) > SINKS * size:
+        return Outcome(f"it sinks by {sank:.3f} m", sank, gave, load)
+    if gave > GIVES:
+        return Outcome(f"a joint gives way by {gave:.2f} rad", sank, gave, load)
+    if np.ptp(quiet[:, 0]) > MOVES * size:
+        return Outcome("it does not come to rest", sank, gave, load)
+    return Outcome("", float(sank), float(gave), load)
+
+
+def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
+    """Swing all joints about the standing posture for `DURATION`.
+
+    Args:
+        robot: A robot with a bolted base.
+        amplitude: Swing of each joint [rad or m], (n,).
+    """
+    w, missed, load = 2.0 * np.pi * SWING, [], 0.0
+    try:
+        with Simulation(robot=robot) as plant:
+            for k in range(round(DURATION / plant.dt)):
+                t = k * plant.dt
+                grown, growth = (t, 1.0) if t < 1.0 else (1.0, 0.0)
+                q = robot.standing + grown * amplitude * np.sin(w * t)
+                dq = amplitude * (growth * np.sin(w * t) + grown * w * np.cos(w * t))
+                state = plant.step(MotionCommand(k, t, q, dq))
+                missed.append(plant.true_q - q)
+                load = max(load, _load(state.tau, robot))
+    except DivergedError:
+        return Outcome("its gains are not stable at the physics step")
+    except LocoError as error:
+        return Outcome(str(error))
+    rms, size = np.sqrt(np.mean(np.square(missed), axis=0)), np.abs(amplitude)
+    worst = int(np.argmax(rms / np.maximum(size, 1e-9)))
+    if rms[worst] > FOLLOWS * size[worst]:
+        name = robot.joints[worst]
+        fault = f"joint {name!r} misses its swing of {size[worst]:.2g} by {rms[worst]:.2g}"
+        return Outcome(fault, 0.0, float(rms.max()), load)
+    return Outcome("", 0.0, float(rms.max()), load)
+
+
+def _load(tau: np.ndarray, robot: robots.Robot) -> float:
+    limited = np.isfinite(robot.effort) & (robot.effort > 0.0)
+    return float((np.abs(tau)[limited] / robot.effort[limited]).max(initial=0.0))

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Physics steps of whole control periods in one compiled call, on engines that allow it.
+
+Drives, springs and effects act as in `Simulation.step`, and the engine's own C function takes
+each step: on the ground as in the air.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError
+
+from ..drives.actuators import Actuators
+from ..effects.base import Effect, overrides, windows
+from ..effects.chain import Chain, JointEffect
+from ..effects.pulls import Pulls, laid_out
+from ..effects.pulls import of as pulls
+from ..effects.rows import NO_LAWS, ON_MOTOR, Laws
+from ..effects.timetable import Script, behind_springs, commanding, heard
+from ..world.world import World
+from . import kernels
+from .sensing import BASE
+
+IN_JOINTS = "on_torque", "on_motor", "on_brake"  # hooks that must be laws of `effects.laws`
+
+
+class Acting(NamedTuple):
+    """Deeds of effects, as data of `kernels.run`."""
+
+    change: Laws  # laws of torques and motors
+    brakes: Laws
+    weakens: bool  # some law is about motors
+    hinges: np.ndarray  # stiffness, damping, and inertia that it feels, of each hinge, (h, 3)
+    pulls: Pulls
+    slips: tuple[np.ndarray, np.ndarray]  # step and shape, (c, 2), and new friction, (c,)
+
+
+def ordinary(effects: Sequence[Effect]) -> str:
+    """Why effects cannot act in a compiled loop; empty if they can."""
+    acting = [effect for effect in effects if not effect.absent()]
+    for effect in acting:
+        if any(overrides(effect, h) for h in IN_JOINTS) and not isinstance(effect, JointEffect):
+            return f"{effect.name} has no compiled law"
+    for effect, pull in pulls(acting):
+        if pull is None and not effect.blind:
+            return f"{effect.name} looks at the world in each step"
+    return behind_springs(acting)
+
+
+class Compiled:
+    """The loop of one world, from a reset to the next.
+
+    Args:
+        world: World, just built, of an engine with `handles`.
+        drive: Drives and springs.
+        effects: Effects of which `ordinary` says nothing, configured and reset.
+        steps: Physics steps in a control period.
+    """
+
+    def __init__(self, world: World, drive: Actuators, effects: Sequence[Effect], steps: int):
+        self._world, self._drive, self._dt = world, drive, world.dt
+        self._handles, frames = world.handles(), world.frames()
+        acting = [effect for effect in effects if not effect.absent()]
+        forces = [effect for effect, pull in pulls(acting) if pull is not None]
+        self._blind = windows(
+            [e for e in acting if e.blind and e not in forces], "on_step", self._dt
+        )
+        self._commands = commanding(acting, self._dt)
+        brakes, change = self._laws(acting, "on_brake"), self._laws(acting, "on_torque")
+        springs = [(*spring, felt) for spring, felt in world.sprung()]
+        self._acting = Acting(
+            change,
+            brakes,
+            any(overrides(e, "on_motor") and np.any(e.rows[:, ON_MOTOR]) for e in acting),
+            np.array(springs, float).reshape(-1, 3),
+            laid_out(forces, frames, 0.0, self._dt),
+            (np.zeros((0, 2), np.int64), np.zeros(0)),
+        )
+        self._measures = any(overrides(e, "on_measurement") for e in acting) and len(change.plan)
+        self._script = Script(frames, {foot: world.shapes(foot) for foot in world.robot.feet})
+        self._still = np.zeros((0, *change.memory.shape))
+        self._one = np.zeros(steps, dtype=np.int64)
+
+    def alone(self, steps: int) -> float:
+        """Time of the engine's own steps [s], for comparison; the state moves on."""
+        kernels.alone(self._handles, 0)
+        began = time.process_time()
+        kernels.alone(self._handles, steps)
+        return time.process_time() - began
+
+    def recall(self, memories: np.ndarray, row: int) -> None:
+        """Let effects on sensors remember what they did at a row; nothing if none needs it."""
+        if len(memories):
+            self._acting.change.memory[:] = memories[row]
+
+    def _laws(self, effects: Sequence[Effect], hook: str) -> Laws:
+        acting = [effect for effect in effects if overrides(effect, hook)]
+        return Chain(acting, self._dt).laws() if acting else NO_LAWS
+
+    def period(self, before: np.ndarray, first: int) -> np.ndarray:
+        """States before and after a control period, rows of `sensing.readings`, (2, …).
+
+        Args:
+            before: The first of them.
+            first: Number of the first physics step.
+
+        Raises:
+            DivergedError: The state is no longer finite.
+        """
+        drive = self._drive
+        power, wanted = np.array([[drive.supply, drive.on]]), [(drive.q, drive.dq)]
+        rows, done, _ = self.run(drive.command, self._one, power, first, wanted)
+        if not done:
+            raise DivergedError(f"the physics diverged by t = {first * self._dt:.3f} s (MuJoCo)")
+        return rows
+
+    def run(
+        self,
+        table: np.ndarray,
+        which: np.ndarray,
+        power: np.ndarray,
+        first: int,
+        wanted: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
+    ) -> tuple[np.ndarray, int, np.ndarray]:
+        """Run along commands.
+
+        Args:
+            table: Commands as `Actuators` takes them, (k, COMMANDS, n).
+            which: Command of each physics step, (T * steps,).
+            power: Supply and switch of the drives, (T, 2).
+            first: Number of the first physics step.
+            wanted: Positions and velocities wanted of each command, for effects that tell a new
+                command from an old one by its arrays; None if `table` has no old ones.
+
+        Returns:
+            The state before each row and after the last, as `kernels.run` says it; the count of
+            rows that were run; and the memory of effects, (T + 1, rows, MEMORY), empty where no
+            sensor needs it.
+        """
+        acting, stop, n = self._acting, first + len(which), table.shape[2]
+        if self._commands:
+            wanted = wanted or [(row[0], row[1]) for row in table]
+            table, which = heard(self._commands, wanted, which, table[:, 2:], first, self._dt)
+        if self._blind:
+            forces, slips = self._script.write(self._blind, first, stop, self._dt)
+            both = (np.concatenate(pair) for pair in zip(acting.pulls, forces, strict=True))
+            acting = acting._replace(pulls=Pulls(*both), slips=slips)
+        out = np.zeros((len(power) + 1, 3 * n + len(self._handles.feet) + BASE))
+        rows = len(power) + 1 if self._measures and len(power) > 1 else 0
+        memories = np.zeros((rows, *self._still.shape[1:])) if rows else self._still
+        told = table, which, power
+        done = kernels.run(
+            self._handles, self._drive.rows(), acting, told, first, self._dt, memories, out
+        )
+        self._world.moved()
+        return out, done, memories

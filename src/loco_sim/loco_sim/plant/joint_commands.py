@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands of the driven joints, put where the plant wants them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from loco_control.types import MotionCommand, TrunkTorque
+
+from ..robot.robot import Robot
+from ..robot.servo import TorqueDrive
+from .orders import Orders
+
+
+class JointCommands:
+    """Makes the arguments of `Simulation.step` from values of the driven joints.
+
+    The value of a joint is an angle, or a torque where its drive is of kind ``torque``.
+    """
+
+    def __init__(self, robot: Robot):
+        self._n, self._driven, self._feet = len(robot.joints), robot.driven, len(robot.feet)
+        drives = [robot.drives.get(robot.joints[i]) for i in robot.driven]
+        self._torque = np.array([isinstance(d, TorqueDrive) for d in drives], dtype=bool)
+        self._any_torque = bool(self._torque.any())
+
+    def __call__(
+        self, tick: int, t: float, q: np.ndarray, dq: np.ndarray
+    ) -> tuple[MotionCommand, TrunkTorque | None]:
+        """Command and, for torque drives, feed-forward torque.
+
+        Args:
+            tick: Control periods since reset.
+            t: Simulated time [s].
+            q: Wanted positions [rad] or torques [N·m], (m,).
+            dq: Wanted velocities [rad/s], (m,).
+        """
+        wanted, speed = np.zeros(self._n), np.zeros(self._n)
+        wanted[self._driven], speed[self._driven] = q, dq
+        command = MotionCommand(tick, t, wanted, speed)
+        if not self._any_torque:
+            return command, None
+        tau = np.zeros(self._n)
+        tau[self._driven[self._torque]] = q[self._torque]
+        return command, TrunkTorque(tick, t, tau, np.zeros(6), np.ones(self._feet, dtype=bool))
+
+    def orders(self, q: np.ndarray, dq: np.ndarray | None = None) -> Orders:
+        """Commands of a whole run.
+
+        Args:
+            q: Wanted positions [rad] or torques [N·m], (T, m).
+            dq: Wanted velocities [rad/s], (T, m); None is none.
+        """
+        wanted, speed, tau = np.zeros((3, len(q), self._n))
+        wanted[:, self._driven] = q
+        speed[:, self._driven] = 0.0 if dq is None else dq
+        tau[:, self._driven[self._torque]] = q[:, self._torque]
+        stance = np.ones((len(q), self._feet), dtype=bool)
+        return Orders(wanted, speed, tau, None, (False, False, False), stance)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A ``model.yaml``: a robot, values of it that were calibrated, and effects.
+
+    format: 1
+    robot: tigrillo
+    overrides: {masses.front_body: 0.674, "springs.?h_kfe_joint.stiffness": 440.6}
+    effects: [{name: command_delay, delay: 0.1}]
+
+Whoever takes the name of a robot takes the path of such a file (`load_any`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_control.files import write_whole
+from loco_control.reading import parse_yaml, read_text, read_yaml, shown, understood
+
+from .. import effects
+from ..effects.base import Effect
+from ..robot import robot
+
+FORMAT = 1
+KEYS = ("format", "robot", "overrides", "effects")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot with changed values and effects: all that a simulation needs of it.
+
+    Attributes:
+        robot: Name, or path of a ``robot.yaml``.
+        overrides: Values of ``robot.yaml`` to change, by dotted name.
+        effects: One mapping per effect, as in the list `effects` of an experiment.
+    """
+
+    robot: str
+    overrides: dict[str, Any] = field(default_factory=dict)
+    effects: list[dict[str, Any]] = field(default_factory=list)
+
+    def make_robot(self) -> robot.Robot:
+        """The robot with its overrides."""
+        return robot.load(self.robot, self.overrides)
+
+    def make_effects(self) -> list[Effect]:
+        """The effects, new ones."""
+        return effects.from_list(self.effects)
+
+    def dumps(self) -> str:
+        """Text of a ``model.yaml``, for `loads`."""
+        values = {"format": FORMAT, "robot": self.robot}
+        values |= {"overrides": dict(self.overrides), "effects": list(self.effects)}
+        return "# SPDX-License-Identifier: Apache-2.0\n" + yaml.safe_dump(values, sort_keys=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write a ``model.yaml``, whole or not at all."""
+        write_whole(path, self.dumps())
+
+
+@understood("whole model")
+def load(path: str | Path) -> Model:
+    """Read and check a ``model.yaml``; the path of a robot in it starts at its folder.
+
+    Raises:
+        MissingFileError: There is no such file.
+        ParameterError: It is not a model, or one of another version.
+        NameUnknownError: It names a key, robot, joint, link, effect or parameter that is
+            not there.
+    """
+    return loads(read_text(path, "model"), path)
+
+
+def loads(text: str, path: str | Path = "model.yaml") -> Model:
+    """Check the text of a ``model.yaml``; `path` is where it lies, for names and messages.
+
+    Raises:
+        LocoError: The text is no model, or names something that is not there.
+    """
+    return from_values(parse_yaml(text, path), path)
+
+
+def from_values(values: Any, path: str | Path = "model.yaml") -> Model:
+    """Check the values of a ``model.yaml``; `path` is where it lies, for names and messages.
+
+    Raises:
+        LocoError: The text is no model, or names something that is not there.
+    """
+    path = Path(path)
+    if not isinstance(values, dict) or "robot" not in values:
+        raise ParameterError(f"{path} must be a mapping with 'format' and 'robot'")
+    for key in values:
+        if key not in KEYS:
+            raise NameUnknownError(f"key in {path}", str(key), KEYS)
+    if values.get("format") != FORMAT:
+        raise ParameterError(
+            f"{path} has format {shown(values.get('format'))}; this version reads {FORMAT}"
+        )
+    overrides, listed = values.get("overrides") or {}, values.get("effects") or []
+    if not isinstance(overrides, dict) or not isinstance(listed, list):
+        raise ParameterError(f"{path}: overrides must be a mapping and effects a list")
+    beside = path.parent / str(values["robot"])
+    named = str(values["robot"]) in robot.names()
+    model = Model(str(values["robot"] if named else beside), overrides, listed)
+    model.make_robot()
+    model.make_effects()
+    return model
+
+
+def load_any(name_or_path: str | Path) -> Model:
+    """Model of a robot's name, the path of a robot, or the path of a ``model.yaml``.
+
+    Raises:
+        LocoError: The file is missing, cannot be read, or describes no robot and no model.
+    """
+    path = Path(name_or_path)
+    if path.is_file() and path.suffix in (".yaml", ".yml") and _is_model(path):
+        return load(path)
+    robot.load(name_or_path)
+    return Model(str(name_or_path))
+
+
+def _is_model(path: Path) -> bool:
+    """A robot names its URDF, a model does not."""
+    try:
+        values = read_yaml(path)
+    except LocoError:
+        return False
+    return isinstance(values, dict) and "urdf" not in values

@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant: what stands where a robot's hardware driver would.
+
+Every control period it takes a motion command and a trunk torque, holds them
+while physics and the joint impedance loop run at their faster rate, and gives
+back what the sensors measured:
+
+    sim = Simulation(SimParams())
+    state = sim.reset()
+    while sim.fallen is None:
+        state = sim.step(command, trunk)
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError, ParameterError
+from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
+
+from ..drives.actuators import Actuators
+from ..drives.damping import DampedDrives
+from ..drives.stability import plan
+from ..effects.base import Effect, overrides, streams, windows
+from ..params import SimParams
+from ..robot import robot as robots
+from ..robot.sensors import Sensors
+from ..world.world import Base, make_world
+from .compiled import Compiled, ordinary
+from .orders import Orders
+from .sensing import BROKEN, FALLEN, fall_reason, ground_truth, readings, robot_state
+from .stepwise import Stepwise, seen
+
+log = logging.getLogger(__name__)
+
+
+class Simulation:
+    """One robot, its drives, its sensors and the effects that an experiment lists.
+
+    Attributes:
+        robot: The robot simulated.
+        dt: Control period [s].
+        physics_dt: Physics step, sub-steps included [s].
+        fallen: Why the robot counts as fallen, None while it does not; stays until reset.
+        rejected: Commands since reset that were not finite and so were not used.
+    """
+
+    def __init__(
+        self,
+        params: SimParams | None = None,
+        effects: Sequence[Effect] = (),
+        seed: int = 0,
+        dt: float | None = None,
+        robot: str | robots.Robot = "hyq",
+        standing: np.ndarray | None = None,
+    ):
+        """Build the world; nothing moves before `reset`.
+
+        Args:
+            params: Physics and sensors; default the robot's.
+            effects: Departures from the ideal plant; the order matters.
+            seed: Seed of the random streams of the effects.
+            dt: Control period [s], a whole multiple of the physics step; default the
+                robot's.
+            robot: Name, path or `Robot`.
+            standing: Joint positions at the start [rad], (n,); default the robot's.
+
+        Raises:
+            ParameterError: The robot has neither drives nor springs; `dt` does not fit the
+                physics rate; or damping needs more sub-steps than `params.max_substeps`.
+        """
+        self.robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
+        params = self.robot.sim if params is None else params
+        dt = 1.0 / self.robot.control_rate if dt is None else dt
+        self.dt, self._params = dt, params
+        self._effects, self._seed = list(effects), seed
+        self._standing = np.array(self.robot.standing if standing is None else standing, float)
+        if not self.robot.equipped:
+            raise ParameterError(
+                f"robot {self.robot.name!r} has neither drives nor springs: list them in its "
+                "robot.yaml"
+            )
+        self._steps = periods(dt, params.physics_rate)
+        self._world = make_world(self.robot, params, dt / self._steps)
+        self._refine()
+        self.physics_dt = self._world.dt
+        self._drive = Actuators(self.robot, self.physics_dt)
+        self._damped: DampedDrives | None = None
+        sensors, joints = self.robot.sensors, self.robot.joints
+        self._sensors = sensors and Sensors(sensors, self.robot.hall, joints, dt)
+        self._no_trunk = TrunkTorque(
+            tick=0,
+            t=0.0,
+            tau=np.zeros(len(self.robot.joints)),
+            wrench=np.zeros(6),
+            stance=np.ones(len(self.robot.feet), dtype=bool),
+        )
+        # Why the loop cannot be the compiled one; empty if it can.
+        self._why = self._world.damped and "damping is solved" or ordinary(self._effects)
+        if self._why and params.engine == "mujoco":
+            log.info("physics steps go through Python: %s", self._why)
+        self.reset()
+
+    @property
+    def robot_description(self) -> str:
+        """URDF of the robot as it is simulated, payloads included."""
+        return self._world.description.text()
+
+    def _refine(self) -> None:
+        """Choose how damping is made stable (`stability.plan`)."""
+        world = self._world
+        world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        inertia = world.joint_inertia(self._standing)
+        hooks = ("on_torque", "on_motor", "on_brake")
+        acting = [effect for effect in self._effects if not effect.absent()]
+        solve = not any(overrides(effect, hook) for effect in acting for hook in hooks)
+        count, world.damped = plan(
+            self.robot, self._own_damping(), inertia, world.dt, self._params, solve
+        )
+        if count > 1:
+            log.info("every physics step is divided by %d: the damping gains need it", count)
+        if world.damped:
+            log.info("damping is solved with the physics step: it is too large to be held over one")
+        self._steps *= count
+        world.dt = self.dt / self._steps
+
+    def _own_damping(self) -> np.ndarray:
+        """Damping of the joints themselves [N·m·s/rad], (n,)."""
+        return np.array([self._world.description.damping(j) for j in self.robot.joints])
+
+    def _rebuild(self) -> None:
+        """Build the world anew, as the effects want it."""
+        self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        if self._world.damped:
+            self._damped = DampedDrives(self._drive, self._own_damping())
+
+    def _functions(self, hook: str) -> list[Any]:
+        return [getattr(e, hook) for e in self._effects if overrides(e, hook)]
+
+    def reset(self, seed: int | None = None) -> RobotState:
+        """Build the world anew, the robot standing at rest, and measure at tick 0.
+
+        Args:
+            seed: New seed of the effects; None keeps the one before.
+        """
+        self._seed = self._seed if seed is None else seed
+        self._rebuild()
+        return self._begin(self._standing)
+
+    def _begin(self, q: np.ndarray, dq: np.ndarray | None = None, tick: int = 0) -> RobotState:
+        """Effects, drives and sensors forget everything; measure."""
+        for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
+            effect.reset(rng)
+        self._on_measurement = windows(self._effects, "on_measurement", self.physics_dt)
+        self._tick, self._step, self.rejected = tick, tick * self._steps, 0
+        self.fallen: str | None = None
+        if dq is None:
+            self._drive.reset(q)
+        else:
+            self._drive.start(q, dq)
+        if self._sensors:
+            self._sensors.reset(self._seed)
+        plant = self._world, self._drive, self._effects
+        compiled = self._world.handles() is not None and not self._why
+        self._loop = (
+            Compiled(*plant, self._steps)
+            if compiled
+            else Stepwise(*plant, self._damped, self._steps)
+        )
+        nothing = [0.0] * (len(self.robot.joints) + 3 * len(self.robot.feet))
+        row = seen(self._world, *self._world.joint_states(), nothing)
+        return self._measure(np.array((row, row)))
+
+    def place(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        base: Base | None = None,
+        rebuild: bool = True,
+        tick: int = 0,
+    ) -> RobotState:
+        """Start from another state than standing, and measure.
+
+        Args:
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            base: State of the base; None is that of a reset.
+            rebuild: Build the world anew. Without it the world keeps what it remembers of
+                contacts; a robot that touches nothing has the same future either way.
+            tick: Number of the first tick, by which effects come and go.
+        """
+        if rebuild and not self._world.forget():
+            self._rebuild()
+        self._world.put(q, dq, *(base or ()))
+        return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float), tick)
+
+    # ---- one control period ------------------------------------------------------
+
+    def step(self, command: MotionCommand, trunk: TrunkTorque | None = None) -> RobotState:
+        """Run one control period with the command held, then measure.
+
+        Args:
+            command: Joint references.
+            trunk: Feed-forward torque and the legs that use stance gains; None is no
+                torque and all legs in stance.
+
+        Raises:
+            DivergedError: The state is no longer finite; or the command is not, and
+                `SimParams.safety` is off.
+        """
+        if not self._drive.accept(command, trunk or self._no_trunk):
+            self._reject()
+        rows = self._loop.period(self._row, self._step)
+        self._tick, self._step = self._tick + 1, self._step + self._steps
+        return self._measure(rows)
+
+    def follow(self, orders: Orders) -> Iterator[RobotState]:
+        """Run along commands that are known beforehand; yields the readings before each of them.
+
+        As `step` by step, and in one compiled call where the loop is compiled: then readings,
+        `true_q`, `ground_truth` and `fallen` are those of the row, energies those of the end.
+        Whoever leaves before the end has to reset.
+
+        Args:
+            orders: Commands, a row for each control period.
+
+        Raises:
+            DivergedError: The state is no longer finite after the row that came last.
+        """
+        loop = self._loop
+        if isinstance(loop, Stepwise) or not all(np.isfinite(part).all() for part in orders[:3]):
+            yield from self._stepped(orders.held())
+            return
+        power = self._drive.supply, self._drive.on
+        told = orders.table(self.robot, self._steps, power)
+        rows, done, memories = loop.run(*told, self._step)
+        values, touches, verdicts = self._readings(rows)
+        for k, verdict in enumerate(verdicts):
+            yield self._state
+            self._tick, self._step = self._tick + 1, self._step + self._steps
+            if k >= done:
+                raise DivergedError(f"the physics diverged by t = {self._tick * self.dt:.3f} s")
+            loop.recall(memories, k + 1)
+            self._row = rows[k + 1]
+            self._sense(values[k], touches[k], verdict)
+
+    @property
+    def loop(self) -> Compiled | Stepwise:
+        """The loop of the physics steps, until the next reset."""
+        return self._loop
+
+    def _stepped(self, orders: Orders) -> Iterator[RobotState]:
+        """As `follow`, by `step`."""
+        for k, (q, dq, tau) in enumerate(zip(*orders[:3], strict=True)):
+            yield self._state
+            if orders.power is not None:
+                self.power(*orders.power[k])
+            now = self._tick, self._tick * self.dt
+            self.step(
+                MotionCommand(*now, q, dq), TrunkTorque(*now, tau, np.zeros(6), orders.stance[k])
+            )
+
+    def power(self, supply: float = 1.0, on: float = 1.0) -> None:
+        """Change what feeds the drives, until the next reset.
+
+        Args:
+            supply: Voltage of the servos over the nominal one.
+            on: 1, or 0 to switch all drives off.
+        """
+        self._drive.supply, self._drive.on = supply, on
+
+    def _reject(self) -> None:
+        t = self._tick * self.dt
+        if not self._params.safety:
+            raise DivergedError(f"the command at t = {t:.3f} s is not finite")
+        self.rejected += 1
+        log.warning("command at t = %.3f s is not finite: the last good one is kept", t)
+
+    def _readings(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        """As `sensing.readings`, of this robot."""
+        fall, params = self.robot.fall, self._params
+        limits = fall.height, fall.roll, fall.pitch
+        gravity, n = self._world.gravity, len(self.robot.joints)
+        values, touches, verdicts = readings(
+            rows, n, self.dt, tuple(gravity), params.contact_threshold, limits
+        )
+        return values, touches, verdicts.tolist()
+
+    def _sense(self, values: np.ndarray, touches: np.ndarray, verdict: int) -> RobotState:
+        """Readings at the present tick, from exact ones; remembers them."""
+        t = self._tick * self.dt
+        if verdict == BROKEN:
+            raise DivergedError(
+                f"the simulated state is not finite at t = {t:.3f} s: gains too large for the "
+                "physics rate, or an effect out of proportion"
+            )
+        if verdict == FALLEN and self.fallen is None:
+            self.fallen = fall_reason(values, self.robot.fall)
+        self._exact, state = values, robot_state(self._tick, t, values, touches)
+        if self._sensors:
+            state = self._sensors.measure(state)
+        for start, stop, change in self._on_measurement:
+            if start <= self._step < stop:
+                state = change(state)
+        self._state = state
+        return state
+
+    def _measure(self, rows: np.ndarray) -> RobotState:
+        """Take over the second of two states as of `sensing.readings`, and read it."""
+        self._row = rows[1]
+        values, touches, verdicts = self._readings(rows)
+        return self._sense(values[0], touches[0], verdicts[0])
+
+    # ---- beside the sensors ------------------------------------------------------
+
+    @property
+    def true_q(self) -> np.ndarray:
+        """Joint positions [rad], (n,), whatever the sensors say."""
+        return self._row[: len(self.robot.joints)].copy()
+
+    @property
+    def true_dq(self) -> np.ndarray:
+        """Joint velocities [rad/s], (n,), whatever the sensors say."""
+        n = len(self.robot.joints)
+        return self._row[n : 2 * n].copy()
+
+    def ground_truth(self) -> GroundTruth:
+        """Truth that only the simulator knows, at the current tick."""
+        return ground_truth(self._tick, self._tick * self.dt, self._exact)
+
+    def potential_energy(self) -> float:
+        """Energy in gravity (0 at the world's origin), springs and gears [J].
+
+        What bent contacts hold is not in it.
+        """
+        return self._world.energy()[0] + self._drive.energy(self.true_q)[0]
+
+    def kinetic_energy(self) -> float:
+        """Energy of links and rotors in motion [J]."""
+        return self._world.energy()[1] + self._drive.energy(self.true_q)[1]
+
+    def adc(self) -> np.ndarray:
+        """Last counts of the Hall sensors, (k,), in the order of the joints that have one."""
+        return np.array(self._sensors.adc if self._sensors else [], dtype=int)
+
+    def close(self) -> None:
+        """Free the physics engine; calling again does nothing."""
+        self._world.close()
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def periods(dt: float, rate: float) -> int:
+    """Physics steps per control period.
+
+    Raises:
+        ParameterError: The ratio is not a whole number of at least one.
+    """
+    steps = dt * rate
+    if dt <= 0.0 or round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
+        raise ParameterError(
+            f"the control period ({dt:g} s) must be a whole multiple of the physics step "
+            f"({1.0 / rate:g} s)"
+        )
+    return round(steps)
+
+
+def ending(t: float, distance: float | None) -> str:
+    """Words for a run of t [s] over a distance [m], None for a bench, that came to its end."""
+    if distance is None:
+        return f"{t:.1f} s simulated"
+    return f"{t:.1f} s simulated, {distance:.2f} m forward, no fall"

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Physics steps of a control period one by one in Python: any engine, any effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..drives.actuators import Actuators
+from ..drives.damping import DampedDrives
+from ..effects.base import Effect, windows
+from ..world.world import World
+
+HOOKS = "on_command", "on_motor", "on_torque", "on_brake", "on_step"
+
+
+def seen(world: World, q: Sequence[float], dq: Sequence[float], forces: Sequence[float]):
+    """State of a world as a row of `sensing.readings`.
+
+    Args:
+        world: The world.
+        q: Joint positions [rad], (n,).
+        dq: Joint velocities [rad/s], (n,).
+        forces: Torques of the joints, then forces on the feet.
+    """
+    position, orientation, velocity, spin = world.base()
+    return np.array([*q, *dq, *forces, *position, *orientation, *velocity, *spin])
+
+
+class Stepwise:
+    """The loop of one world, from a reset to the next; `compiled.Compiled` has the same face.
+
+    Args:
+        world: World, just built.
+        drive: Drives and springs.
+        effects: Effects, configured and reset.
+        damped: The drives where their damping is solved with the step, else None.
+        steps: Physics steps in a control period.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        drive: Actuators,
+        effects: Sequence[Effect],
+        damped: DampedDrives | None,
+        steps: int,
+    ):
+        self._world, self._drive, self._damped = world, drive, damped
+        self._steps, self._mean, self._dt = steps, world.params.grf == "mean", world.dt
+        self._on_command, self._on_motor, self._on_torque, self._on_brake, self._on_step = (
+            windows(effects, hook, world.dt) for hook in HOOKS
+        )
+        self._affected = bool(
+            self._on_command or self._on_torque or self._on_brake or self._on_step
+        )
+        self._joints = world.joint_states()
+
+    def period(self, before: np.ndarray, first: int) -> np.ndarray:
+        """States before and after a control period, rows of `sensing.readings`, (2, …).
+
+        Args:
+            before: The first of them.
+            first: Number of the first physics step.
+
+        Raises:
+            DivergedError: The state is no longer finite.
+        """
+        world, taus = self._world, []
+        grf = [0.0] * (3 * len(world.robot.feet))
+        torque = self._affected_torque if self._affected else self._drive.torque
+        for step in range(first, first + self._steps):
+            self._step = step
+            if self._damped:
+                tau = self._damped_step(self._damped)
+            else:
+                tau = torque(*self._joints)
+                world.step(tau)
+                self._joints = world.joint_states()
+            taus.append(tau)
+            if self._mean or step == first + self._steps - 1:
+                world.add_ground_forces(grf)
+        if self._mean:
+            grf = [force / self._steps for force in grf]
+        tau = [sum(steps) / self._steps for steps in zip(*taus, strict=True)]
+        return np.array((before, seen(world, *self._joints, tau + grf)))
+
+    def _damped_step(self, damped: DampedDrives) -> list[float]:
+        """One physics step with damping that is solved with it, and the torques that acted."""
+        t = self._step * self._dt
+        self._told(t)
+        self._acted(t)
+        tau, law = damped.laws(*self._joints)
+        acted = self._world.damped_step(tau, law)
+        self._joints = self._world.joint_states()
+        return damped.given(tau, *acted)
+
+    def _affected_torque(self, q: list[float], dq: list[float]) -> list[float]:
+        """Joint torques of this physics step with every effect that is on."""
+        t = self._step * self._dt
+        self._told(t)
+        tau = self._drive.torque(q, dq, self._motors if self._on_motor else None)
+        if self._on_torque or self._on_brake:
+            tau = self._changed(tau, np.array(q), np.array(dq), t)
+        self._acted(t)
+        return tau
+
+    def _told(self, t: float) -> None:
+        """Give the drives the command as effects change it."""
+        step, drive = self._step, self._drive
+        if self._on_command:
+            wanted = drive.q, drive.dq
+            for start, stop, change in self._on_command:
+                if start <= step < stop:
+                    wanted = change(*wanted, t)
+            drive.follow(*wanted)
+
+    def _acted(self, t: float) -> None:
+        """Let effects act on the world."""
+        for start, stop, act in self._on_step:
+            if start <= self._step < stop:
+                act(self._world, t)
+
+    def _motors(self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """The motors in this physics step, with every effect that is on."""
+        step, dt = self._step, self._dt
+        for start, stop, change in self._on_motor:
+            if start <= step < stop:
+                rows = change(rows, asked, speed, dt, step * dt)
+        return rows
+
+    def _changed(self, tau: list[float], q: np.ndarray, dq: np.ndarray, t: float) -> list[float]:
+        """Torques after the effects that change them; brakes the joints."""
+        step, now, dt = self._step, np.array(tau), self._dt
+        for start, stop, change in self._on_torque:
+            if start <= step < stop:
+                now = change(now, q, dq, dt, t)
+        if self._on_brake:
+            budget = np.zeros(len(now))
+            for start, stop, brake in self._on_brake:
+                if start <= step < stop:
+                    budget = brake(budget, now, q, dq, dt, t)
+            self._world.brake(budget, dq)
+        return now.tolist()

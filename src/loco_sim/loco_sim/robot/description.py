@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A URDF that effects may edit before the world is built from it."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+
+from .frames import fixed_axes
+from .urdf_check import TENSOR, mass_of, mesh_path, parse
+
+
+def add_point_mass(
+    mass: float, com: np.ndarray, inertia: np.ndarray, extra: float, position: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia of a body with a point mass fixed to it.
+
+    I' = I + m d(c - c') + m_extra d(r - c') with d(v) = |v|² 1 - v vᵀ (parallel axes).
+
+    Args:
+        mass: Mass of the body [kg].
+        com: Centre of mass [m], (3,).
+        inertia: Inertia about `com` [kg·m²], (3, 3).
+        extra: Mass to add [kg].
+        position: Position [m], (3,), in the frame of `com`.
+    """
+    total = mass + extra
+    if extra == 0.0:
+        return mass, com, inertia
+    new_com = (mass * com + extra * position) / total
+
+    def shift(v: np.ndarray) -> np.ndarray:
+        return v @ v * np.eye(3) - np.outer(v, v)
+
+    moved = inertia + mass * shift(com - new_com) + extra * shift(position - new_com)
+    return total, new_com, moved
+
+
+class Description:
+    """The parts of a URDF that physics depends on, readable and changeable by name."""
+
+    def __init__(self, urdf: str):
+        """Parse a URDF.
+
+        Raises:
+            ParameterError: The text is not XML or not a robot.
+        """
+        self._root = parse(urdf)
+
+    def links(self) -> list[str]:
+        """Names of the links, in the order of the file."""
+        return [link.get("name", "") for link in self._root.iter("link")]
+
+    def elements(self, tag: str) -> list[ET.Element]:
+        """All links or joints of the robot, not to be changed."""
+        return self._root.findall(tag)
+
+    def root_link(self) -> str:
+        """Name of the link that is nobody's child."""
+        children = {child.get("link") for child in self._root.iter("child")}
+        return next(name for name in self.links() if name not in children)
+
+    def below(self, link: str) -> list[str]:
+        """A link and all links that hang on it, itself first."""
+        self._find("link", link)
+        found = [link]
+        for name in found:  # grows while it is walked
+            for joint in self._root.findall("joint"):
+                if joint.find("parent").get("link") == name:
+                    found.append(joint.find("child").get("link"))
+        return found
+
+    def above(self, link: str) -> list[str]:
+        """Joints between a link and the root link, from the link upwards."""
+        self._find("link", link)
+        joints = {j.find("child").get("link"): j for j in self._root.findall("joint")}
+        found = []
+        while joint := joints.pop(link, None):  # a loop of joints ends it
+            found.append(joint.get("name", ""))
+            link = joint.find("parent").get("link")
+        return found
+
+    def efforts(self) -> dict[str, float]:
+        """Torque limit [N·m] of each joint that moves; infinite where the URDF has none."""
+        limits = {}
+        for joint in self._root.findall("joint"):
+            if joint.get("type") in ("revolute", "continuous", "prismatic"):
+                limit = joint.find("limit")
+                effort = None if limit is None else limit.get("effort")
+                limits[joint.get("name", "")] = math.inf if effort is None else float(effort)
+        return limits
+
+    def damping(self, joint: str) -> float:
+        """Viscous damping of a joint [N·m·s/rad]."""
+        found = self._find("joint", joint).find("dynamics")
+        return 0.0 if found is None else float(found.get("damping", 0.0))
+
+    def joint_types(self) -> dict[str, str]:
+        """Type of each joint that moves."""
+        moving = ("revolute", "continuous", "prismatic")
+        joints = self._root.findall("joint")
+        return {j.get("name", ""): j.get("type") for j in joints if j.get("type") in moving}
+
+    def child(self, joint: str) -> str:
+        """Name of the link that a joint moves."""
+        return self._find("joint", joint).find("child").get("link", "")
+
+    def axis(self, joint: str) -> np.ndarray:
+        """Axis of a joint in the frame of the link that it moves, (3,)."""
+        found = self._find("joint", joint).find("axis")
+        return np.array(
+            [float(v) for v in (found.get("xyz") if found is not None else "1 0 0").split()]
+        )
+
+    def split_root(self, x: float, axis: str) -> str:
+        """Cut the root link in two with a hinge; what hangs behind the cut goes with the rear.
+
+        Each half has half the mass and inertia about the same centre, so with a locked
+        hinge the robot is as it was.
+
+        Args:
+            x: Place in the frame of the root link [m].
+            axis: Axis of the hinge: x, y or z.
+
+        Returns:
+            Name of the rear link.
+        """
+        root = self.root_link()
+        rear = f"{root}_rear"
+        weight, tensor, origin = self._inertial(root)
+        weight.set("value", repr(0.5 * float(weight.get("value", 0.0))))
+        for key in TENSOR:
+            tensor.set(key, repr(0.5 * float(tensor.get(key, 0.0))))
+        link = ET.SubElement(self._root, "link", name=rear)
+        inertial = ET.SubElement(link, "inertial")
+        inertial.extend([_moved(origin, -x), ET.Element("mass", weight.attrib)])
+        ET.SubElement(inertial, "inertia", tensor.attrib)
+        for joint in self._root.findall("joint"):
+            place = joint.find("origin")
+            at = 0.0 if place is None else float(place.get("xyz", "0 0 0").split()[0])
+            if joint.find("parent").get("link") == root and at < x:
+                joint.find("parent").set("link", rear)
+                joint.remove(place)
+                joint.append(_moved(place, -x))
+        hinge = ET.SubElement(self._root, "joint", name=f"{rear}_joint", type="continuous")
+        ET.SubElement(hinge, "parent", link=root)
+        ET.SubElement(hinge, "child", link=rear)
+        ET.SubElement(hinge, "origin", xyz=f"{x!r} 0 0")
+        ET.SubElement(hinge, "axis", xyz=" ".join("1" if a == axis else "0" for a in "xyz"))
+        return rear
+
+    def mass(self) -> float:
+        """Mass of all links [kg]."""
+        return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
+
+    def mass_of(self, link: str) -> float:
+        """Mass of one link [kg]."""
+        weight = self._find("link", link).find("inertial/mass")
+        return 0.0 if weight is None else float(weight.get("value", 0.0))
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """Smallest and largest position of a joint [rad or m]; infinite if it has none."""
+        element = self._find("joint", joint)
+        limit = element.find("limit")
+        unlimited = limit is None or not {"lower", "upper"} & set(limit.keys())
+        if unlimited or element.get("type") == "continuous":  # as the engine has it
+            return -math.inf, math.inf
+        return float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+
+    def fastest(self) -> float:
+        """Joint velocity at which the engine clips [rad/s or m/s]: 100, or a faster joint's."""
+        limits = [joint.find("limit") for joint in self._root.findall("joint")]
+        speeds = [float(limit.get("velocity", 0.0)) for limit in limits if limit is not None]
+        return max(100.0, *speeds, 0.0)
+
+    def set_lower_limit(self, joint: str, lower: float) -> None:
+        """Move the lower stop of a joint [rad or m].
+
+        Raises:
+            ParameterError: The joint has no stops, or the upper one is below.
+        """
+        if not lower < self.limits(joint)[1] < math.inf:
+            raise ParameterError(
+                f"the stop of {joint} must be below its upper limit of "
+                f"{self.limits(joint)[1]:g}, got {lower:g}"
+            )
+        self._find("joint", joint).find("limit").set("lower", repr(float(lower)))
+
+    def grow_ball(self, link: str, by: float) -> None:
+        """Make the ball at the end of a link larger in radius [m], or smaller.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no ball, or nothing would be left of it.
+        """
+        balls = self._find("link", link).findall("collision/geometry/sphere")
+        if not balls:
+            raise ParameterError(f"link {link} has no ball that touches the ground")
+        for ball in balls:
+            radius = float(ball.get("radius")) + by
+            if not radius > 0.0:
+                raise ParameterError(
+                    f"the ball of {link} has a radius of {radius - by:g} m, {-by:g} m less is "
+                    "not possible"
+                )
+            ball.set("radius", repr(radius))
+
+    def add_mass(self, link: str, mass: float, position: tuple[float, float, float]) -> None:
+        """Fix a point mass [kg] to a link, at a position in its frame [m].
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia.
+        """
+        weight, tensor, origin = self._inertial(link)
+        inertia = self.inertia_of(link)
+        com = np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
+        total, com, inertia = add_point_mass(
+            float(weight.get("value")), com, inertia, mass, np.asarray(position, dtype=float)
+        )
+        weight.set("value", repr(float(total)))
+        origin.set("xyz", " ".join(repr(float(v)) for v in com))
+        for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
+            tensor.set(key, repr(float(value)))
+
+    def set_mass(self, link: str, mass: float) -> None:
+        """Give a link a mass [kg]; its inertia changes in proportion.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no mass to begin with.
+        """
+        weight, tensor, _ = self._inertial(link)
+        old = float(weight.get("value", 0.0))
+        if old <= 0.0:
+            raise ParameterError(f"link {link!r} needs a mass above 0 to be given another")
+        weight.set("value", repr(float(mass)))
+        for key in TENSOR:
+            tensor.set(key, repr(float(tensor.get(key, 0.0)) * float(mass) / old))
+
+    def scale_inertia(self, link: str, factor: float) -> None:
+        """Multiply the inertia of a link about its centre of mass.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia.
+        """
+        _, tensor, _ = self._inertial(link)
+        for key in TENSOR:
+            tensor.set(key, repr(float(tensor.get(key, 0.0)) * float(factor)))
+
+    def fixed_to(self, link: str) -> list[str]:
+        """A link and what is fixed to it without a joint that moves, from it outwards."""
+        self._find("link", link)
+        fixed = [j for j in self._root.findall("joint") if j.get("type") == "fixed"]
+        found = [link]
+        for name in found:  # grows while it is walked
+            found += [
+                j.find("child").get("link") for j in fixed if j.find("parent").get("link") == name
+            ]
+        return found
+
+    def add_armature(self, joint: str, inertia: float) -> None:
+        """Add the inertia [kg·m²] of a rotor and gear about the axis of a joint.
+
+        Half of it counts about the other axes of the link, since no body can have less.
+
+        Raises:
+            NameUnknownError: There is no such joint.
+            ParameterError: The link that it moves has no inertia.
+        """
+        axis = self.axis(joint) / np.linalg.norm(self.axis(joint))
+        about = inertia * (0.5 * np.eye(3) + 0.5 * np.outer(axis, axis))
+        self.add_inertia(self.child(joint), about)
+
+    def add_inertia(self, link: str, added: tuple[float, float, float] | np.ndarray) -> None:
+        """Add inertia [kg·m²] to a link: moments about its axes, (3,), or a tensor, (3, 3).
+
+        The engine drops a tensor that no body can have, one whose largest moment exceeds
+        the sum of the others; then the others are raised until it does not.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia.
+        """
+        if not np.any(added):
+            return
+        added = np.diag(added) if np.ndim(added) == 1 else np.asarray(added)
+        moments, axes = np.linalg.eigh(self.inertia_of(link) + added)
+        excess = moments[2] - moments[0] - moments[1]
+        if excess > 0.0:
+            moments[:2] += 0.5 * excess + 1e-9 * moments[2]
+        inertia = axes @ np.diag(moments) @ axes.T
+        _, tensor, _ = self._inertial(link)
+        for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
+            tensor.set(key, repr(float(value)))
+
+    def inertia_of(self, link: str) -> np.ndarray:
+        """Inertia of a link about its centre of mass [kg·m²], (3, 3).
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia.
+        """
+        _, tensor, _ = self._inertial(link)
+        ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
+        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+    def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
+        """Move the centre of mass of a link [m]; the inertia about it stays.
+
+        Raises:
+            NameUnknownError: There is no such link.
+            ParameterError: The link has no inertia.
+        """
+        _, _, origin = self._inertial(link)
+        com = [float(v) for v in origin.get("xyz", "0 0 0").split()]
+        moved = [c + float(o) for c, o in zip(com, offset, strict=True)]
+        origin.set("xyz", " ".join(repr(v) for v in moved))
+
+    def set_damping(self, joint: str, value: float) -> None:
+        """Give a joint a viscous damping [N·m·s/rad]."""
+        element = self._find("joint", joint)
+        dynamics = element.find("dynamics")
+        if dynamics is None:
+            dynamics = ET.SubElement(element, "dynamics")
+        dynamics.set("damping", repr(float(value)))
+
+    def _inertial(self, link: str) -> tuple[ET.Element, ET.Element, ET.Element]:
+        """Elements of a link's mass, inertia tensor along its axes, and centre of mass."""
+        inertial = self._find("link", link).find("inertial")
+        if inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None:
+            raise ParameterError(f"link {link!r} needs an <inertial> with a mass and an inertia")
+        origin, tensor = inertial.find("origin"), inertial.find("inertia")
+        if origin is None:
+            origin = ET.SubElement(inertial, "origin", xyz="0 0 0")
+        if _turned(origin):
+            turn = fixed_axes(np.array([float(v) for v in origin.attrib.pop("rpy").split()]))
+            inertia = turn @ self.inertia_of(link) @ turn.T
+            for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
+                tensor.set(key, repr(float(value)))
+        return inertial.find("mass"), tensor, origin
+
+    def text(self, folder: Path | None = None) -> str:
+        """The URDF; with `folder` as the engine needs it.
+
+        Mesh files are then found from that folder. Links without mass have no inertia either,
+        where the engine would give them 1 kg, or a tensor alone. PyBullet's own ``<contact>``
+        elements go: contacts come from ``robot.yaml``, and the friction anchors among them
+        hold feet back.
+        """
+        root = ET.fromstring(ET.tostring(self._root))
+        for link in root.findall("link") if folder else ():
+            for contact in link.findall("contact"):
+                link.remove(contact)
+        for mesh in root.iter("mesh") if folder else ():
+            name = mesh.get("filename", "")
+            mesh.set("filename", str(mesh_path(name, folder) or folder / name))
+        for link in root.findall("link") if folder else ():
+            if mass_of(link) == 0.0:
+                for inertial in link.findall("inertial"):
+                    link.remove(inertial)
+                inertial = ET.SubElement(link, "inertial")
+                ET.SubElement(inertial, "mass", value="0")
+                ET.SubElement(inertial, "inertia", dict.fromkeys(TENSOR, "0"))
+        return ET.tostring(root, encoding="unicode")
+
+    def _find(self, tag: str, name: str) -> ET.Element:
+        for element in self._root.findall(tag):
+            if element.get("name") == name:
+                return element
+        raise NameUnknownError(tag, name, [e.get("name", "") for e in self._root.findall(tag)])
+
+
+def _moved(origin: ET.Element, x: float) -> ET.Element:
+    """An origin moved along x [m]."""
+    at = [float(v) for v in origin.get("xyz", "0 0 0").split()]
+    return ET.Element("origin", {**origin.attrib, "xyz": f"{at[0] + x!r} {at[1]!r} {at[2]!r}"})
+
+
+def _turned(origin: ET.Element) -> bool:
+    return any(float(v) != 0.0 for v in origin.get("rpy", "0 0 0").split())

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Equipment that ``robot.yaml`` adds to the bare URDF: drives, springs, contacts, masses, sensors.
+
+Sections name joints and links, or fnmatch patterns of them; a later entry adds to
+and wins over an earlier one. `override` changes single values by dotted name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.params import Params, from_dict, parameter
+
+from .description import Description
+from .servo import DRIVES, DriveParams
+from .spring import SpringParams
+
+BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "bodies")
+NESTED = ("sensors", "sim", "fall")
+UNCERTAIN = "uncertain"
+SCALARS = ("control_rate", "height", "fixed_base")
+GRAVITY = 9.81  # [m/s²], for the static load of a foot
+
+
+@dataclass(frozen=True)
+class DynamicsParams(Params):
+    """Properties of one joint besides drive and spring, in place of the URDF's."""
+
+    damping: float = parameter(
+        -1.0, "viscous damping; below 0 is that of the URDF", "N·m·s/rad", low=-1.0, high=1e4
+    )
+    armature: float = parameter(
+        0.0, "inertia of rotor and gear about the axis, added", "kg·m²", low=0.0, high=1e3
+    )
+
+
+@dataclass(frozen=True)
+class BodyParams(Params):
+    """A link with what is fixed to it, against what the URDF says; its own centre is shifted."""
+
+    mass: float = parameter(1.0, "times the URDF's, inertia with it", "-", low=1e-3, high=1e3)
+    inertia: float = parameter(
+        1.0, "times the URDF's, about the centre of mass", "-", low=1e-3, high=1e3
+    )
+    x: float = parameter(0.0, "shift of the centre of mass, link frame", "m", low=-1.0, high=1.0)
+    y: float = parameter(0.0, "the same along y", "m", low=-1.0, high=1.0)
+    z: float = parameter(0.0, "the same along z", "m", low=-1.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class ContactParams(Params):
+    """Contact of one link with the ground.
+
+    `depth` is how far the link sinks in when it carries its share of the robot at
+    rest, weight / feet; the stiffness follows. The damping makes that share critically
+    damped, which is more than enough for the lighter leg that lands first.
+    """
+
+    friction: float = parameter(1.0, "Coulomb friction with the ground", low=0.0, high=1e6)
+    depth: float = parameter(
+        0.0, "penetration under the static load, 0 is rigid", "m", low=0.0, high=0.1
+    )
+
+    def softness(self, mass: float) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N·s/m] for the mass that the link carries [kg]."""
+        if self.depth == 0.0:
+            return 0.0, 0.0
+        stiffness = mass * GRAVITY / self.depth
+        return stiffness, 2.0 * (stiffness * mass) ** 0.5
+
+
+def expanded(
+    values: Mapping[str, Any], joints: Iterable[str], links: Iterable[str], path: Path
+) -> dict[str, Any]:
+    """Contents of a ``robot.yaml`` with an entry per joint or link in place of patterns.
+
+    Raises:
+        NameUnknownError: A pattern names no joint or link.
+        ParameterError: A section or an entry is not a mapping.
+    """
+    full = dict(values)
+    for section in (*BY_JOINT, *BY_LINK):
+        known = list(joints if section in BY_JOINT else links)
+        kind = "joint" if section in BY_JOINT else "link"
+        entries = _mapping(values.get(section) or {}, f"{path}: {section}")
+        full[section] = made = {}
+        for pattern, entry in entries.items():
+            for name in matches(known, str(pattern), f"{kind} for {section} in {path}"):
+                if section == "masses":
+                    made[name] = entry
+                else:
+                    entry = _mapping(entry, f"{path}: {section}.{pattern}")
+                    made[name] = {**made.get(name, {}), **entry}
+    for section in NESTED:
+        full[section] = dict(_mapping(values.get(section) or {}, f"{path}: {section}"))
+    return full
+
+
+def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable[str]) -> None:
+    """Change values of an `expanded` robot by dotted names.
+
+    ``springs.l?_kfe_joint.stiffness``, ``masses.front_body``, ``sim.physics_rate``.
+
+    Args:
+        values: Changed in place.
+        changes: New values by dotted name; patterns for joints and links are allowed.
+        links: Links of the robot.
+
+    Raises:
+        NameUnknownError: A name leads nowhere.
+    """
+    for dotted, value in changes.items():
+        section, *rest = str(dotted).split(".")
+        if section in SCALARS and not rest:
+            values[section] = value
+        elif section == "masses" and len(rest) == 1:
+            names = matches(list(links), rest[0], f"link for the override {dotted!r}")
+            values[section].update(dict.fromkeys(names, value))
+        elif section in (*BY_JOINT, "contacts", "bodies") and len(rest) == 2:
+            what = f"entry of {section} for the override {dotted!r}"
+            free = {"dynamics": values.get("joints", ()), "bodies": list(links)}
+            known = free.get(section, values.get(section))
+            for name in matches(known, rest[0], what):
+                values[section][name] = {**values[section].get(name, {}), rest[1]: value}
+        elif section in NESTED and rest:
+            _set(values[section], rest, value)
+        else:
+            raise NameUnknownError("value of a robot to override", str(dotted), _legal(values))
+
+
+def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
+    """Drive of each joint that has one, by its `kind`."""
+    made = {}
+    for joint, entry in section.items():
+        kind = entry.get("kind")
+        if kind not in DRIVES:
+            raise NameUnknownError(f"kind of drive for {joint}", str(kind), DRIVES)
+        rest = {key: value for key, value in entry.items() if key != "kind"}
+        made[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
+    return made
+
+
+def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:
+    """Parameters of each entry of a section."""
+    return {name: from_dict(kind, entry, f"{where}.{name}") for name, entry in section.items()}
+
+
+def set_dynamics(description: Description, dynamics: Mapping[str, DynamicsParams]) -> None:
+    """Give joints their damping and armature."""
+    for joint, params in dynamics.items():
+        if params.damping >= 0.0:
+            description.set_damping(joint, params.damping)
+        if params.armature > 0.0:
+            description.add_armature(joint, params.armature)
+
+
+def set_masses(description: Description, masses: Mapping[str, Any]) -> None:
+    """Give links a mass; a link is weighed with everything that hangs on it.
+
+    Raises:
+        ParameterError: A mass is not a positive number, or less than what hangs on the link.
+    """
+    for link in sorted(masses, key=lambda name: len(description.below(name))):
+        mass, rest = masses[link], description.below(link)[1:]
+        if isinstance(mass, bool) or not isinstance(mass, (int, float)) or not 0.0 < mass < 1e6:
+            raise ParameterError(f"masses.{link} must be a number above 0 [kg], got {mass!r}")
+        hanging = sum(description.mass_of(name) for name in rest)
+        if mass <= hanging:
+            raise ParameterError(
+                f"masses.{link} must be above {hanging:g} kg, which is what hangs on it, "
+                f"got {mass:g}"
+            )
+        description.set_mass(link, mass - hanging)
+
+
+def set_bodies(description: Description, bodies: Mapping[str, BodyParams]) -> None:
+    """Change mass, inertia and centre of links with what is fixed to them.
+
+    Raises:
+        ParameterError: A link has no mass.
+    """
+    for link, body in bodies.items():
+        for part in description.fixed_to(link):
+            if description.mass_of(part) > 0.0:
+                description.set_mass(part, body.mass * description.mass_of(part))
+                description.scale_inertia(part, body.inertia)
+        description.shift_com(link, (body.x, body.y, body.z))
+
+
+def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> dict[str, float]:
+    """Standard deviation of each value that the robot's maker does not know well, by dotted name.
+
+    Args:
+        values: An `expanded` robot.
+        bodies: Links that joints move.
+        path: File, for messages.
+
+    Raises:
+        NameUnknownError: A pattern names nothing.
+        ParameterError: A deviation is not a number above 0.
+    """
+    known: dict[str, list[str]] = {
+        "bodies": [f"{link}.{name}" for link in bodies for name in vars(BodyParams())],
+        "masses": list(bodies),
+    }
+    for section in ("drives", "springs"):
+        entries = values[section]
+        known[section] = [f"{j}.{k}" for j in entries for k in _numbers(section, entries[j])]
+    dotted = [f"{section}.{name}" for section, names in known.items() for name in names]
+    found: dict[str, float] = {}
+    for pattern, size in _mapping(values.get(UNCERTAIN) or {}, f"{path}: {UNCERTAIN}").items():
+        if isinstance(size, bool) or not isinstance(size, (int, float)) or not 0.0 < size < 1e6:
+            raise ParameterError(
+                f"{UNCERTAIN}: {pattern} must be a deviation above 0, got {size!r}"
+            )
+        found |= dict.fromkeys(matches(dotted, str(pattern), f"value for {UNCERTAIN} in {path}"),
+                               float(size))  # fmt: skip
+    return found
+
+
+def _numbers(section: str, entry: Mapping[str, Any]) -> list[str]:
+    """Numbers of a drive or spring that may be uncertain."""
+    kind = DRIVES.get(entry.get("kind")) if section == "drives" else SpringParams
+    return [k for k, f in getattr(kind, "__dataclass_fields__", {}).items() if f.type == "float"]
+
+
+def matches(names: Iterable[str], pattern: str, what: str) -> list[str]:
+    """Names that a pattern matches.
+
+    Raises:
+        NameUnknownError: The pattern matches no name.
+    """
+    found = [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        raise NameUnknownError(what, pattern, names)
+    return found
+
+
+def _mapping(value: Any, where: str) -> Mapping:
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{where} must be a mapping, got {value!r}")
+    return value
+
+
+def _set(values: dict[str, Any], keys: list[str], value: Any) -> None:
+    for key in keys[:-1]:
+        values[key] = dict(_mapping(values.get(key) or {}, key))
+        values = values[key]
+    values[keys[-1]] = value
+
+
+def _legal(values: Mapping[str, Any]) -> list[str]:
+    per_name = [f"{s}.{name}.<parameter>" for s in (*BY_JOINT, "contacts") for name in values[s]]
+    return [*SCALARS, "masses.<link>", *(f"{s}.<parameter>" for s in NESTED), *per_name]

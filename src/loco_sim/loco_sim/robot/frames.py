@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places of the links and feet of any robot, from its URDF and joint angles."""
+
+from __future__ import annotations
+
+import functools
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+Frames = tuple[np.ndarray, np.ndarray]  # rotation (T, 3, 3) and origin (T, 3), in the base frame
+
+
+def feet_in_base(robot: Any, q: np.ndarray) -> np.ndarray:
+    """Origins of the feet in the base frame [m], (T, f, 3).
+
+    Args:
+        robot: Robot with `urdf`, `joints` and `feet`.
+        q: Joint positions [rad, m], (T, n).
+    """
+    frames = link_frames(robot, q, robot.feet)
+    places = [frames[foot][1] for foot in robot.feet]
+    return np.stack(places, axis=1) if places else np.zeros((len(q), 0, 3))
+
+
+def link_frames(robot: Any, q: np.ndarray, links: Sequence[str] = ()) -> dict[str, Frames]:
+    """Frames of links in the base frame, by name.
+
+    Args:
+        robot: Robot with `urdf` and `joints`.
+        q: Joint positions [rad, m], (T, n).
+        links: Names of the links; all of the robot if there are none.
+    """
+    parent, all_links = _tree(robot.urdf)
+    columns = {name: q[:, i] for i, name in enumerate(robot.joints)}
+    known: dict[str, Frames] = {}
+    for link in links or all_links:
+        _frame(link, parent, columns, len(q), known)
+    return known
+
+
+@functools.lru_cache(maxsize=8)  # a picture asks for the same robot once per frame
+def _tree(urdf: str) -> tuple[dict[str, ElementTree.Element], list[str]]:
+    """Joint above each link, and the names of all links; not to be changed."""
+    root = ElementTree.fromstring(urdf)
+    parent = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
+    return parent, [element.get("name") for element in root.findall("link")]
+
+
+def origin_of(element: ElementTree.Element) -> Frames:
+    """Rotation (3, 3) and translation [m], (3,), of the ``origin`` of a URDF element."""
+    place = element.find("origin")
+    xyz, rpy = (numbers(place, key, "0 0 0") for key in ("xyz", "rpy"))
+    return fixed_axes(rpy), xyz
+
+
+def zero_frames(description: Any) -> dict[str, Frames]:
+    """Rotation (3, 3) and origin [m], (3,), of every link in the base frame at the zero pose.
+
+    Args:
+        description: A `Description`.
+    """
+    parent = {joint.find("child").get("link"): joint for joint in description.elements("joint")}
+    known: dict[str, Frames] = {}
+    for link in description.links():
+        _frame(link, parent, {}, 1, known)
+    return {link: (rotation[0], origin[0]) for link, (rotation, origin) in known.items()}
+
+
+def _frame(link: str, parent: dict, columns: dict, ticks: int, known: dict[str, Frames]) -> Frames:
+    """Frame of a link: that of its parent, moved by the joint between them."""
+    if link in known:
+        return known[link]
+    if link not in parent:
+        frame = np.broadcast_to(np.eye(3), (ticks, 3, 3)), np.zeros((ticks, 3))
+    else:
+        joint = parent[link]
+        before = _frame(joint.find("parent").get("link"), parent, columns, ticks, known)
+        frame = _moved(before, joint, columns.get(joint.get("name"), np.zeros(ticks)))
+    known[link] = frame
+    return frame
+
+
+def _moved(before: Frames, joint: ElementTree.Element, value: np.ndarray) -> Frames:
+    rotation, origin = before
+    turn, xyz = origin_of(joint)
+    axis = numbers(joint.find("axis"), "xyz", "1 0 0")
+    origin = origin + rotation @ xyz
+    rotation = rotation @ turn
+    if joint.get("type") == "prismatic":
+        origin = origin + (rotation @ axis) * value[:, None]
+    elif joint.get("type") in ("revolute", "continuous"):
+        rotation = rotation @ turns(axis, value)
+    return rotation, origin
+
+
+def turns(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotations by angles [rad], (T,), about one axis, (3,): Rodrigues' formula, (T, 3, 3)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + s * k + (1.0 - c) * (k @ k)
+
+
+def fixed_axes(rpy: np.ndarray) -> np.ndarray:
+    """Rotation of roll, pitch and yaw about fixed axes, (3, 3)."""
+    x, y, z = (turns(axis, rpy[i : i + 1])[0] for i, axis in enumerate(np.eye(3)))
+    return z @ y @ x
+
+
+def numbers(element: ElementTree.Element | None, key: str, default: str) -> np.ndarray:
+    """Numbers in an attribute of an element, or those of `default` where there is none."""
+    text = default if element is None else element.get(key, default)
+    return np.array([float(v) for v in text.split()])

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Hall sensors at joints: a magnet's field, read by an analog-digital converter.
+
+The field falls with the cube of the distance, so a sensor is fine where the magnet is
+near (0.01 degrees per count on Tigrillo) and coarse where it is far (1 degree). A table
+of angles and counts per joint, interpolated monotonically (PCHIP), stands for it; the
+cubic of the author's code overshoots beyond the last measured point.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.reading import parse_csv, read_text
+
+GRID = 4001  # points at which a table is worked out
+HEADER = ["joint", "angle_deg", "counts"]
+
+
+class HallSensor:
+    """Counts of one joint's converter as a function of the angle, and back."""
+
+    def __init__(self, angles: np.ndarray, counts: np.ndarray, bits: int = 12):
+        """Interpolate a table.
+
+        Args:
+            angles: Joint positions [rad], (k,), rising.
+            counts: Counts of the converter there, (k,), rising.
+            bits: Resolution of the converter.
+
+        Raises:
+            ParameterError: Fewer than two points, or values that do not rise.
+        """
+        rises = len(angles) > 1 and np.all(np.diff(angles) > 0.0) and np.all(np.diff(counts) > 0.0)
+        if not rises:
+            raise ParameterError("a Hall table needs two points or more, both columns rising")
+        self.top = 2**bits - 1
+        grid = np.linspace(angles[0], angles[-1], GRID)
+        from scipy.interpolate import PchipInterpolator  # a fifth of a second, few robots need it
+
+        fine = PchipInterpolator(angles, counts)(grid)
+        self._first, self._last = float(grid[0]), float(grid[-1])
+        self._per = (GRID - 1) / float(grid[-1] - grid[0])
+        # Lists: looking up one number in an array costs several times as much.
+        self._counts = fine.tolist()
+        self._angle_of = np.interp(np.arange(self.top + 1.0), fine, grid).tolist()
+
+    def counts(self, angle: float, noise: float = 0.0) -> int:
+        """Reading of the converter at an angle [rad], with noise in counts."""
+        at = min(max((angle - self._first) * self._per, 0.0), GRID - 1.0)
+        i = min(int(at), GRID - 2)
+        below = self._counts[i]
+        exact = below + (at - i) * (self._counts[i + 1] - below)
+        return min(max(round(exact + noise), 0), self.top)
+
+    def reached(self, angle: float | np.ndarray) -> float | np.ndarray:
+        """The angle itself, or the end of the table that it is beyond [rad]."""
+        if isinstance(angle, float):  # many times faster than an array of one
+            return min(max(angle, self._first), self._last)
+        return np.clip(angle, self._first, self._last)
+
+    def angle(self, counts: int) -> float:
+        """Angle that the robot takes from a reading [rad]."""
+        return self._angle_of[counts]
+
+
+def read_table(path: Path, bits: int = 12) -> dict[str, HallSensor]:
+    """Sensors by joint from a CSV file with the columns joint, angle_deg, counts.
+
+    Raises:
+        MissingFileError: There is no such file.
+        ParameterError: It is not such a table.
+    """
+    try:
+        return dict(_parsed(path, bits, path.stat().st_mtime_ns))
+    except OSError:
+        raise MissingFileError(f"there is no Hall table at {path}") from None
+
+
+@lru_cache(maxsize=16)
+def _parsed(path: Path, bits: int, written: int) -> dict[str, HallSensor]:
+    """As `read_table`, for a file as it was written at a time [ns]."""
+    text = read_text(path, "Hall table").splitlines()
+    rows = parse_csv((line for line in text if not line.startswith("#")), path)
+    if not rows or rows[0] != HEADER:
+        raise ParameterError(f"{path} must start with the columns {','.join(HEADER)}")
+    points: dict[str, list[tuple[float, float]]] = {}
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            joint, angle, counts = row
+            points.setdefault(joint, []).append((float(angle), float(counts)))
+        except ValueError:
+            raise ParameterError(f"{path}: row {number} is not joint,angle,counts") from None
+    made = {}
+    for joint, table in points.items():
+        angles, counts = np.array(table).T
+        try:
+            made[joint] = HallSensor(np.deg2rad(angles), counts, bits)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {joint}: {error}") from None
+    return made
+
+
+def check_joints(path: Path, sensors: dict[str, HallSensor], joints: tuple[str, ...]) -> None:
+    """Raise when a table has a joint that the robot lacks.
+
+    Raises:
+        NameUnknownError: A sensor is of a joint that the robot lacks.
+    """
+    for joint in sensors:
+        if joint not in joints:
+            raise NameUnknownError(f"joint of the robot in {path}", joint, joints)

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The legs of a quadruped, read from its URDF: which joints they are and how long.
+
+``legs:`` of ``robot.yaml`` names for each of lf rf lh rh the joints `haa`, `hfe`, `kfe` and
+the link `foot`. All else (hips, lengths, signs, angles of the URDF's zero pose) follows from
+the URDF's own kinematics there, and becomes an array for `loco_control.legs.kinematics`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.legs.geometry import (
+    BENT,
+    COLUMNS,
+    DOWN,
+    FRONT,
+    HIP_X,
+    HIP_Y,
+    HIP_Z,
+    KNEE,
+    LEFT,
+    SHANK,
+    SIDE,
+    SIGN,
+    STRAIGHT,
+    THIGH,
+    ZERO,
+)  # fmt: skip
+from loco_control.names import JOINT_KINDS, LEGS
+
+from .description import Description
+from .frames import numbers, zero_frames
+
+TILT = 0.02  # largest angle between a joint and its axis of the base [rad]: drawing errors pass
+SHORTEST = 0.01  # length of thigh and shank at least [m]
+STRAIGHTEST = 0.1  # the knee is never commanded straighter than this [rad]
+MOST_BENT = 2.9  # nor more bent, where the URDF has no limit [rad]
+DIGITS = 12  # lengths and angles are rounded to these, which undoes rounding in the URDF
+KEYS = (*JOINT_KINDS, "foot")
+
+
+def names(section: Any, description: Description, where: str) -> tuple[tuple, tuple]:
+    """Joints (12) and feet (4) of the section ``legs``, in the order of `loco_control.names`.
+
+    Raises:
+        ParameterError: A leg or a part of it is missing.
+        NameUnknownError: A key, joint or link does not exist.
+    """
+    if not isinstance(section, Mapping):
+        raise ParameterError(f"{where}: legs must be a mapping of {', '.join(LEGS)}")
+    _same_keys(section, LEGS, f"{where}: legs")
+    joints, feet = [], []
+    for leg in LEGS:
+        parts = section[leg]
+        if not isinstance(parts, Mapping):
+            raise ParameterError(f"{where}: legs.{leg} must be a mapping of {', '.join(KEYS)}")
+        _same_keys(parts, KEYS, f"{where}: legs.{leg}")
+        joints += [str(parts[kind]) for kind in JOINT_KINDS]
+        feet.append(str(parts["foot"]))
+    for kind, wanted, known in (
+        ("joint", joints, description.joint_types()),
+        ("link", feet, description.links()),
+    ):
+        for name in wanted:
+            if name not in known:
+                raise NameUnknownError(
+                    f"{kind} of the URDF that legs of {where} names", name, known
+                )
+    return tuple(joints), tuple(feet)
+
+
+def _same_keys(section: Mapping, wanted: tuple[str, ...], where: str) -> None:
+    for key in section:
+        if key not in wanted:
+            raise NameUnknownError(f"key in {where}", str(key), wanted)
+    missing = [key for key in wanted if key not in section]
+    if missing:
+        raise ParameterError(f"{where} needs {', '.join(missing)} too")
+
+
+def geometry(
+    description: Description,
+    joints: tuple[str, ...],
+    feet: tuple[str, ...],
+    standing: np.ndarray | None = None,
+) -> np.ndarray:
+    """Legs of a URDF, (4, 16), columns named by `legs.geometry.COLUMNS`.
+
+    Args:
+        description: The URDF.
+        joints: Names of the leg joints in the order of `names`, (12,).
+        feet: Names of the feet in the order of `names`, (4,).
+        standing: Joint positions of the robot standing [rad], (12,): says which way a knee
+            bends that the URDF lets bend both ways. None is backwards, as on most robots.
+
+    Raises:
+        ParameterError: A leg is not one of HAA about x, HFE and KFE about y.
+    """
+    frames = zero_frames(description)
+    legs = np.zeros((4, len(COLUMNS)))
+    for i, leg in enumerate(LEGS):
+        three = joints[3 * i : 3 * i + 3]
+        axes, places = zip(*(_axis(description, frames, joint) for joint in three), strict=True)
+        signs = [_along(leg, joint, axis, kind)
+                 for joint, axis, kind in zip(three, axes, (0, 1, 1), strict=True)]  # fmt: skip
+        foot = _foot(description, frames, feet[i])
+        _check_chain(description, leg, three, feet[i])
+        known = np.zeros(3) if standing is None else standing[3 * i : 3 * i + 3]
+        ranges = [_angles(description, joint, angle, standing is not None)
+                  for joint, angle in zip(three, known, strict=True)]  # fmt: skip
+        legs[i] = _row(leg, LEFT[i], signs, (*places, foot), ranges)
+    _check_places(legs)
+    return legs
+
+
+def _row(leg: str, left: float, signs: list, points: tuple, ranges: list) -> np.ndarray:
+    """One leg of `geometry` from the axes' signs and points in the base frame at the zero pose."""
+    haa, hfe, kfe, foot = points
+    thigh, shank = kfe - hfe, foot - kfe
+    row = np.zeros(len(COLUMNS))
+    row[HIP_X], row[HIP_Y], row[HIP_Z] = hfe[0], left * haa[1], haa[2]
+    row[SIDE], row[DOWN] = left * (foot[1] - haa[1]), haa[2] - hfe[2]
+    row[THIGH], row[SHANK] = math.hypot(thigh[0], thigh[2]), math.hypot(shank[0], shank[2])
+    if min(row[THIGH], row[SHANK]) < SHORTEST:
+        raise ParameterError(
+            f"leg {leg}: thigh and shank must be at least {SHORTEST} m long, got "
+            f"{row[THIGH]:.3g} and {row[SHANK]:.3g} m; `foot` is the link at the end of the shank"
+        )
+    hanging = math.atan2(-thigh[0], -thigh[2])  # canonical angles at the zero pose
+    bent = math.atan2(-shank[0], -shank[2]) - hanging
+    row[SIGN : SIGN + 3] = -left * signs[0], signs[1], signs[2]
+    for joint, angle in enumerate((0.0, hanging, bent)):
+        sign, usual = row[SIGN + joint], ranges[joint][0]
+        turns = (angle + sign * usual) / (2.0 * math.pi)
+        row[ZERO + joint] = -sign * (angle - 2.0 * math.pi * round(turns))
+    pose, *ends = (row[SIGN + 2] * (angle - row[ZERO + 2]) for angle in ranges[2])
+    low, high = sorted(ends)
+    one_way = low >= 0.0 or high <= 0.0
+    row[KNEE] = 1.0 if (high > 0.0 if one_way else pose > 0.0) else -1.0
+    least, most = sorted((row[KNEE] * low, row[KNEE] * high))
+    row[BENT] = math.cos(min(most, MOST_BENT))
+    row[STRAIGHT] = math.cos(max(least, STRAIGHTEST))
+    return np.round(row, DIGITS) + 0.0  # no negative zeros
+
+
+def _axis(description: Description, frames: Mapping, joint: str) -> tuple[np.ndarray, np.ndarray]:
+    """Direction and a point of a joint's axis in the base frame at the zero pose, each (3,)."""
+    rotation, origin = frames[description.child(joint)]
+    axis = description.axis(joint)
+    return rotation @ axis / np.linalg.norm(axis), origin
+
+
+def _along(leg: str, joint: str, axis: np.ndarray, wanted: int) -> float:
+    """+1 or -1: the joint turns about + or - x (0) or y (1) of the base.
+
+    Raises:
+        ParameterError: The joint turns about neither axis.
+    """
+    if abs(axis[wanted]) < math.cos(TILT):
+        raise ParameterError(
+            f"leg {leg}: joint {joint} must turn about {'xy'[wanted]} of the base at the zero pose "
+            f"(x forward, z up), it turns about {np.round(axis, 3).tolist()}: the gait knows legs "
+            "of HAA about x, then HFE and KFE about y"
+        )
+    return float(np.sign(axis[wanted]))
+
+
+def _foot(description: Description, frames: Mapping, link: str) -> np.ndarray:
+    """Centre of a foot in the base frame [m], (3,): of its sphere if it has one."""
+    rotation, origin = frames[link]
+    element = next(e for e in description.elements("link") if e.get("name") == link)
+    spheres = [c for c in element.findall("collision") if c.find("geometry/sphere") is not None]
+    if len(spheres) == 1:
+        return origin + rotation @ numbers(spheres[0].find("origin"), "xyz", "0 0 0")
+    return origin
+
+
+def _check_chain(description: Description, leg: str, joints: tuple, foot: str) -> None:
+    for joint, tip in zip(joints, (*joints[1:], None), strict=True):
+        end = foot if tip is None else description.child(tip)
+        if end not in description.below(description.child(joint)):
+            raise ParameterError(
+                f"leg {leg}: {end} does not hang on {joint}; a leg is HAA, HFE, KFE, foot, "
+                "from the base outwards"
+            )
+
+
+def _angles(
+    description: Description, joint: str, standing: float, known: bool
+) -> tuple[float, float, float]:
+    """A usual angle of a joint, and its smallest and largest [rad]."""
+    low, high = description.limits(joint)
+    if known:
+        return standing, low, high
+    return (0.5 * (low + high) if math.isfinite(low + high) else 0.0), low, high
+
+
+def _check_places(legs: np.ndarray) -> None:
+    """Front legs must be in front and left ones on the left."""
+    for i, leg in enumerate(LEGS):
+        other = LEGS[(i + 2) % 4]
+        if FRONT[i] * (legs[i, HIP_X] - legs[(i + 2) % 4, HIP_X]) <= 0.0:
+            side = "ahead of" if FRONT[i] > 0.0 else "behind"
+            raise ParameterError(
+                f"the hip of leg {leg} must be {side} that of {other} (x forward), they are at "
+                f"x = {legs[i, HIP_X]:.3g} and {legs[(i + 2) % 4, HIP_X]:.3g} m"
+            )
+        if legs[i, HIP_Y] + legs[i, SIDE] <= 0.0:
+            raise ParameterError(
+                f"leg {leg} must be on its side of the base (y to the left), its foot is "
+                f"{-(legs[i, HIP_Y] + legs[i, SIDE]):.3g} m beyond the middle"
+            )
+
+
+def swung_mass(description: Description, joints: tuple[str, ...]) -> float:
+    """Mass of all that hangs on the HAA joints [kg]: what the drives swing."""
+    legs = (description.below(description.child(joint)) for joint in joints[:: len(JOINT_KINDS)])
+    return sum(description.mass_of(link) for links in legs for link in links)

@@ -1,0 +1,381 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot as the plant sees it: a URDF and the ``robot.yaml`` beside it.
+
+Everything that differs between robots is in these two files; ``world`` and
+``simulation.py`` know neither the number of joints nor that feet come in fours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.gait.generator import standing_pose
+from loco_control.legs import similarity
+from loco_control.names import JOINT_KINDS
+from loco_control.params import Params, from_dict, parameter, to_dict
+from loco_control.reading import read_yaml, shown, understood
+
+from ..params import SimParams
+from . import equipment, urdf_check
+from . import legs as leg_geometry
+from .description import Description
+from .equipment import ContactParams
+from .hall import HallSensor
+from .sensors import SensorParams
+from .servo import DRIVES, DriveParams
+from .spring import SpringParams
+
+ASSETS = Path(__file__).parent.parent / "assets"
+
+
+@dataclass(frozen=True)
+class FallLimits(Params):
+    """Beyond these a robot counts as fallen. The defaults never do."""
+
+    height: float = parameter(-1e9, "base origin lower than this", "m")
+    roll: float = parameter(10.0, "|roll| larger than this", "rad", low=0.0)
+    pitch: float = parameter(10.0, "|pitch| larger than this", "rad", low=0.0)
+
+
+# A quadruped whose robot.yaml says nothing falls as HyQ does (the author's hyq_ml), at its size.
+LEGGED_FALL = FallLimits(height=0.35, roll=0.8, pitch=0.8)
+HYQ_LEGS = 25.796  # mass of HyQ's legs [kg], by which gains of drives are scaled
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot as its ``robot.yaml`` describes it, checked against the URDF.
+
+    Attributes:
+        name: Name of the folder.
+        urdf: Text of the URDF.
+        folder: Folder of the URDF, from which paths of meshes start.
+        joints: Actuated joints, in the order of every (n,) array.
+        feet: Links whose ground reaction force is sensed, in the order of (m, 3) arrays.
+        standing: Joint positions at the start [rad], (n,).
+        effort: Torque limit of each joint [N·m], (n,), from the URDF.
+        fixed_base: The base is bolted to the world.
+        height: Height of the base at the start [m]; None puts the lowest foot on the ground.
+        fall: Limits of height and tilt beyond which the robot counts as fallen.
+        driven: Indices in `joints` of those with a drive, (m,); the others are passive.
+        control_rate: Rate at which the robot is usually commanded [Hz].
+        sim: Physics that suits the robot.
+        drives: Drive of each joint that has one.
+        springs: Spring and damper of each joint that has them.
+        friction: Friction of single links; others have the world's.
+        contact: Contact stiffness [N/m] and damping [N·s/m] of single links.
+        sensors: Sensors, None if they tell the truth.
+        hall: Hall sensor of each joint that has one.
+        legs: Geometry of the legs of a quadruped that lists them, (4, 16), columns named by
+            `legs.geometry.COLUMNS`; None on other robots.
+        uncertain: Standard deviation of values that are not known well, by dotted name, each in
+            the unit of the value.
+        mass: Mass of all links [kg].
+        foot_of: Index in `feet` of the foot that each joint moves, (n,); -1 for a joint that
+            moves none, or several.
+    """
+
+    name: str
+    urdf: str = field(repr=False)
+    folder: Path
+    joints: tuple[str, ...]
+    feet: tuple[str, ...]
+    standing: np.ndarray
+    effort: np.ndarray
+    fixed_base: bool = False
+    height: float | None = None
+    fall: FallLimits = FallLimits()
+    driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    control_rate: float = 250.0
+    sim: SimParams = SimParams()
+    drives: dict[str, DriveParams] = field(default_factory=dict)
+    springs: dict[str, SpringParams] = field(default_factory=dict)
+    friction: dict[str, float] = field(default_factory=dict)
+    contact: dict[str, tuple[float, float]] = field(default_factory=dict)
+    sensors: SensorParams | None = None
+    hall: dict[str, HallSensor] = field(default_factory=dict, repr=False)
+    legs: np.ndarray | None = field(default=None, repr=False)
+    uncertain: dict[str, float] = field(default_factory=dict, repr=False)
+    mass: float = 0.0
+    foot_of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
+
+    @property
+    def equipped(self) -> bool:
+        """Drives or springs are in ``robot.yaml``."""
+        return bool(self.drives or self.springs)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """Largest damping of drive and spring of each joint [N·m·s/rad], (n,)."""
+        parts = [(self.drives.get(joint), self.springs.get(joint)) for joint in self.joints]
+        return np.array([sum(getattr(part, "damping", 0.0) for part in pair) for pair in parts])
+
+    def swinging(self, stance: np.ndarray) -> np.ndarray:
+        """1.0 for each joint whose leg swings, 0.0 for all others, (n,).
+
+        Args:
+            stance: Feet that stand, (m,) bool.
+
+        Raises:
+            ParameterError: `stance` has not one flag per foot.
+        """
+        if len(stance) != len(self.feet):
+            raise ParameterError(
+                f"robot {self.name!r} has {len(self.feet)} feet, got {len(stance)} stance flags"
+            )
+        swings = np.append(~np.asarray(stance, dtype=bool), False)
+        return swings[self.foot_of].astype(float)
+
+
+def names() -> list[str]:
+    """Robots that come with the package."""
+    return sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml"))
+
+
+def is_name(name_or_path: str) -> bool:
+    """Whether a text is a robot's name rather than the path of one."""
+    path = Path(name_or_path)
+    return path.parent == Path(".") and not path.suffix and name_or_path not in ("", ".", "..")
+
+
+@understood("whole robot")
+def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Robot:
+    """Read a robot by name, or by the path of its ``robot.yaml`` or of the folder with it.
+
+    Args:
+        name_or_path: Name of a shipped robot, or a path.
+        overrides: Values of ``robot.yaml`` to change, by dotted name
+            (`equipment.override`).
+
+    Raises:
+        NameUnknownError: No such robot comes with the package, or the file or an override
+            names what is not there.
+        MissingFileError: The path, or the URDF it names, does not exist.
+        ParameterError: The file is not what it should be, or does not fit the URDF.
+    """
+    path = _path(name_or_path)
+    values = _read(path)
+    urdf = path.parent / str(values["urdf"])
+    if not urdf.is_file():
+        raise MissingFileError(f"{path}: there is no URDF at {urdf}")
+    text = _text(urdf)
+    bolted = bool({**values, **(overrides or {})}.get("fixed_base", False))
+    _checked(text, urdf, bolted)
+    description = Description(text)
+    legs = None
+    if "legs" in values:
+        values, legs = _with_legs(values, description, path)
+    joints, feet = tuple(values["joints"]), tuple(values.get("feet") or ())
+    limits = _check_names(path, description, joints, feet)
+    moved = [description.child(joint) for joint in joints]
+    values = equipment.expanded(values, joints, description.links(), path)
+    equipment.override(values, overrides or {}, description.links())
+    try:
+        fitted = _fit(path.parent, description, joints, feet, values)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+    return Robot(
+        name=path.parent.name,
+        folder=path.parent,
+        joints=joints,
+        feet=feet,
+        effort=limits,
+        legs=legs,
+        uncertain=equipment.uncertain(values, moved, path),
+        **fitted,
+    )
+
+
+def _text(urdf: Path) -> str:
+    """Text of a URDF, without what stands around it in some files and no parser takes."""
+    return urdf.read_text(encoding="utf-8", errors="replace").strip("\0\ufeff").lstrip()
+
+
+@lru_cache(maxsize=64)  # a robot is loaded many times, and its meshes are read
+def _checked(text: str, urdf: Path, bolted: bool) -> None:
+    urdf_check.check(text, urdf.parent, str(urdf), bolted)
+
+
+def _fit(
+    folder: Path, description: Description, joints: tuple, feet: tuple, values: dict[str, Any]
+) -> dict[str, Any]:
+    """Fields of a `Robot` that follow from an expanded ``robot.yaml``; edits the URDF."""
+    standing = _standing(values.get("standing"), len(joints))
+    drives = equipment.drives(values["drives"])
+    springs = equipment.parts(values["springs"], SpringParams, "springs")
+    contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
+    dynamics = equipment.parts(values["dynamics"], equipment.DynamicsParams, "dynamics")
+    bodies = equipment.parts(values["bodies"], equipment.BodyParams, "bodies")
+    edited = bool(values["masses"] or dynamics or bodies)
+    edited |= any(s.stop > -math.inf for s in springs.values())
+    equipment.set_masses(description, values["masses"])
+    equipment.set_dynamics(description, dynamics)
+    equipment.set_bodies(description, bodies)
+    for joint, spring in springs.items():
+        if spring.stop > -math.inf:
+            description.set_lower_limit(joint, spring.stop)
+    sensors = from_dict(SensorParams, values["sensors"], "sensors")
+    share = description.mass() / max(1, len(feet))
+    height, rate = values.get("height"), values.get("control_rate", 250.0)
+    if not _is_number(rate) or not 0.0 < rate <= 1e5:
+        raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    if height is not None and not _is_number(height):
+        raise ParameterError(f"height must be a number [m], got {height!r}")
+    return {
+        "urdf": description.text() if edited else _text(folder / str(values["urdf"])),
+        "standing": standing,
+        "fixed_base": bool(values.get("fixed_base", False)),
+        "height": None if height is None else float(height),
+        "fall": from_dict(FallLimits, values["fall"], "fall"),
+        "driven": np.array([i for i, joint in enumerate(joints) if joint in drives], dtype=int),
+        "control_rate": float(rate),
+        "sim": from_dict(SimParams, values["sim"], "sim"),
+        "sensors": sensors if values["sensors"] else None,
+        "hall": sensors.hall_sensors(folder, joints),
+        "foot_of": _foot_of(description, joints, feet),
+        "drives": drives,
+        "springs": springs,
+        "friction": {link: contact.friction for link, contact in contacts.items()},
+        "mass": description.mass(),
+        "contact": {link: contact.softness(share) for link, contact in contacts.items()},
+    }
+
+
+def _with_legs(
+    values: dict[str, Any], description: Description, path: Path
+) -> tuple[dict[str, Any], np.ndarray]:
+    """Contents of a ``robot.yaml`` with what follows from its legs, and their geometry, (4, 16).
+
+    Joints, feet and standing pose come in the order of the legs. A pose, drives and fall
+    limits that the file leaves out are HyQ's, at the size of this robot.
+
+    Raises:
+        ParameterError: `joints` or `feet` are not those of the legs.
+    """
+    joints, feet = leg_geometry.names(values["legs"], description, str(path))
+    listed, standing = list(values["joints"]), values.get("standing")
+    for key, wanted, found in (("joints", joints, listed), ("feet", feet, values.get("feet"))):
+        if found and sorted(map(str, found)) != sorted(wanted):
+            raise ParameterError(f"{path}: {key} must be those of legs: {', '.join(wanted)}")
+    posed = None
+    if standing:
+        posed = _standing(standing, len(joints))[[listed.index(joint) for joint in joints]]
+    legs = leg_geometry.geometry(description, joints, feet, posed)
+    size = similarity.size_of(legs, description.mass())
+    if posed is None:
+        posed = standing_pose(similarity.foot_origin(legs, size), legs)
+    ordered = {"joints": list(joints), "feet": list(feet), "standing": posed.tolist()}
+    if not values.get("drives"):
+        swung = leg_geometry.swung_mass(description, joints)
+        ordered["drives"] = _drives_like_hyq(joints, size.length, swung)
+    if not values.get("fall"):
+        ordered["fall"] = to_dict(similarity.scaled(LEGGED_FALL, size))
+    return {**values, **ordered}, legs
+
+
+def _drives_like_hyq(joints: tuple[str, ...], length: float, mass: float) -> dict[str, dict]:
+    """Drives of HyQ, by the kind of joint, for legs of another length and mass [kg].
+
+    The mass is that of the legs, since these gains swing legs while the trunk controller
+    carries the weight. Motors in the legs make it 46 to 63 % of a robot (HyQ: 30 %); gains
+    by the weight of the whole robot are too soft for that.
+    """
+    size = similarity.Size(length, round(mass / HYQ_LEGS, 6))
+    hyq, drives = _read(ASSETS / "hyq" / "robot.yaml")["drives"], {}
+    for i, joint in enumerate(joints):
+        entry = dict(hyq[f"*_{JOINT_KINDS[i % len(JOINT_KINDS)]}_joint"])
+        kind = DRIVES[entry.pop("kind")]
+        drive = similarity.scaled(from_dict(kind, entry), size)
+        drives[joint] = {"kind": "impedance", **to_dict(drive)}
+    return drives
+
+
+def _foot_of(description: Description, joints: tuple, feet: tuple) -> np.ndarray:
+    """Index of the one foot that hangs on each joint, (n,); -1 for none or several."""
+    chains = [set(description.above(foot)) for foot in feet]
+    moved = [[k for k, chain in enumerate(chains) if joint in chain] for joint in joints]
+    return np.array([found[0] if len(found) == 1 else -1 for found in moved], dtype=int)
+
+
+def _standing(values: Any, count: int) -> np.ndarray:
+    if values is None or values == []:
+        return np.zeros(count)
+    if not isinstance(values, list) or not all(map(_is_number, values)):
+        raise ParameterError(f"standing must be a list of numbers, got {values!r}")
+    if len(values) != count:
+        raise ParameterError(f"standing must have {count} values, got {len(values)}")
+    return np.array(values, dtype=float)
+
+
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and math.isfinite(value)
+
+
+def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
+    """Indices of the joints that a name or fnmatch pattern names.
+
+    Raises:
+        NameUnknownError: No joint has this name or fits this pattern.
+    """
+    found = [i for i, joint in enumerate(joints) if fnmatchcase(joint, pattern)]
+    if not found:
+        raise NameUnknownError("joint", pattern, joints)
+    return np.array(found)
+
+
+def _path(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.parent == Path(".") and not path.suffix and not (path / "robot.yaml").is_file():
+        if str(name_or_path) not in names():
+            raise NameUnknownError("robot", str(name_or_path), names())
+        path = ASSETS / path
+    path = path / "robot.yaml" if path.is_dir() else path
+    if not path.is_file():
+        raise MissingFileError(f"there is no robot at {path}")
+    return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Contents of a ``robot.yaml``, not to be changed."""
+    return _parsed(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)  # reading YAML takes most of the time of loading a robot
+def _parsed(path: Path, written: int) -> dict[str, Any]:
+    """As `_read`, for a file as it was written at a time [ns]."""
+    values = read_yaml(path, "robot")
+    sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
+    known = ("urdf", "joints", "feet", "standing", "legs", *equipment.SCALARS, *sections)
+    known = (*known, equipment.UNCERTAIN)
+    if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
+        raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
+    for key in ("joints", "feet"):
+        listed = values.get(key) or []
+        if not isinstance(listed, list) or len(set(map(str, listed))) != len(listed):
+            raise ParameterError(
+                f"{path}: {key} must be a list without repeats, got {shown(listed)}"
+            )
+    for key in values:
+        if key not in known:
+            raise NameUnknownError(f"key in {path}", key, known)
+    return values
+
+
+def _check_names(path: Path, description: Description, joints: tuple, feet: tuple) -> np.ndarray:
+    """Effort limit of each joint; every joint and foot must be in the URDF."""
+    efforts = description.efforts()
+    for kind, wanted, known in (("joint", joints, efforts), ("link", feet, description.links())):
+        for name in wanted:
+            if name not in known:
+                raise NameUnknownError(f"{kind} of the URDF that {path} names", name, known)
+    return np.array([efforts[j] for j in joints])

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of a URDF before an engine may see it.
+
+The engine trusts its input: two links of one name end the process, a tensor that no body
+can have is dropped in silence, a link without mass weighs 1 kg. `problems` finds all of this
+by reading; `check` raises the first.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+MOVING = ("revolute", "continuous", "prismatic")
+TYPES = (*MOVING, "fixed")
+MESHES = (".stl", ".obj", ".dae")
+TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+ROUNDING = 1e-6  # share of the largest moment by which the triangle inequality may be broken
+SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"),
+         "capsule": ("radius", "length"), "mesh": ()}  # fmt: skip
+
+
+def check(urdf: str, folder: Path, name: str, bolted: bool = False) -> None:
+    """Refuse a URDF that the engine would crash on, or simulate as something else.
+
+    Args:
+        urdf: Text of the URDF.
+        folder: Folder of relative mesh files.
+        name: File name for the message.
+        bolted: The base is fixed to the world, so its inertia does not matter.
+
+    Raises:
+        ParameterError: Names the file, the first problem and how many more there are.
+    """
+    found = list(problems(parse(urdf, name), folder, bolted))
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise ParameterError(f"{name}: {found[0]}{more}")
+
+
+def parse(urdf: str, name: str = "the robot description") -> ET.Element:
+    """Root element of a URDF, whatever blanks or zero bytes stand around it.
+
+    Raises:
+        ParameterError: The text is not XML or not a robot.
+    """
+    try:
+        root = ET.fromstring(urdf.strip("\0\ufeff \t\r\n"))
+    except ET.ParseError as error:
+        raise ParameterError(f"{name} is not XML: {error}") from None
+    except ValueError as error:  # an encoding that Python does not know
+        raise ParameterError(f"{name} cannot be read: {error}") from None
+    if root.tag != "robot":
+        raise ParameterError(f"{name}: a URDF starts with <robot>, this one with <{root.tag}>")
+    return root
+
+
+def problems(root: ET.Element, folder: Path, bolted: bool = False) -> Iterator[str]:
+    """Sentences about all that is wrong, those that make others meaningless alone.
+
+    Args:
+        root: Element of the robot.
+        folder: Folder of relative mesh files.
+        bolted: The base is fixed to the world.
+    """
+    tree = [*_names(root), *_joints(root)] or list(_tree(root))
+    if tree:
+        yield from tree
+        return
+    for joint in root.findall("joint"):
+        yield from _joint_numbers(joint)
+    free = _free_links(root, bolted)
+    faults = []
+    for link in root.findall("link"):
+        faults += _inertial(link, link.get("name") in free)
+    yield from faults or _weightless(root, free)
+    for link in root.findall("link"):
+        name = link.get("name")
+        for kind in ("collision", "visual"):
+            for shape in link.findall(kind):
+                yield from _shape(shape, f"link {name!r}", folder, kind == "collision")
+
+
+def _free_links(root: ET.Element, bolted: bool) -> set[str]:
+    """Links that move by themselves: those of moving joints, and the root unless it is bolted."""
+    joints = root.findall("joint")
+    children = {j.find("child").get("link") for j in joints}
+    moved = {j.find("child").get("link") for j in joints if j.get("type") in MOVING}
+    roots = {link.get("name") for link in root.findall("link")} - children
+    return moved if bolted else moved | roots
+
+
+def _names(root: ET.Element) -> Iterator[str]:
+    for tag in ("link", "joint"):
+        names = [element.get("name") or "" for element in root.findall(tag)]
+        if tag == "link" and not names:
+            yield "there is no <link>"
+        if "" in names:
+            yield f"a <{tag}> has no name"
+        for name, count in Counter(names).items():
+            if name and count > 1:
+                yield f"{count} {tag}s are named {name!r}; each needs a name of its own"
+
+
+def _joints(root: ET.Element) -> Iterator[str]:
+    """Kind, parent and child of each joint."""
+    links = {link.get("name") for link in root.findall("link")}
+    carried: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        what, kind = f"joint {joint.get('name')!r}", joint.get("type")
+        if kind not in TYPES:
+            yield f"{what} is of type {kind!r}; the engine moves {', '.join(TYPES)}"
+        ends = {}
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            ends[end] = None if element is None else element.get("link")
+            if ends[end] is None:
+                yield f'{what} has no <{end} link="...">'
+            elif ends[end] not in links:
+                yield f"{what}: its {end} {ends[end]!r} is not a link of the robot"
+        child = ends["child"]
+        if child is not None and child == ends["parent"]:
+            yield f"{what} makes link {child!r} its own parent"
+        elif child in carried:
+            yield (
+                f"link {child!r} has two parents, by joints {carried[child]!r} and "
+                f"{joint.get('name')!r}; the engine knows no closed chains"
+            )
+        elif child is not None:
+            carried[child] = joint.get("name")
+
+
+def _tree(root: ET.Element) -> Iterator[str]:
+    """One root, from which all links are reached."""
+    parents = {
+        joint.find("child").get("link"): joint.find("parent").get("link")
+        for joint in root.findall("joint")
+    }
+    links = [link.get("name") for link in root.findall("link")]
+    roots = [name for name in links if name not in parents]
+    for name in links:
+        seen = [name]
+        while seen[-1] in parents and parents[seen[-1]] not in seen:
+            seen.append(parents[seen[-1]])
+        if seen[-1] in parents:
+            ring = seen[seen.index(parents[seen[-1]]) :]
+            yield f"the links {', '.join(map(repr, ring))} carry each other in a ring"
+            return
+    if len(roots) > 1:
+        yield (
+            f"the links {', '.join(map(repr, roots))} hang on nothing; a robot has one root, "
+            "fix the others to it by joints of type fixed"
+        )
+
+
+def _joint_numbers(joint: ET.Element) -> Iterator[str]:
+    what, kind = f"joint {joint.get('name')!r}", joint.get("type")
+    yield from _origin(joint.find("origin"), what)
+    if kind not in MOVING:
+        return
+    axis = joint.find("axis")
+    if axis is not None:
+        values = _numbers(axis.get("xyz", "1 0 0"), 3)
+        if values is None:
+            yield f"{what}: the axis {axis.get('xyz')!r} is not three numbers"
+        elif not np.linalg.norm(values) > 1e-9:
+            yield f"{what}: an axis of length 0 points nowhere"
+    for tag, keys in {"limit": ("effort", "velocity"), "dynamics": ("damping", "friction")}.items():
+        element = joint.find(tag)
+        for key in () if element is None else keys:
+            text = element.get(key)
+            value = 0.0 if text is None else _number(text)
+            if math.isnan(value) or value < 0.0:
+                yield f"{what}: {key} must be a number of at least 0, got {text!r}"
+    limit = joint.find("limit")
+    if limit is not None and kind != "continuous":
+        low, high = (_number(limit.get(key, "0")) for key in ("lower", "upper"))
+        if math.isnan(low) or math.isnan(high):
+            said = " and ".join(repr(limit.get(key)) for key in ("lower", "upper"))
+            yield f"{what}: its limits {said} are no numbers"
+        elif low > high:
+            yield f"{what}: its lower limit {low:g} is above its upper limit {high:g}"
+
+
+def _inertial(link: ET.Element, free: bool) -> Iterator[str]:
+    """Mass and inertia; a link that moves by itself needs both, others may have none."""
+    what, inertial = f"link {link.get('name')!r}", link.find("inertial")
+    if inertial is None:
+        return
+    yield from _origin(inertial.find("origin"), what)
+    weight, tensor = inertial.find("mass"), inertial.find("inertia")
+    mass = 0.0 if weight is None else _number(weight.get("value", "0"))
+    if not 0.0 <= mass < math.inf:
+        yield f"{what}: its mass must be a number of at least 0, got {weight.get('value')!r}"
+        return
+    values = {} if tensor is None else {key: _number(tensor.get(key, "0")) for key in TENSOR}
+    if not all(map(math.isfinite, values.values())):
+        bad = next(key for key, value in values.items() if not math.isfinite(value))
+        yield f"{what}: {bad} of its inertia must be a number, got {tensor.get(bad)!r}"
+        return
+    if mass == 0.0 or (not any(values.values()) and not free):
+        return
+    fault = inertia_fault([values.get(key, 0.0) for key in TENSOR])
+    if fault:
+        yield f"{what}: {fault}; `loco robot new` mends it"
+
+
+def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
+    """Links that move although nothing on them has a mass, and a floating root without one."""
+    own = {link.get("name"): mass_of(link) for link in root.findall("link")}
+    parents = {
+        joint.find("child").get("link"): joint.find("parent").get("link")
+        for joint in root.findall("joint")
+    }
+    total = dict(own)
+    for name, mass in own.items():
+        while name in parents:
+            name = parents[name]
+            total[name] += mass
+    for name in own:
+        if name in free and (total[name] == 0.0 or (name not in parents and own[name] == 0.0)):
+            moves = "moves" if name in parents else "is the root of a robot that is not bolted"
+            yield f"link {name!r} {moves} but has no mass; `loco robot new` mends a root"
+
+
+def mass_of(link: ET.Element) -> float:
+    """Mass of a link [kg], 0 if it has none or none that is a number."""
+    weight = link.find("inertial/mass")
+    mass = 0.0 if weight is None else _number(weight.get("value", "0"))
+    return mass if math.isfinite(mass) else 0.0
+
+
+def inertia_fault(tensor: list[float]) -> str:
+    """The reason that keeps a tensor from being that of a body, "" if there is none.
+
+    Args:
+        tensor: ixx, ixy, ixz, iyy, iyz, izz [kg·m²].
+    """
+    ixx, ixy, ixz, iyy, iyz, izz = tensor
+    moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    if not moments[2] > 0.0:
+        return "it has mass but no inertia" if moments[0] == 0.0 else "its inertia is negative"
+    if moments[0] < -ROUNDING * moments[2]:
+        return f"its inertia is not positive, it has a moment of {moments[0]:.3g} kg·m²"
+    if moments[2] > (moments[0] + moments[1]) + ROUNDING * moments[2]:
+        return (
+            f"no body has its moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and "
+            f"{moments[2]:.4g} kg·m²: the largest exceeds the sum of the others"
+        )
+    return ""
+
+
+def _shape(shape: ET.Element, what: str, folder: Path, collides: bool) -> Iterator[str]:
+    """Geometry of a shape; a mesh that is only seen may be missing."""
+    yield from _origin(shape.find("origin"), what)
+    geometry = shape.find("geometry")
+    body = None if geometry is None else next(iter(geometry), None)
+    if body is None or body.tag not in SIZES:
+        known = ", ".join(SIZES)
+        yield f"{what}: its <{shape.tag}> needs a <geometry> with one of {known}"
+        return
+    for key in SIZES[body.tag]:
+        values = _numbers(body.get(key, ""), 3 if key == "size" else 1)
+        point = body.tag == "sphere" and values is not None and values[0] == 0.0  # a toe
+        if values is None or not (np.all(values > 0.0) or point):
+            yield f"{what}: {key} of its {body.tag} must be above 0, got {body.get(key)!r}"
+    if body.tag == "mesh":
+        scale = _numbers(body.get("scale", "1 1 1"), 3)
+        if scale is None or not np.all(scale):
+            yield f"{what}: the scale {body.get('scale')!r} of its mesh is not three numbers but 0"
+        if collides:
+            yield from _mesh(body.get("filename", ""), what, folder)
+
+
+def _mesh(filename: str, what: str, folder: Path) -> Iterator[str]:
+    path = mesh_path(filename, folder)
+    if path is None:
+        yield f"{what}: there is no mesh file {filename!r}"
+    elif path.suffix.lower() not in MESHES:
+        yield f"{what}: the engine reads no mesh of kind {path.suffix!r}, only {', '.join(MESHES)}"
+    elif path.suffix.lower() == ".stl" and not _whole_stl(path):
+        yield f"{what}: the mesh file {path} is cut off"
+
+
+def mesh_path(filename: str, folder: Path) -> Path | None:
+    """File that a URDF means by the name of a mesh, None if there is none.
+
+    ``package://NAME/REST`` is looked for in the folders of ``AMENT_PREFIX_PATH`` and
+    ``ROS_PACKAGE_PATH``, then in and above the folder of the URDF.
+
+    Args:
+        filename: Name of the file in the URDF: a path, ``file://`` or ``package://``.
+        folder: Folder at which relative paths start.
+    """
+    filename = filename.strip()
+    if not filename:
+        return None
+    for scheme in ("package://", "model://"):
+        if filename.startswith(scheme):
+            return _in_package(filename[len(scheme) :], folder)
+    path = folder / filename.removeprefix("file://")
+    return path if path.is_file() else None
+
+
+def _in_package(rest: str, folder: Path) -> Path | None:
+    name, _, inside = rest.partition("/")
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    places = [Path(p) / "share" for p in prefixes if p]
+    places += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    above = [folder.resolve(), *folder.resolve().parents]
+    for place in (*places, *above):
+        if (place / rest).is_file():
+            return place / rest
+    for place in above:  # the clone of a package need not be named like it
+        if (place / "package.xml").is_file() and (place / inside).is_file():
+            return place / inside
+    return folder / inside if name and (folder / inside).is_file() else None
+
+
+def _whole_stl(path: Path) -> bool:
+    """A binary STL has as many triangles as it says; the engine reads on beyond its end."""
+    data = path.read_bytes()
+    if data[:5] == b"solid" and b"facet" in data[:1000]:
+        return b"endsolid" in data[-1000:]
+    return len(data) >= 84 and len(data) >= 84 + 50 * int.from_bytes(data[80:84], "little") > 84
+
+
+def _origin(origin: ET.Element | None, what: str) -> Iterator[str]:
+    for key in () if origin is None else ("xyz", "rpy"):
+        if _numbers(origin.get(key, "0 0 0"), 3) is None:
+            yield f"{what}: {key} {origin.get(key)!r} of an origin is not three numbers"
+
+
+def _number(text: str) -> float:
+    """A number, NaN if the text is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _numbers(text: str, count: int) -> np.ndarray | None:
+    """Finite numbers of an attribute, None unless there are `count`."""
+    values = np.array([_number(word) for word in text.split()])
+    return values if len(values) == count and np.all(np.isfinite(values)) else None

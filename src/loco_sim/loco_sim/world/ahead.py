@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds that joints will have after the next step, where their damping counts at that speed.
+
+For an engine that cannot solve such damping itself: it is told the speeds. One step of the
+motion is worked out with the mass matrix and with contacts where the engine saw them last:
+
+    (M + dt D) v' = M v + dt (tau + wanted - c) + J' f,    J v' >= 0 _|_ f, within friction,
+
+with D the gains of damping and c gravity and the other forces of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..bolted import tree
+from ..bolted.dynamics import (
+    ALONG,
+    AT,
+    cross,
+    dot,
+    dynamics,
+    factorise,
+    solve,
+    vector,
+    workshop,
+)
+from ..drives.servo_kernels import GAIN, LIMIT, PASSIVE, WANTED
+from ..geometry import Triple, rotation_matrix
+from ..robot.description import Description
+
+MADE_OF = "96b00837d7fa"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+
+POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of contacts, and how many
+SWEEPS = 50  # over the contacts, at most
+SETTLED = 1e-7  # they end when no speed changes by more [m/s]
+
+
+class Contact(NamedTuple):
+    """A point where the robot touches the ground, or is about to."""
+
+    link: str
+    point: Triple  # in the world [m]
+    normal: Triple  # of the ground
+    speed: float  # along the normal, at least [m/s]
+    give: float  # speed per impulse of a contact that is soft [1/kg]
+    friction: float
+
+
+class Ahead:
+    """A robot's next step, from its own equations of motion."""
+
+    def __init__(
+        self, description: Description, joints: tuple[str, ...], fixed: bool, gravity: Triple
+    ):
+        """Take a robot over.
+
+        Args:
+            description: The robot.
+            joints: All joints that move.
+            fixed: The base is bolted.
+            gravity: Acceleration of gravity [m/s²].
+
+        Raises:
+            ParameterError: The robot has other moving joints, or links without inertia.
+        """
+        self._tree, self._order, self._frames = tree.build(description, joints, not fixed)
+        self._fixed, self._gravity = fixed, np.array(gravity)
+        self._joints = np.argsort(self._order)[: len(joints)]
+        self._room = workshop(len(self._order))[:2]
+
+    def after(
+        self,
+        motion: tuple[Sequence[float], Sequence[float]],
+        base: tuple[Triple, Sequence[float], Triple, Triple],
+        tau: np.ndarray,
+        law: np.ndarray,
+        contacts: Sequence[Contact],
+        dt: float,
+    ) -> np.ndarray:
+        """Speeds after a step [rad/s], and torques of drives, NaN but where at the limit, (2, n).
+
+        Args:
+            motion: Joint positions [rad] and velocities [rad/s], (n,) each.
+            base: Place, orientation, velocity and angular velocity of the base, in the world.
+            tau: Torques beside those of the laws [N·m], (n,).
+            law: Rows wanted, gain, limit and passive of `World.damped_step`, (4, n).
+            contacts: Points where the robot touches the ground.
+            dt: Step [s].
+        """
+        n, order = len(tau), self._order
+        size = len(order)
+        state, laws = np.zeros((3, size)), np.zeros((4, size))
+        state[0, :n], state[1, :n], state[2, :n], laws[:, :n] = *motion, tau, law
+        if not self._fixed:
+            place, orientation, velocity, spin = base
+            turn = np.reshape(rotation_matrix(orientation), (3, 3))
+            self._tree.body[0, tree.PLACE : tree.PLACE + 3] = place
+            self._tree.body[3, tree.TURN : tree.TURN + 9] = turn.ravel()
+            state[1, n:] = *velocity, *(turn.T @ spin)
+        bodies = np.array([self._frames[c.link].body for c in contacts], dtype=np.int64)
+        touch = np.array([(*c.point, *c.normal, *c[3:]) for c in contacts]).reshape(-1, TOUCH)
+        found = stepped(
+            self._tree, self._gravity, state[:, order], laws[:, order], bodies, touch, dt,
+            self._room,
+        )  # fmt: skip
+        return found[:, self._joints]
+
+
+@njit(cache=True, error_model="numpy")
+def stepped(tree, gravity, state, law, bodies, touch, dt, room):
+    """Speeds after a step, and torques of drives, NaN but for those at their limit, (2, n).
+
+    Args:
+        tree: `tree.Tree` of n joints, those of a free base among them.
+        gravity: Acceleration of gravity [m/s²], (3,).
+        state: Positions, velocities and torques, (3, n).
+        law: Rows wanted, gain, limit and passive, (4, n).
+        bodies: Joint whose body touches, per contact, (k,).
+        touch: A row per contact, in columns as above, (k, TOUCH).
+        dt: Step [s].
+        room: First two of `dynamics.workshop`.
+    """
+    links, matrix = room
+    n, rows = len(law[0]), 3 * len(bodies)
+    q, dq, bias = state[0], state[1], np.empty(n)
+    dynamics(tree, gravity, q, dq, links, matrix, bias)
+    ways = directions(tree[0], links, bodies, touch)
+    most, found = np.full(n, np.nan), np.empty((2, n))
+    for _ in range(n + 1):
+        factor, answer = matrix.copy(), np.empty((rows + 1, n))
+        answer[:rows] = ways
+        for i in range(n):
+            slope, given = law[PASSIVE, i], most[i]
+            if np.isnan(given):
+                slope, given = slope + law[GAIN, i], law[WANTED, i]
+            momentum = dt * (state[2, i] + given - bias[i])
+            for j in range(n):
+                momentum += matrix[i, j] * dq[j]
+            answer[rows, i] = momentum
+            factor[i, i] += dt * slope
+        factorise(tree[0], factor)
+        for k in range(rows + 1):
+            solve(tree[0], factor, answer, k)
+        speed = answer[rows].copy()
+        if rows:
+            impulses = settled(ways @ answer[:rows].T, ways @ speed, touch)
+            speed += impulses @ answer[:rows]
+        over = False
+        for i in range(n):
+            asked = law[WANTED, i] - law[GAIN, i] * speed[i]
+            if np.isnan(most[i]) and abs(asked) > law[LIMIT, i]:
+                most[i], over = np.copysign(law[LIMIT, i], asked), True
+        if not over:
+            break
+    found[0], found[1] = speed, most
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def directions(kin, links, bodies, touch):
+    """Speed of each contact along its normal and across it, per speed of each joint, (3 k, n)."""
+    found = np.zeros((3 * len(bodies), len(kin)))
+    for k in range(len(bodies)):
+        point, normal = vector(touch, k, POINT), vector(touch, k, NORMAL)
+        side = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
+        first = cross(side, normal)
+        length = np.sqrt(dot(first, first))
+        first = first[0] / length, first[1] / length, first[2] / length
+        second = cross(normal, first)
+        j = bodies[k]
+        while j >= 0:
+            at, along = vector(links, j, AT), vector(links, j, ALONG)
+            moved = along
+            if not kin[j, 1]:
+                moved = cross(along, (point[0] - at[0], point[1] - at[1], point[2] - at[2]))
+            found[3 * k, j] = dot(normal, moved)
+            found[3 * k + 1, j] = dot(first, moved)
+            found[3 * k + 2, j] = dot(second, moved)
+            j = kin[j, 0]
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def settled(answer, speed, touch):
+    """Impulses of the contacts, by sweeps (3 k,).
+
+    Args:
+        answer: Speed of each row per impulse on each, (3 k, 3 k).
+        speed: Speeds without impulses, (3 k,); changed.
+        touch: Contacts, a row each in the columns above, (k, TOUCH).
+    """
+    impulse = np.zeros(len(speed))
+    for _ in range(SWEEPS):
+        moved = 0.0
+        for row in range(len(speed)):
+            k, way = row // 3, row % 3
+            own = answer[row, row]
+            if way == 0:
+                own += touch[k, GIVE]
+                short = touch[k, SPEED] - speed[row] - touch[k, GIVE] * impulse[row]
+                wanted = max(0.0, impulse[row] + short / own)
+            else:
+                most = touch[k, FRICTION] * impulse[row - way]
+                wanted = min(max(impulse[row] - speed[row] / own, -most), most)
+            change = wanted - impulse[row]
+            if change != 0.0:
+                impulse[row] = wanted
+                speed += change * answer[:, row]
+                moved = max(moved, abs(change) * own)
+        if moved <= SETTLED:
+            break
+    return impulse

@@ -1,0 +1,403 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant's world in PyBullet: the only module that knows it.
+
+PyBullet's habits that this module hides:
+    * the base pose it reports is that of the centre of mass, along principal axes;
+    * torques and external forces last for one step and must be given again;
+    * torque limits of the URDF are not enforced (the caller clips);
+    * a world is bit-reproducible when it is rebuilt, not when it is set back.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import tempfile
+import weakref
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..geometry import Rotation, Triple, multiply, rotate, rotate_back, rotation_matrix
+from ..params import SimParams
+from ..robot.robot import Robot
+from . import braking, hinges, world
+from .ahead import Ahead, Contact
+from .terrain import CELL
+from .world import Base
+
+
+def _import_pybullet():
+    """PyBullet, without the build banner that it writes when it is loaded."""
+    saved = [(stream, os.dup(stream)) for stream in (1, 2)]
+    with open(os.devnull, "wb") as sink:
+        try:
+            for stream, _ in saved:
+                os.dup2(sink.fileno(), stream)
+            import pybullet
+
+            ctypes.CDLL(None).fflush(None)  # the banner may wait in C's own buffer
+        finally:
+            for stream, copy in saved:
+                os.dup2(copy, stream)
+                os.close(copy)
+    return pybullet
+
+
+pybullet = _import_pybullet()
+
+FAR = 1e4  # the ground is near enough to be asked for [m]
+DEPTH_SHARE = 0.0  # of the depth of a rigid contact that is given back per step
+GROUND_FRICTION = 1.0  # PyBullet multiplies the two; so the robot's is the contact's
+
+
+class _Client:
+    """The functions of PyBullet, each in one client: a world of its own."""
+
+    def __init__(self) -> None:
+        self.number = pybullet.connect(pybullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        function = partial(getattr(pybullet, name), physicsClientId=self.number)
+        setattr(self, name, function)  # next time it is found without asking here
+        return function
+
+
+class World(world.World):
+    """A world in a PyBullet client of its own."""
+
+    def __init__(self, robot: Robot, params: SimParams, dt: float):
+        super().__init__(robot, params, dt)
+        # Without visual shapes loading takes half the time; pictures are drawn by `figure`.
+        self._flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_IGNORE_VISUAL_SHAPES
+        self._client = _Client()
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client.number)
+        self._body = self._ground = -1
+        self._frames: dict[int, tuple[Triple, Rotation]] = {}  # of links, in this step
+
+    def close(self) -> None:
+        """Free the client; calling again does nothing."""
+        self._disconnect()
+
+    # ---- building ----------------------------------------------------------------
+
+    def _lowest_foot(self) -> float:
+        lowest = []
+        for foot in self.robot.feet:
+            shape = self._client.getCollisionShapeData(self._body, self._links[foot])
+            round_foot = shape and shape[0][2] == pybullet.GEOM_SPHERE
+            if shape and not round_foot:
+                lowest.append(self.lowest_points()[foot][2])
+                continue
+            radius = shape[0][3][0] if round_foot else 0.0
+            lowest.append(self.place(foot)[2] - radius)
+        return min(lowest)
+
+    def _load(self, height: float) -> None:
+        c, p = self._client, self.params
+        self._slow: np.ndarray | None = None  # no joint has been braked yet
+        self._drag: list[float] | None = None
+        self._motor = self._still = [0.0] * len(self.robot.joints)
+        self._ahead: Ahead | None = None
+        c.resetSimulation()
+        c.setTimeStep(self.dt)
+        c.setGravity(*self.gravity)
+        c.setPhysicsEngineParameter(
+            numSolverIterations=p.solver_iterations,
+            deterministicOverlappingPairs=1,
+            enableFileCaching=0,
+        )
+        self._ground = self._make_ground()
+        c.changeDynamics(self._ground, -1, lateralFriction=GROUND_FRICTION, restitution=1.0)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "robot.urdf"
+            file.write_text(self._text(), encoding="utf-8")
+            self._body = c.loadURDF(
+                str(file), [0.0, 0.0, height], useFixedBase=self.robot.fixed_base, flags=self._flags
+            )
+        self._index()
+        self._set_contacts()
+
+    def _make_ground(self) -> int:
+        """Plane or terrain; PyBullet puts the middle between lowest and highest at its origin."""
+        c, terrain = self._client, self.terrain
+        if terrain is None:
+            return c.createMultiBody(0, c.createCollisionShape(pybullet.GEOM_PLANE))
+        heights = terrain.heights
+        shape = c.createCollisionShape(
+            pybullet.GEOM_HEIGHTFIELD, meshScale=[CELL, CELL, 1.0],
+            heightfieldData=heights.ravel().tolist(), numHeightfieldRows=heights.shape[1],
+            numHeightfieldColumns=heights.shape[0],
+        )  # fmt: skip
+        middle = 0.5 * float(heights.min() + heights.max())
+        return c.createMultiBody(0, shape, basePosition=[*terrain.centre, middle])
+
+    def _index(self) -> None:
+        """Look up joints and links by name; switch PyBullet's own joint motors off."""
+        c, body = self._client, self._body
+        count = c.getNumJoints(body)
+        info = [c.getJointInfo(body, i) for i in range(count)]
+        joint = {i[1].decode(): i[0] for i in info}
+        self._name = {index: name for name, index in joint.items()}
+        self._links = {i[12].decode(): i[0] for i in info}
+        self._links[self.description.root_link()] = -1
+        self._links_by_index = {index: link for link, index in self._links.items()}
+        self._joints = [joint[name] for name in self.robot.joints]
+        self._read = self._joints + [self._links[link] for link in self.hinges]
+        self._moving = [i[0] for i in info if i[2] != pybullet.JOINT_FIXED]
+        self._foot_slot = {self._links[foot]: 3 * k for k, foot in enumerate(self.robot.feet)}
+        c.setJointMotorControlArray(
+            body, self._moving, pybullet.VELOCITY_CONTROL, forces=[0.0] * len(self._moving)
+        )
+        inertial = c.getDynamicsInfo(body, -1)
+        x, y, z, w = inertial[4]
+        self._com, self._com_turn_back = inertial[3], (-x, -y, -z, w)
+
+    def _set_contacts(self) -> None:
+        """Friction and softness of every link; no damping by air, no falling asleep.
+
+        Friction is ignored when damping or activation are in the same call.
+        """
+        c, body, p = self._client, self._body, self.params
+        c.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0)
+        fastest = self.description.fastest()
+        if fastest > 100.0:
+            c.changeDynamics(body, -1, maxJointVelocity=fastest)
+        awake = pybullet.ACTIVATION_STATE_DISABLE_SLEEPING
+        c.changeDynamics(body, -1, activationState=awake)
+        for name, link in self._links.items():
+            values = {"restitution": p.restitution}
+            friction = self.friction.get(name, p.friction)
+            soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
+            if soft[0] > 0.0:
+                values["contactStiffness"], values["contactDamping"] = soft
+            c.changeDynamics(body, link, lateralFriction=friction, **values)
+
+    def _place(self, q: Sequence[float]) -> None:
+        self._frames.clear()
+        for joint, value in zip(self._joints, q, strict=True):
+            self._client.resetJointState(self._body, joint, float(value))
+
+    def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
+        """Put the robot somewhere: base frame [m], x y z w, and joint positions [rad], (n,)."""
+        x, y, z, w = self._com_turn_back
+        offset = rotate(rotation_matrix(orientation), self._com)
+        com = [float(p + a) for p, a in zip(position, offset, strict=True)]
+        turn = multiply(orientation, (-x, -y, -z, w))
+        self._client.resetBasePositionAndOrientation(self._body, com, [float(v) for v in turn])
+        self._place(q)
+
+    def put(
+        self,
+        q: Sequence[float],
+        dq: Sequence[float],
+        position: Triple | None = None,
+        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+        velocity: Triple = (0.0, 0.0, 0.0),
+        spin: Triple = (0.0, 0.0, 0.0),
+    ) -> None:
+        if position is not None:
+            self.pose(position, orientation, q)
+            (ax, ay, az), (wx, wy, wz) = rotate(rotation_matrix(orientation), self._com), spin
+            vx, vy, vz = velocity
+            com = (vx + wy * az - wz * ay, vy + wz * ax - wx * az, vz + wx * ay - wy * ax)
+            self._client.resetBaseVelocity(self._body, com, spin)
+        self._frames.clear()
+        for joint, angle, rate in zip(self._joints, q, dq, strict=True):
+            self._client.resetJointState(self._body, joint, float(angle), float(rate))
+
+    # ---- one physics step --------------------------------------------------------
+
+    def step(self, tau: Sequence[float]) -> None:
+        if self._drag:
+            tau = [a + b for a, b in zip(tau, self._drag, strict=True)]
+        self._advance([*tau, *self._bending()])
+
+    def _bending(self) -> list[float]:
+        """Torques of the springs of the hinges [N·m]."""
+        if not self.hinges:
+            return []
+        springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
+        return [hinges.torque(*each, self.dt) for each in springs]
+
+    def _advance(self, tau: list[float]) -> None:
+        self._client.setJointMotorControlArray(
+            self._body, self._read, pybullet.TORQUE_CONTROL, forces=tau
+        )
+        self._client.stepSimulation()
+        if self._frames:
+            self._frames.clear()
+
+    def damped_step(self, tau: Sequence[float], law: np.ndarray) -> tuple:
+        """As `world.World.damped_step`.
+
+        The engine has no damping at the speed after a step, so that speed is worked out
+        (`ahead`), and the torque that follows is applied.
+        """
+        n, (wanted, gain, _, passive) = len(tau), law
+        if self._ahead is None:
+            names = tuple(self._name[j] for j in self._read)
+            self._ahead = Ahead(self.description, names, self.robot.fixed_base, self.gravity)
+        motion = self.joint_states()
+        bent = self._bending()
+        laws, held = np.zeros((4, n + len(bent))), np.array([*tau, *bent])
+        laws[:, :n] = law
+        if bent:
+            angles, rates = zip(*self._bent, strict=True)
+            motion = (*motion[0], *angles), (*motion[1], *rates)
+        after, most = self._ahead.after(motion, self.base(), held, laws, self._touching(), self.dt)
+        speed, most = after[:n], most[:n]
+        drive = np.where(np.isnan(most), wanted - gain * speed, most)
+        self._advance([*(tau + drive - passive * speed).tolist(), *bent])
+        return drive, speed
+
+    def _touching(self) -> list[Contact]:
+        """Contacts of the robot with the ground, now or in this step."""
+        found, dt, p = [], self.dt, self.params
+        for near in self._client.getContactPoints(self._body, self._ground):
+            link, distance = self._links_by_index[near[3]], near[8]
+            k, d = self.contact.get(link, (p.contact_stiffness, p.contact_damping))
+            give, share = 0.0, DEPTH_SHARE
+            if k > 0.0:
+                give, share = 1.0 / (dt * (dt * k + d)), dt * k / (dt * k + d)
+            speed = -distance / dt * (1.0 if distance > 0.0 else share)
+            slip = self.friction.get(link, p.friction)
+            found.append(Contact(link, near[5], near[7], speed, give, slip))
+        return found
+
+    def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
+        """Let each joint be stopped by up to this torque from now on.
+
+        The engine solves it with the contacts: a constraint of zero velocity whose
+        torque is at most the budget. A joint that is too fast to be stopped in one step
+        gets all of it as a torque, which is the same (`braking`).
+        """
+        if self._slow is None:
+            if not budget.any():
+                return
+            inertia = self.joint_inertia(self.joint_states()[0])
+            self._slow = braking.stopped_per_torque(inertia, self.dt)
+            # Else iterations end early and held joints creep.
+            self._client.setPhysicsEngineParameter(solverResidualThreshold=1e-10)
+        motor, drag = braking.split(budget, dq, self._slow)
+        self._drag, motor = drag.tolist(), motor.tolist()
+        if motor != self._motor:
+            self._motor = motor
+            self._client.setJointMotorControlArray(
+                self._body,
+                self._joints,
+                pybullet.VELOCITY_CONTROL,
+                targetVelocities=self._still,
+                forces=motor,
+            )
+
+    def set_friction(self, link: str, friction: float) -> None:
+        self.friction[link] = friction
+        self._client.changeDynamics(self._body, self._links[link], lateralFriction=friction)
+
+    def joint_states(self) -> tuple[Sequence[float], Sequence[float]]:
+        states = self._client.getJointStates(self._body, self._read)
+        q, dq, _, _ = zip(*states, strict=True)
+        if not self.hinges:
+            return q, dq
+        n = len(self._joints)
+        self._bent = list(zip(q[n:], dq[n:], strict=True))
+        return q[:n], dq[:n]
+
+    def add_ground_forces(self, total: list[float]) -> None:
+        slots = self._foot_slot
+        contacts = self._client.getContactPoints(self._body, self._ground)
+        for _, _, _, link, _, _, _, normal, _, press, along, slide, across, side in contacts:
+            if link in slots:
+                slot = slots[link]
+                total[slot] += press * normal[0] + along * slide[0] + across * side[0]
+                total[slot + 1] += press * normal[1] + along * slide[1] + across * side[1]
+                total[slot + 2] += press * normal[2] + along * slide[2] + across * side[2]
+
+    def base(self) -> Base:
+        com, turn = self._client.getBasePositionAndOrientation(self._body)
+        (vx, vy, vz), omega = self._client.getBaseVelocity(self._body)
+        orientation = multiply(turn, self._com_turn_back)
+        ax, ay, az = rotate(rotation_matrix(orientation), self._com)  # origin to com, in world
+        wx, wy, wz = omega
+        velocity = (vx - wy * az + wz * ay, vy - wz * ax + wx * az, vz - wx * ay + wy * ax)
+        return Base((com[0] - ax, com[1] - ay, com[2] - az), orientation, velocity, omega)
+
+    def push(
+        self,
+        force: Sequence[float],
+        link: str | None = None,
+        point: Sequence[float] = (0, 0, 0),
+        at: Triple | None = None,
+    ) -> None:
+        index = -1 if link is None else self._links[link]
+        at = self.place(link, point) if at is None else at
+        self._client.applyExternalForce(self._body, index, force, at, pybullet.WORLD_FRAME)
+
+    def place(self, link: str | None, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Triple:
+        (x, y, z), matrix = self._frame(-1 if link is None else self._links[link])
+        ox, oy, oz = rotate(matrix, offset)
+        return x + ox, y + oy, z + oz
+
+    def _frame(self, link: int) -> tuple[Triple, Rotation]:
+        """Origin and rotation of a link's frame in the world; the same within a step."""
+        if link in self._frames:
+            return self._frames[link]
+        if link < 0:
+            com, turn = self._client.getBasePositionAndOrientation(self._body)
+            local, back = self._com, self._com_turn_back
+        else:
+            # The link's frame itself is given in single precision only.
+            com, turn, local, (x, y, z, w) = self._client.getLinkState(
+                self._body, link, computeForwardKinematics=1
+            )[:4]
+            back = -x, -y, -z, w
+        matrix = rotation_matrix(multiply(turn, back))
+        (cx, cy, cz), (lx, ly, lz) = com, rotate(matrix, local)
+        self._frames[link] = (cx - lx, cy - ly, cz - lz), matrix
+        return self._frames[link]
+
+    # ---- questions asked rarely --------------------------------------------------
+
+    def lowest_points(self) -> dict[str, Triple]:
+        """Lowest point of each link that can collide, in world [m]; of convex hulls, for meshes."""
+        names = {index: name for name, index in self._links.items()}
+        found: dict[str, Triple] = {}
+        for near in self._client.getClosestPoints(self._body, self._ground, FAR):
+            name, point = names[near[3]], near[5]
+            if name not in found or point[2] < found[name][2]:
+                found[name] = point
+        return found
+
+    def energy(self) -> tuple[float, float]:
+        c, body = self._client, self._body
+        potential = kinetic = 0.0
+        for link in self._links.values():
+            mass, _, moments = c.getDynamicsInfo(body, link)[:3]
+            if link < 0:
+                at, turn = c.getBasePositionAndOrientation(body)
+                velocity, spin = c.getBaseVelocity(body)
+            else:
+                state = c.getLinkState(
+                    body, link, computeLinkVelocity=1, computeForwardKinematics=1
+                )
+                at, turn, velocity, spin = state[0], state[1], state[6], state[7]
+            own = rotate_back(rotation_matrix(turn), spin)  # along the principal axes
+            potential -= mass * float(np.dot(self.gravity, at))
+            kinetic += 0.5 * mass * float(np.dot(velocity, velocity))
+            kinetic += 0.5 * float(np.dot(moments, np.square(own)))
+        return potential, kinetic
+
+    def _mass_matrix(
+        self, q: Sequence[float]
+    ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
+        position = dict(zip(self._joints, map(float, q), strict=True))
+        moving = [position.get(j, 0.0) for j in self._moving]
+        base = 0 if self.robot.fixed_base else 6
+        row = {j: base + k for k, j in enumerate(self._moving)}
+        mass = self._client.calculateMassMatrix(self._body, moving)
+        bent = [row[self._links[link]] for link in self.hinges]
+        return np.array(mass), [row[j] for j in self._joints], list(range(base)), bent

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The robot as a picture shows it: the visual shapes of its URDF, drawn without an engine.
+
+A `Figure` holds the shapes as triangles, moves them with the joints and draws them by a
+compiled z-buffer. Shapes whose mesh cannot be read are left out.
+"""
+
+from __future__ import annotations
+
+import logging
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numba import njit
+
+from ..geometry import Triple, rotation_matrix
+from ..robot.frames import link_frames, origin_of
+from ..robot.robot import Robot
+from ..robot.urdf_check import mesh_path
+
+log = logging.getLogger(__name__)
+
+GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
+AMBIENT, DIFFUSE = 0.62, 0.45  # light from everywhere, and from the sun
+NEAR = 1e-3  # a triangle with a corner behind the camera is not drawn
+
+
+class Figure:
+    """Visual shapes of a robot, that are posed and drawn.
+
+    Args:
+        robot: The robot; a link without visual shapes shows those it collides with.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        root = ET.fromstring(robot.urdf)
+        colours = {m.get("name"): m for m in root.findall("material")}
+        corners, paints, owners = [], [], []
+        self._links = [link.get("name", "") for link in root.findall("link")]
+        for index, link in enumerate(root.findall("link")):
+            for shape in link.findall("visual") or link.findall("collision"):
+                triangles = _triangles(shape, robot.folder)
+                corners.append(triangles)
+                paints.append(np.tile(_colour(shape, colours), (len(triangles), 1)))
+                owners.append(np.full(len(triangles), index))
+        self._corners = np.concatenate([np.zeros((0, 3, 3)), *corners])  # in the frame of the link
+        self._paint = np.concatenate([np.zeros((0, 3)), *paints])
+        self._owner = np.concatenate([np.zeros(0, dtype=int), *owners])
+        self.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), robot.standing)
+
+    def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
+        """Put the robot somewhere.
+
+        Args:
+            position: Origin of the base in the world [m].
+            orientation: Base to world, x y z w.
+            q: Joint positions [rad], (n,).
+        """
+        frames = link_frames(self._robot, np.asarray(q, dtype=float)[None])
+        base = np.array(rotation_matrix(orientation)).reshape(3, 3)
+        turns = np.array([base @ frames[link][0][0] for link in self._links])
+        places = np.array([base @ frames[link][1][0] + position for link in self._links])
+        self._world = np.einsum("tij,tkj->tki", turns[self._owner], self._corners)
+        self._world += places[self._owner][:, None]
+
+    def corners(self, margin: float = 0.08) -> np.ndarray:
+        """Corners of boxes around the shapes, in world [m], (8 n, 3).
+
+        Args:
+            margin: Distance added on all sides [m].
+        """
+        points = self._world.reshape(-1, 3)
+        if not len(points):
+            return np.zeros((0, 3))
+        sides = np.array([points.min(axis=0) - margin, points.max(axis=0) + margin])
+        pick = np.indices((2, 2, 2)).reshape(3, 8)
+        return sides[pick, np.arange(3)[:, None]].T
+
+    def picture(
+        self, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], light: Triple
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The robot alone, drawn in software.
+
+        Args:
+            view: World to camera, OpenGL convention, (4, 4).
+            projection: Camera to clip space, (4, 4).
+            size: Width and height [pixel].
+            light: Direction towards the light, world frame.
+
+        Returns:
+            Colours (height, width, 3) in [0, 1] and where the robot is (height, width) bool.
+        """
+        edges = self._world[:, 1:] - self._world[:, :1]
+        normal = np.cross(edges[:, 0], edges[:, 1])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+        sun = np.abs(normal @ np.asarray(light))  # both sides of a shape are lit
+        paint = np.minimum(self._paint * (AMBIENT + DIFFUSE * sun)[:, None], 1.0)
+        clip = np.concatenate([self._world, np.ones((len(self._world), 3, 1))], axis=2)
+        clip = clip @ (projection @ view).T
+        return rasterise(clip, paint, size[0], size[1])
+
+
+def _triangles(shape: ET.Element, folder: Path) -> np.ndarray:
+    """Corners of the triangles of a visual or collision element, frame of the link, (t, 3, 3)."""
+    kind = next(iter(shape.find("geometry")), None)
+    mesh = None if kind is None else _mesh(kind, folder)
+    if mesh is None:
+        return np.zeros((0, 3, 3))
+    rotation, origin = origin_of(shape)
+    return mesh @ rotation.T + origin
+
+
+def _mesh(kind: ET.Element, folder: Path) -> np.ndarray | None:
+    """Triangles of a box, sphere, cylinder, capsule or mesh file, (t, 3, 3)."""
+
+    def number(key: str) -> float:
+        return float(kind.get(key, "0"))
+
+    create = trimesh.creation
+    if kind.tag == "box":
+        return create.box([float(v) for v in kind.get("size", "0 0 0").split()]).triangles
+    if kind.tag == "sphere" and number("radius") == 0.0:  # a point, as some toes are
+        return None
+    if kind.tag == "sphere":
+        return create.icosphere(2, number("radius")).triangles
+    if kind.tag == "cylinder":
+        return create.cylinder(number("radius"), number("length"), sections=24).triangles
+    if kind.tag == "capsule":
+        return create.capsule(number("length"), number("radius")).triangles
+    if kind.tag != "mesh":
+        return None
+    name = kind.get("filename", "")
+    file = mesh_path(name, folder) or folder / name
+    try:
+        triangles = np.asarray(trimesh.load(file, force="mesh").triangles)
+    except Exception as error:  # noqa: BLE001  (readers of meshes raise anything)
+        log.warning("no picture of %s: %s", file, error)
+        return None
+    return triangles * [float(v) for v in kind.get("scale", "1 1 1").split()]
+
+
+def _colour(shape: ET.Element, named: dict) -> tuple[float, ...]:
+    """Colour of a shape, by its own material or the robot's of that name, (3,)."""
+    material = shape.find("material")
+    if material is not None and material.find("color") is None:
+        material = named.get(material.get("name"))
+    colour = None if material is None else material.find("color")
+    if colour is None:
+        return GREY
+    return tuple(float(v) for v in colour.get("rgba", "0.7 0.7 0.7 1").split()[:3])
+
+
+@njit(cache=True)
+def rasterise(clip, paint, width, height):
+    """Draw triangles by a z-buffer.
+
+    Args:
+        clip: Corners in clip space, (t, 3, 4).
+        paint: Colour of each triangle, (t, 3).
+        width: Width [pixel].
+        height: Height [pixel].
+
+    Returns:
+        Colours (height, width, 3) and where a triangle is, (height, width) bool.
+    """
+    image = np.zeros((height, width, 3))
+    depth = np.full((height, width), np.inf)
+    x, y, z = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(clip)):
+        behind = False
+        for k in range(3):
+            w = clip[i, k, 3]
+            if w < NEAR:
+                behind = True
+                break
+            x[k] = (0.5 + 0.5 * clip[i, k, 0] / w) * width - 0.5
+            y[k] = (0.5 - 0.5 * clip[i, k, 1] / w) * height - 0.5
+            z[k] = clip[i, k, 2] / w
+        if behind:
+            continue
+        area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
+        if area == 0.0:
+            continue
+        left, right = max(int(np.ceil(x.min())), 0), min(int(np.floor(x.max())), width - 1)
+        top, bottom = max(int(np.ceil(y.min())), 0), min(int(np.floor(y.max())), height - 1)
+        per = 1.0 / area
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                a = per * ((x[1] - column) * (y[2] - row) - (x[2] - column) * (y[1] - row))
+                if a < 0.0:
+                    continue
+                b = per * ((x[2] - column) * (y[0] - row) - (x[0] - column) * (y[2] - row))
+                c = 1.0 - a - b
+                if b < 0.0 or c < 0.0:
+                    continue
+                deep = a * z[0] + b * z[1] + c * z[2]
+                if deep < depth[row, column]:
+                    depth[row, column] = deep
+                    for k in range(3):
+                        image[row, column, k] = paint[i, k]
+    return image, depth < np.inf

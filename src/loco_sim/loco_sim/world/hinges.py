@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inertia that joints feel, and springs of the hinges that effects put into links."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+def felt(mass: np.ndarray, own: list[int], free: list[int]) -> np.ndarray:
+    """Inertia that some coordinates feel while others follow without being held, (n, n).
+
+    M_qq - M_qb M_bb^-1 M_bq.
+
+    Args:
+        mass: Mass matrix of all coordinates [kg·m²], (m, m).
+        own: Rows of the coordinates that feel, n of them.
+        free: Rows of those that follow.
+    """
+    joints, cross = mass[np.ix_(own, own)], mass[np.ix_(own, free)]
+    if not free:
+        return joints
+    return joints - cross @ np.linalg.solve(mass[np.ix_(free, free)], cross.T)
+
+
+def inertia(mass: np.ndarray, rows: list[int]) -> list[float]:
+    """Inertia that each hinge feels when all else is free to move [kg·m²].
+
+    Args:
+        mass: Mass matrix of all coordinates [kg·m²], (m, m).
+        rows: Rows of the hinges.
+    """
+    free = np.diag(np.linalg.inv(mass))
+    return [1.0 / float(free[row]) for row in rows]
+
+
+@njit(cache=True)
+def torque(
+    spring: tuple[float, float], state: tuple[float, float], inertia: float, dt: float
+) -> float:
+    """Torque of spring and damper of a hinge, implicit: stable however stiff [N·m].
+
+    Args:
+        spring: Stiffness [N·m/rad] and damping [N·m·s/rad].
+        state: Angle [rad] and velocity [rad/s].
+        inertia: Least inertia that the hinge feels [kg·m²].
+        dt: Physics step [s].
+    """
+    (k, d), (angle, rate) = spring, state
+    held = k * (angle + dt * rate) + d * rate
+    return -held / (1.0 + dt * (d + dt * k) / inertia)

@@ -1,0 +1,465 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plant's world in MuJoCo: the only module that knows it.
+
+MuJoCo's habits that this module hides:
+    * links without a joint melt into their parents unless it is told not to;
+    * quaternions are w x y z, and the spin of a free body is in its own frame;
+    * frames of links are those of the start of the last step until they are asked anew;
+    * of two touching surfaces the larger friction counts: the ground has none of its own;
+    * a contact is a spring and damper whose constants are scaled by the inverse mass of what
+      touches: `_softness` takes that scale out again.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from loco_control.exceptions import DivergedError, ParameterError
+
+from ..geometry import Triple, rotate, rotate_back, rotation_matrix
+from . import hinges, world
+from .terrain import CELL, Terrain
+from .world import Base, Handles
+
+RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of contacts that are not springs
+STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops: a knee leans on one and hardly sinks in
+LEAST = 1e-4  # MuJoCo keeps the impedance of contacts this far from 0 and 1
+IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal ones
+NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # of all contacts, in one sensor
+LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library, beside its Python module
+BAD = int(mujoco.mjtWarning.mjWARN_BADQACC)
+QUIET = 1  # MuJoCo prints the first warning of a kind; this many are said to have been
+
+
+class World(world.World):
+    """A world with a MuJoCo model of its own."""
+
+    # ---- building ----------------------------------------------------------------
+
+    def rebuild(
+        self,
+        q: Sequence[float],
+        configure: Iterable[Callable[[World], None]] = (),
+        height: float | None = None,
+    ) -> None:
+        super().rebuild(q, configure, height)
+        m = self._model
+        kept = self._data.qpos, m.geom_friction, m.body_pos, m.body_quat
+        self._built = tuple(values.copy() for values in kept)
+
+    def forget(self) -> bool:
+        m, d = self._model, self._data
+        mujoco.mj_resetData(m, d)
+        d.warning.number[:] = QUIET
+        d.qpos[:], m.geom_friction[:], m.body_pos[:], m.body_quat[:] = self._built
+        m.dof_frictionloss[:] = 0.0
+        self._braked = self._pushed = self._fresh = False
+        return True
+
+    def _load(self, height: float) -> None:
+        if self.params.restitution > 0.0:
+            raise ParameterError(
+                f"sim.restitution is {self.params.restitution:g}, which MuJoCo's contacts do not "
+                "have: leave it at 0, or take --engine pybullet"
+            )
+        text = self._text()
+        root = "" if self.robot.fixed_base else self.description.root_link()
+        try:
+            model = _compiled(
+                text, _dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
+                self.params.solver_iterations, self.terrain,
+            )  # fmt: skip
+        except ValueError as error:
+            raise ParameterError(
+                f"MuJoCo cannot build robot {self.robot.name!r}: {' '.join(str(error).split())}"
+            ) from None
+        self._model = copy(model)
+        self._data = mujoco.MjData(self._model)
+        self._data.warning.number[:] = QUIET
+        self._index()
+        self._set_contacts()
+        self._data.qpos[:] = self._model.qpos0
+        self._lift(height)
+
+    def _index(self) -> None:
+        """Look up joints and links by name; friction in joints is the effects' business."""
+        m = self._model
+        self._bodies = {m.body(i).name: i for i in range(1, m.nbody)}
+        by_name = {m.joint(i).name: i for i in range(m.njnt)}
+        hinges = [m.body_jntadr[self._bodies[link]] for link in self.hinges]
+        joints = [by_name[name] for name in self.robot.joints] + hinges
+        self._at, self._dof = m.jnt_qposadr[joints], m.jnt_dofadr[joints]
+        n = len(self.robot.joints)
+        self._q_at, self._dq_at = self._at[:n], self._dof[:n]
+        self._root = self._bodies[self.description.root_link()]
+        self._fastest = self.description.fastest()
+        m.dof_frictionloss[:] = 0.0
+        m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as a step allows
+        m.jnt_solimp[:] = STOP
+        self._braked = self._pushed = False
+        self._fresh = False
+
+    def _set_contacts(self) -> None:
+        """Friction and softness of every link."""
+        m, p = self._model, self.params
+        for name, body in self._bodies.items():
+            soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
+            for geom in np.flatnonzero(m.geom_bodyid == body):
+                m.geom_friction[geom, 0] = self.friction.get(name, p.friction)
+                m.geom_condim[geom] = 3
+                m.geom_solref[geom], m.geom_solimp[geom] = self._softness(body, soft)
+
+    def _softness(self, body: int, soft: tuple[float, float]) -> tuple:
+        """MuJoCo's solref and solimp of a link whose contacts are springs, or rigid.
+
+        A contact of inverse mass w and constant impedance d obeys, with solref (-s, -b),
+        f = -(s r + b v) / (w (1 - d)) - a d / (w (1 - d)). A spring K and a damper D that
+        are integrated implicitly, f = -K (r + dt v + dt² a) - D (v + dt a), are of that form.
+        """
+        if soft[0] <= 0.0:
+            return (2.0 * self.dt, 1.0), RIGID
+        stiffness, damping = soft[0], soft[1] + self.dt * soft[0]
+        weight = max(float(self._model.body_invweight0[body, 0]), 1e-9)
+        share = weight * self.dt * damping
+        impedance = min(max(share / (1.0 + share), LEAST), 1.0 - LEAST)
+        scale = weight * (1.0 - impedance)
+        solimp = impedance, impedance, 0.001, 0.5, 2.0
+        return (-scale * stiffness, -scale * damping), solimp
+
+    def _lowest_foot(self) -> float:
+        self._look()
+        lowest = []
+        for foot in self.robot.feet:
+            body = self._bodies[foot]
+            geoms = np.flatnonzero(self._model.geom_bodyid == body)
+            sphere = len(geoms) and self._model.geom_type[geoms[0]] == mujoco.mjtGeom.mjGEOM_SPHERE
+            radius = float(self._model.geom_size[geoms[0], 0]) if sphere else 0.0
+            lowest.append(float(self._data.xpos[body, 2]) - radius)
+        return min(lowest)
+
+    def _lift(self, height: float) -> None:
+        """Put the base at a height [m]."""
+        if self.robot.fixed_base:
+            self._model.body_pos[self._root, 2] = height
+        else:
+            self._data.qpos[2] = height
+        self._fresh = False
+
+    _raise = _lift
+
+    def _place(self, q: Sequence[float]) -> None:
+        self._data.qpos[self._q_at] = q
+        self._data.qvel[self._dq_at] = 0.0
+        self._fresh = False
+
+    def put(
+        self,
+        q: Sequence[float],
+        dq: Sequence[float],
+        position: Triple | None = None,
+        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+        velocity: Triple = (0.0, 0.0, 0.0),
+        spin: Triple = (0.0, 0.0, 0.0),
+    ) -> None:
+        if position is not None:
+            self.pose(position, orientation, q)
+            if not self.robot.fixed_base:
+                self._data.qvel[:3] = velocity
+                self._data.qvel[3:6] = rotate_back(rotation_matrix(orientation), spin)
+        self._data.qpos[self._q_at] = q
+        self._data.qvel[self._dq_at] = dq
+        self._fresh = False
+
+    def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
+        """Put the base frame and the joints somewhere, at rest."""
+        x, y, z, w = orientation
+        if self.robot.fixed_base:
+            self._model.body_pos[self._root] = position
+            self._model.body_quat[self._root] = w, x, y, z
+        else:
+            self._data.qpos[:3] = position
+            self._data.qpos[3:7] = w, x, y, z
+        self._place(q)
+
+    # ---- one physics step --------------------------------------------------------
+
+    def step(self, tau: Sequence[float]) -> None:
+        """Apply joint torques [N·m], (n,), and advance one physics step.
+
+        Raises:
+            DivergedError: The state is no longer finite.
+        """
+        self._apply(tau)
+        mujoco.mj_step(self._model, self._data)
+        self._tidy()
+
+    def _apply(self, tau: Sequence[float]) -> None:
+        """Give the joints these torques, and the hinges those of their springs."""
+        if self.hinges:
+            springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
+            tau = [*tau, *(hinges.torque(*spring, self.dt) for spring in springs)]
+        self._data.qfrc_applied[self._dof] = tau
+
+    def damped_step(self, tau: Sequence[float], law: np.ndarray) -> tuple:
+        """As `world.World.damped_step`: damping is solved exactly, as inertia kd dt would be.
+
+        (M + dt D) a = tau - D v + ... is M a = tau - D (v + dt a) + ..., for contacts as well.
+        A drive that would give more than its limit gives its limit; then all is solved again.
+
+        Raises:
+            DivergedError: The state is no longer finite.
+        """
+        wanted, gain, limit, passive = law
+        m, data, at = self._model, self._data, self._dq_at
+        before, armature, diagonal = data.qvel[at], m.dof_armature[at], m.dof_M0[at]
+        most = np.full(len(at), np.nan)  # torque of the drives that are at their limit
+        while True:
+            free = np.isnan(most)
+            slope = np.where(free, gain, 0.0) + passive
+            given = np.where(free, wanted, most)
+            self._apply((tau + given - slope * before).tolist())
+            m.dof_armature[at] = armature + self.dt * slope
+            m.dof_M0[at] = diagonal + self.dt * slope  # of joints whose inertia never changes
+            mujoco.mj_forward(m, data)
+            asked = wanted - gain * (before + self.dt * data.qacc[at])
+            over = free & (np.abs(asked) > limit)
+            if not over.any():
+                break
+            most[over] = np.copysign(limit, asked)[over]
+        mujoco.mj_checkAcc(m, data)
+        mujoco.mj_implicit(m, data)
+        m.dof_armature[at], m.dof_M0[at] = armature, diagonal
+        self._tidy()
+        after = data.qvel[at]
+        return np.where(free, np.clip(wanted - gain * after, -limit, limit), most), after
+
+    def _tidy(self) -> None:
+        """Do what each step leaves to do."""
+        data = self._data
+        self._fresh = False
+        if self._pushed:
+            data.xfrc_applied[:] = 0.0
+            self._pushed = False
+        if np.max(np.abs(data.qvel), initial=0.0) > self._fastest:  # as PyBullet does
+            data.qvel[:] = data.qvel.clip(-self._fastest, self._fastest)
+        if data.warning[BAD].number != QUIET:
+            raise DivergedError(f"the physics diverged at t = {data.time:.3f} s (MuJoCo)")
+
+    def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
+        if self._braked or budget.any():
+            self._model.dof_frictionloss[self._dq_at] = budget
+            self._braked = True
+
+    def set_friction(self, link: str, friction: float) -> None:
+        self._model.geom_friction[self.shapes(link), 0] = friction
+
+    def joint_states(self) -> tuple[list[float], list[float]]:
+        q, dq = self._data.qpos[self._at].tolist(), self._data.qvel[self._dof].tolist()
+        if self.hinges:
+            n = len(self.robot.joints)
+            self._bent = list(zip(q[n:], dq[n:], strict=True))
+            return q[:n], dq[:n]
+        return q, dq
+
+    def add_ground_forces(self, total: list[float]) -> None:
+        for i, force in enumerate(self._data.sensordata.tolist()):
+            total[i] += force
+
+    def base(self) -> Base:
+        m, data = self._model, self._data
+        if self.robot.fixed_base:
+            w, x, y, z = m.body_quat[self._root].tolist()
+            still = (0.0, 0.0, 0.0)
+            return Base(tuple(m.body_pos[self._root].tolist()), (x, y, z, w), still, still)
+        px, py, pz, w, x, y, z = data.qpos[:7].tolist()
+        vx, vy, vz, *spin = data.qvel[:6].tolist()
+        spin = rotate(rotation_matrix((x, y, z, w)), spin)
+        return Base((px, py, pz), (x, y, z, w), (vx, vy, vz), spin)
+
+    def push(
+        self,
+        force: Sequence[float],
+        link: str | None = None,
+        point: Sequence[float] = (0, 0, 0),
+        at: Triple | None = None,
+    ) -> None:
+        body = self._root if link is None else self._bodies[link]
+        at = self.place(link, point) if at is None else at
+        self._look()
+        arm = np.subtract(at, self._data.xipos[body])
+        self._data.xfrc_applied[body, :3] += force
+        self._data.xfrc_applied[body, 3:] += np.cross(arm, force)
+        self._pushed = True
+
+    def place(self, link: str | None, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Triple:
+        self._look()
+        body = self._root if link is None else self._bodies[link]
+        x, y, z = self._data.xpos[body].tolist()
+        ox, oy, oz = rotate(self._data.xmat[body].tolist(), offset)
+        return x + ox, y + oy, z + oz
+
+    # ---- for a compiled loop -----------------------------------------------------
+
+    def handles(self) -> Handles | None:
+        m, d, n = self._model, self._data, len(self.robot.joints)
+        if not (library := _library()):
+            return None
+        step, look = (_address(library, name) for name in ("mj_step", "mj_kinematics"))
+        base = np.concatenate(self.base()) if self.robot.fixed_base else np.zeros(0)
+        return Handles(
+            step, look, m._address, d._address, d.qpos, d.qvel, d.qfrc_applied, m.dof_frictionloss,
+            d.xfrc_applied, m.geom_friction, d.sensordata, d.xpos, d.xmat, d.xipos, self._q_at,
+            self._dq_at, self._at[n:], self._dof[n:], base, d.warning.number[BAD : BAD + 1], QUIET,
+            self._fastest, self.params.grf == "mean",
+        )  # fmt: skip
+
+    def frames(self) -> dict[str | None, tuple[int, np.ndarray, np.ndarray]]:
+        bodies = {None: self._root, **self._bodies}
+        return {link: (body, np.zeros(3), np.eye(3)) for link, body in bodies.items()}
+
+    def shapes(self, link: str) -> list[int]:
+        return np.flatnonzero(self._model.geom_bodyid == self._bodies[link]).tolist()
+
+    def moved(self) -> None:
+        self._fresh = False
+
+    def _look(self) -> None:
+        """Frames of all links at the present state; once per step."""
+        if not self._fresh:
+            mujoco.mj_kinematics(self._model, self._data)
+            self._fresh = True
+
+    # ---- questions asked rarely --------------------------------------------------
+
+    def energy(self) -> tuple[float, float]:
+        m, data = self._model, self._data
+        mass = self._mass(data)
+        potential = -float(m.body_mass @ (data.xipos @ np.array(self.gravity)))
+        return potential, 0.5 * float(data.qvel @ mass @ data.qvel)
+
+    def _mass_matrix(
+        self, q: Sequence[float]
+    ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
+        data = mujoco.MjData(self._model)
+        data.qpos[:] = self._data.qpos
+        data.qpos[self._q_at] = q
+        base = 0 if self.robot.fixed_base else 6
+        n = len(self.robot.joints)
+        return self._mass(data), self._dof[:n].tolist(), list(range(base)), self._dof[n:].tolist()
+
+    def _mass(self, data: mujoco.MjData) -> np.ndarray:
+        """Joint-space mass matrix of a state, (nv, nv)."""
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_crb(self._model, data)
+        mass = np.zeros((self._model.nv, self._model.nv))
+        mujoco.mj_fullM(self._model, data, mass)
+        return mass
+
+
+@cache
+def _library() -> str:
+    """Path of the library that MuJoCo's module has loaded; empty if it lies elsewhere."""
+    folder = sorted(Path(mujoco.__file__).parent.iterdir())
+    return next((str(path) for path in folder if path.name.startswith(LIBRARIES)), "")
+
+
+@cache
+def _address(library: str, name: str) -> int:
+    """Address of a C function."""
+    return ctypes.cast(getattr(ctypes.CDLL(library), name), ctypes.c_void_p).value
+
+
+@lru_cache(maxsize=64)
+def _compiled(
+    text: str,
+    dates: tuple[int, ...],
+    root: str,
+    feet: tuple[str, ...],
+    dt: float,
+    gravity: Triple,
+    iterations: int,
+    terrain: Terrain | None,
+) -> mujoco.MjModel:
+    """Model of a URDF on the ground; kept, as reading takes longer than many a run.
+
+    Args:
+        text: The URDF.
+        dates: Times at which its meshes were written [ns].
+        root: Link that is free; empty if it is fixed to the world.
+        feet: Links on which the force of the ground is measured.
+        dt: Physics step [s].
+        gravity: Acceleration of gravity [m/s²].
+        iterations: Most iterations of the contact solver.
+        terrain: Heights of the ground; None is a plane.
+
+    Raises:
+        ValueError: MuJoCo cannot build it.
+    """
+    spec = mujoco.MjSpec.from_string(_for_mujoco(text))
+    if root:
+        spec.body(root).add_freejoint()
+    option = spec.option
+    option.timestep, option.gravity = dt, gravity
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = IMPEDANCE_RATIO
+    option.iterations = iterations
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity, geom.solmix = 1, 0, 1.0
+    spec.worldbody.add_geom(
+        name="loco_ground", **_ground(spec, terrain),
+        contype=0, conaffinity=1, condim=3, friction=[0.0, 0.0, 0.0], solmix=0.0,
+    )  # fmt: skip
+    for foot in feet:
+        spec.add_sensor(
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM, objname="loco_ground",
+            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=foot, intprm=NET_FORCE,
+        )  # fmt: skip
+    return spec.compile()
+
+
+def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
+    """Shape of the ground; MuJoCo scales heights to between 0 and 1 and has a base below them."""
+    if terrain is None:
+        return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
+    heights = terrain.heights
+    (rows, columns), low = heights.shape, float(heights.min())
+    size = [0.5 * CELL * (columns - 1), 0.5 * CELL * (rows - 1), float(np.ptp(heights)), 1.0]
+    spec.add_hfield(
+        name="loco_terrain", nrow=rows, ncol=columns, size=size, userdata=heights.ravel().tolist()
+    )
+    return {"type": mujoco.mjtGeom.mjGEOM_HFIELD, "hfieldname": "loco_terrain",
+            "pos": [*terrain.centre, low]}  # fmt: skip
+
+
+def _for_mujoco(text: str) -> str:
+    """URDF without what only pictures need; every link stays a body of its own."""
+    robot = ET.fromstring(text)
+    extension = robot.find("mujoco")
+    if extension is not None:
+        robot.remove(extension)
+    extension = ET.SubElement(robot, "mujoco")
+    ET.SubElement(
+        extension, "compiler", fusestatic="false", discardvisual="true", strippath="false",
+        balanceinertia="true", inertiafromgeom="auto",
+    )  # fmt: skip
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _dates(text: str) -> tuple[int, ...]:
+    """Times at which the meshes of a URDF were written [ns], of those that are there."""
+    paths = (Path(name) for name in sorted(set(re.findall(r'filename="([^"]+)"', text))))
+    return tuple(path.stat().st_mtime_ns for path in paths if path.is_file())

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Animations of a recorded run, drawn without a screen: a replay as a GIF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from loco_control.exceptions import ParameterError
+
+from ..robot import robot as robots
+from .figure import Figure
+from .stage import Stage
+
+FULL_SIZE = 0.9  # the camera comes closer to robots that are smaller [m]
+FOLLOW = 0.5  # the camera follows the mean position over this time [s]
+
+
+def render_gif(
+    path: str | Path | None,
+    t: np.ndarray,
+    position: np.ndarray,
+    orientation: np.ndarray,
+    q: np.ndarray,
+    fps: float = 25.0,
+    size: tuple[int, int] = (480, 320),
+    robot: str | robots.Robot = "hyq",
+    speed: float = 1.0,
+) -> bytes:
+    """Write an animated GIF of a run.
+
+    Args:
+        path: File to write; None only returns the bytes.
+        t: Time of each sample [s], (T,), increasing.
+        position: Base origin in the world [m], (T, 3).
+        orientation: Base to world, x y z w, (T, 4).
+        q: Joint positions [rad], (T, n).
+        fps: Frames per second; GIF knows only 100, 50, 33.3, 25, 20 …
+        size: Width and height [pixel].
+        robot: Name, path or `Robot`.
+        speed: 1 is real time, 0.5 half as fast.
+
+    Returns:
+        The GIF's bytes.
+
+    Raises:
+        ParameterError: The arrays are empty or do not fit together.
+    """
+    pictures = list(frames(t, position, orientation, q, fps, size, robot, speed))
+    # One palette for all frames: without it colours flicker and the file doubles.
+    sheet = Image.new("RGB", (size[0], 3 * size[1]))
+    for i, k in enumerate((0, len(pictures) // 2, len(pictures) - 1)):
+        sheet.paste(pictures[k], (0, i * size[1]))
+    palette = sheet.quantize(colors=255, method=Image.Quantize.MEDIANCUT)
+    flat = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
+    buffer = BytesIO()
+    flat[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=flat[1:],
+        duration=max(10, 10 * round(100.0 / fps)),
+        loop=0,
+        optimize=False,
+    )
+    data = buffer.getvalue()
+    if path is not None:
+        Path(path).write_bytes(data)
+    return data
+
+
+def frames(
+    t: np.ndarray,
+    position: np.ndarray,
+    orientation: np.ndarray,
+    q: np.ndarray,
+    fps: float = 25.0,
+    size: tuple[int, int] = (480, 320),
+    robot: str | robots.Robot = "hyq",
+    speed: float = 1.0,
+) -> Iterator[Image.Image]:
+    """Pictures of a run, one after the other; arguments as in `render_gif`."""
+    t, position, orientation, q = (np.asarray(x, float) for x in (t, position, orientation, q))
+    robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
+    _check(t, position, orientation, q, len(robot.joints))
+    figure = Figure(robot)
+    stage = Stage(size, scale=min(1.0, np.ptp(figure.corners(0.0), axis=0).max() / FULL_SIZE))
+    for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):
+        k = min(int(np.searchsorted(t, now - 1e-9)), len(t) - 1)
+        near = np.abs(t - t[k]) <= 0.5 * FOLLOW
+        figure.pose(position[k], orientation[k], q[k])
+        yield _labelled(stage.draw(figure, position[near].mean(axis=0)), f"t = {t[k]:.2f} s")
+
+
+def _check(t: np.ndarray, position: np.ndarray, orientation: np.ndarray, q: np.ndarray, n: int):
+    wanted = {"position": (len(t), 3), "orientation": (len(t), 4), "q": (len(t), n)}
+    got = {"position": position.shape, "orientation": orientation.shape, "q": q.shape}
+    for name, shape in wanted.items():
+        if got[name] != shape or len(t) == 0:
+            raise ParameterError(f"{name} must have shape {shape}, T > 0, got {got[name]}")
+
+
+def _labelled(picture: Image.Image, text: str) -> Image.Image:
+    font = ImageFont.load_default(max(11, picture.height // 24))
+    place = (picture.height // 30, picture.height - picture.height // 14)
+    ImageDraw.Draw(picture).text(place, text, fill=(70, 76, 86), font=font)
+    return picture

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ground that is not flat: a grid of heights, the same for every engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+KINDS = ("uneven", "steps")
+CELL = 0.05  # distance between heights [m]
+AHEAD, BEHIND, SIDE = 30.0, 4.0, 4.0  # how far it reaches from the origin [m]
+BLEND = 0.5  # over which it rises from the flat start to its full roughness [m]
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Random heights around zero, flat around the origin where the robot starts.
+
+    Attributes:
+        kind: ``uneven``, smooth hills, or ``steps``, flat tiles at different heights.
+        roughness: Standard deviation of the height [m].
+        length: Size of hills, their correlation length, or of tiles [m].
+        pattern: Number of the random pattern.
+        flat: Radius of the flat start [m].
+    """
+
+    kind: str
+    roughness: float
+    length: float
+    pattern: int
+    flat: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the grid [m]."""
+        return 0.5 * (AHEAD - BEHIND), 0.0
+
+    @cached_property
+    def heights(self) -> np.ndarray:
+        """Heights [m], (points along y, points along x)."""
+        x = np.arange(round((AHEAD + BEHIND) / CELL) + 1) * CELL - BEHIND
+        y = np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
+        rng = np.random.default_rng([self.pattern, KINDS.index(self.kind)])
+        if self.kind == "steps":
+            tiles = rng.uniform(-1.0, 1.0, (len(y), len(x)))
+            row, column = (np.floor((v - v[0]) / self.length).astype(int) for v in (y, x))
+            rough = np.sqrt(3.0) * tiles[np.ix_(row, column)]
+        else:
+            rough = _smoothed(rng.standard_normal((len(y), len(x))), self.length / CELL)
+            rough /= rough.std()
+        away = np.hypot(*np.meshgrid(x, y)) - self.flat
+        return self.roughness * rough * np.clip(away / BLEND, 0.0, 1.0)
+
+
+def _smoothed(noise: np.ndarray, length: float) -> np.ndarray:
+    """Noise whose autocorrelation is exp(-(d / length)²), d in cells."""
+    frequencies = np.meshgrid(*(np.fft.fftfreq(n) for n in noise.shape), indexing="ij")
+    square = sum(f**2 for f in frequencies)
+    return np.fft.ifft2(np.fft.fft2(noise) * np.exp(-0.5 * (np.pi * length) ** 2 * square)).real

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap check`: what it prints and writes, and recordings that it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_bringup.gap import check
+
+T = np.arange(200) / 100.0
+LATE = 0.04  # [s] behind the command
+
+
+def good(t):
+    return 0.4 * np.sin(3.0 * (t - LATE)) + 0.2 * np.sin(15.0 * (t - LATE))
+
+
+MAPPING = """format: 1
+time: {column: t, unit: s}
+columns:
+  - {column: goal, role: command_position, joint: pivot, unit: rad}
+  - {column: angle, role: q, joint: pivot, unit: rad}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Function that writes a recording of the servo pendulum."""
+
+    def make(name, angle):
+        (tmp_path / "mapping.yaml").write_text(MAPPING)
+        goal = good(T + LATE)
+        rows = zip(T, goal, angle(T), strict=True)
+        text = "".join(f"{t:.4f},{g:.6f},{a:.6f}\n" for t, g, a in rows)
+        path = tmp_path / name
+        path.write_text("t,goal,angle\n" + text)
+        return path
+
+    return make
+
+
+def call(*arguments):
+    """Exit code of a command line."""
+    with pytest.raises(SystemExit) as end:
+        cli.main(["gap", "check", *map(str, arguments)])
+    return end.value.code
+
+
+def test_it_writes_a_page_and_json_and_refuses_what_is_no_use(write, tmp_path, capsys):
+    moved, in_degrees = write("moved.csv", good), write("degrees.csv", lambda t: 57.3 * good(t))
+    out = tmp_path / "out"
+    given = "--robot", "servo_pendulum", "--workers", "1", "--out", out
+    assert call(moved, in_degrees, *given) == 2
+    said = capsys.readouterr().out
+    assert "not usable as it is" in said and "deg" in said
+    assert "viscous" in said and "a search takes about" in said
+    values = json.loads((out / check.JSON).read_text())
+    assert values["verdict"] == check.REFUSED
+    assert [r["name"] for r in values["recordings"]] == ["moved"]
+    assert values["recordings"][0]["lag_ms"]["pivot"] == pytest.approx(1e3 * LATE, abs=4.0)
+    assert "coulomb friction" in (out / check.PAGE).read_text()
+
+    assert call(moved, *given, "--json") == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["verdict"] == check.WARNED and values["refused"] == []
+    assert any("last third" in line for line in values["missing"])
+
+
+def test_one_line_for_every_mistake(write, tmp_path, capsys):
+    still = write("still.csv", lambda t: 0.0 * t)
+    assert call(still, "--robot", "servo_pendulum", "--out", tmp_path / "out") == 2
+    assert "constant" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert call(still) == 2
+    assert "--robot" in capsys.readouterr().err
+    assert call(still, "--robot", "servo_pendulum", "--out", tmp_path) == 2
+    assert "other files" in capsys.readouterr().err

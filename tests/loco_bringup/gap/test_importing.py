@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of all kinds become records; those that cannot are refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
+
+from loco_bringup.bag.reader import Bag
+from loco_bringup.bag.writer import BagWriter
+from loco_bringup.gap import importing as gap_import
+from loco_bringup.logs.bag_log import read_log
+from loco_bringup.logs.rollout_bag import run_rollout
+from loco_control.exceptions import LocoError, MissingFileError
+from loco_control.ros.messages.definitions import definition, type_hash
+from loco_learning.gap.prediction.forward import Forward, ForwardParams
+from loco_learning.runs.experiment import load as load_experiment
+from loco_sim.plant.model import Model
+from loco_sim.robot import robot as robots
+
+TIGRILLO = robots.load("tigrillo")
+SERVO = robots.load("servo_pendulum")
+
+
+def stamped(message, t):
+    message.header.stamp.sec, message.header.stamp.nanosec = int(t), round(t % 1 * 1e9)
+    return message
+
+
+def joints(names, **fields):
+    """Function of time that makes a JointState; the fields are functions of time."""
+
+    def make(t):
+        values = {field: [float(of(t))] * len(names) for field, of in fields.items()}
+        return stamped(JointState(name=list(names), **values), t)
+
+    return make
+
+
+def imu(t):
+    message = stamped(Imu(), t)
+    message.orientation.z, message.orientation.w = np.sin(0.1), np.cos(0.1)
+    message.angular_velocity.y, message.linear_acceleration.z = 0.5, 9.81
+    return message
+
+
+def odometry(t):
+    message = stamped(Odometry(), t)
+    message.pose.pose.position.x, message.pose.pose.orientation.w = t, 1.0
+    return message
+
+
+def array(t):
+    return Float64MultiArray(data=[0.0, np.degrees(goal(t))])
+
+
+def goal(t):
+    return 0.8 * np.sin(6.0 * t)
+
+
+def angle(t):
+    return goal(t - 0.04)
+
+
+def speed(t):
+    return 4.8 * np.cos(6.0 * (t - 0.04))
+
+
+STATES = joints(["pivot"], position=angle, velocity=speed)
+COMMANDS = joints(["pivot"], position=goal)
+
+
+def bag(folder, seconds=3.0, attach=None, late=0.0, **topics):
+    """A bag with topics at given rates; ``__`` in a name is a slash."""
+    writer = BagWriter(folder)
+    for name, (make, rate) in topics.items():
+        cls = type(make(0.0))
+        kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
+        topic = "/" + name.replace("__", "/")
+        writer.add_topic(topic, kind, definition(kind), type_hash(kind), [])
+        for t in np.arange(round(seconds * rate)) / rate:
+            data = serialize_message(make(float(t)))
+            writer.write(topic, data, round((t + late) * 1e9))
+    for name, text in (attach or {}).items():
+        writer.attach(name, text.encode())
+    writer.close()
+    return folder
+
+
+def refused(path, robot, said, rules=None):
+    with pytest.raises(LocoError, match=said) as error:
+        gap_import.load(path, robot, rules)
+    assert "\n" not in str(error.value)
+
+
+def test_standard_messages(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+    topics["imu__data"] = (imu, 10)
+    (made,) = gap_import.load(bag(tmp_path / "swing", **topics), SERVO)
+    assert (made.name, made.joints, made.driven, len(made.t)) == (
+        "swing",
+        ("pivot",),
+        ("pivot",),
+        300,
+    )
+    assert np.allclose(made.signals["q"][:, 0], angle(made.t), atol=1e-8)
+    assert np.allclose(made.signals["dq"][:, 0], speed(made.t), atol=1e-6)
+    assert np.allclose(made.command["position"][:, 0], goal(made.t), atol=1e-8)
+    assert "tau" not in made.signals and "velocity" not in made.command
+    known = np.isfinite(made.signals["gyro"][:, 0])
+    assert known.sum() == 30 and np.allclose(made.signals["gyro"][known], [0.0, 0.5, 0.0])
+
+
+def test_a_namespace_is_found_and_several_are_told_apart(tmp_path):
+    topics = {"left__joint_states": (STATES, 100), "left__joint_command": (COMMANDS, 100)}
+    one = gap_import.load(bag(tmp_path / "one", **topics), SERVO)
+    assert len(one) == 1
+    other = joints(["wheel"], position=angle)
+    more = {"r__joint_states": (other, 100), "r__joint_command": (other, 100)}
+    (made,) = gap_import.load(bag(tmp_path / "two", **topics, **more), SERVO)
+    assert made.joints == ("pivot",)
+    twins = {"r__joint_states": (STATES, 100), "r__joint_command": (COMMANDS, 100)}
+    folder = bag(tmp_path / "twins", **topics, **twins)
+    refused(folder, SERVO, "several robots .*/left/, /r/.* name one with namespace")
+    (folder / "mapping.yaml").write_text("namespace: r")
+    assert len(gap_import.load(folder, SERVO)) == 1
+    (folder / "mapping.yaml").write_text("namespace: s")
+    refused(folder, SERVO, "no messages on s/joint_states")
+
+
+def test_the_pose_of_the_base_is_read_only_if_asked(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+    topics["ground_truth__odom"] = (odometry, 100)
+    folder = bag(tmp_path / "posed", **topics)
+    assert "base_position" not in gap_import.load(folder, SERVO)[0].signals
+    (tmp_path / "m.yaml").write_text("base_pose: true")
+    (made,) = gap_import.load(folder, SERVO, tmp_path / "m.yaml")
+    assert np.allclose(made.signals["base_position"][:, 0], made.t)
+    assert np.allclose(made.signals["base_orientation"], [0, 0, 0, 1])
+    bare = bag(tmp_path / "bare", **{k: v for k, v in topics.items() if "joint" in k})
+    refused(bare, SERVO, "no /ground_truth/odom, asked for by base_pose", tmp_path / "m.yaml")
+
+
+def test_a_mapping_names_any_topic_and_cuts(tmp_path):
+    topics = {"arm__state": (STATES, 100), "goals": (array, 100)}
+    folder = bag(tmp_path / "own", **topics)
+    refused(folder, SERVO, "no messages on joint_states or robot_state.* mapping can name other")
+    rules = {
+        "columns": [
+            {"topic": "/arm/state", "column": "position[pivot]", "role": "q", "joint": "pivot"},
+            {"topic": "goals", "column": "data[1]", "role": "command_position", "joint": "pivot"},
+        ],
+        "records": [{"from": 0.5, "to": 2.0}, {"from": 2.0, "to": 3.0, "role": "held-out"}],
+    }
+    rules["columns"][1]["unit"] = "deg"
+    path = tmp_path / "m.yaml"
+    path.write_text(yaml.safe_dump(rules))
+    first, second = gap_import.load(folder, SERVO, path)
+    assert (first.name, first.duration) == ("own 1", pytest.approx(1.5))
+    assert second.role == "held-out"
+    assert np.allclose(first.command["position"][:, 0], goal(first.t + 0.5), atol=1e-8)
+    for key, value, said in (
+        ("topic", "nothing", "no topic in own_0.mcap named 'nothing'"),
+        ("topic", "", "must name its topic in the bag"),
+        ("column", "position[knee]", "named 'knee'; available: pivot"),
+        ("column", "angle", "no field on /arm/state named 'angle'"),
+        ("column", "position[3]", "there are 1 elements"),
+        ("column", "position", "is no number"),
+        ("column", "header.stamp]", "no path of a field"),
+    ):
+        changed = {**rules, "columns": [{**rules["columns"][0], key: value}]}
+        path.write_text(yaml.safe_dump(changed))
+        refused(folder, SERVO, said, path)
+
+
+def test_records_of_our_topics_can_be_cut(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+    folder = bag(tmp_path / "cut", **topics)
+    path = tmp_path / "m.yaml"
+    path.write_text("records: [{name: late, from: 1.0, overrides: {fixed_base: true}}]")
+    (made,) = gap_import.load(folder, SERVO, path)
+    assert (made.name, len(made.t), made.overrides) == ("late", 200, {"fixed_base": True})
+    path.write_text("records: [{rows: [0, 9]}]")
+    refused(folder, SERVO, "cut by from and to, not by rows", path)
+    path.write_text("records: [{file: other.mcap}]")
+    refused(folder, SERVO, "no record of", path)
+
+
+def test_how_the_robot_was_held_is_known_but_not_its_effects(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+    text = yaml.safe_dump(
+        {"effects": [{"name": "x"}], "overrides": {"fixed_base": True, "drives.pivot.kp": 1.0}}
+    )
+    folder = bag(tmp_path / "held", attach={"experiment.yaml": text}, **topics)
+    assert gap_import.load(folder, SERVO)[0].overrides == {"fixed_base": True}
+
+
+def test_clocks_are_told(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+    (made,) = gap_import.load(bag(tmp_path / "late", late=0.02, **topics), SERVO)
+    assert "/joint_states was logged 20.0 ms after its stamps" in made.notes
+
+    def unstamped(t):
+        return JointState(name=["pivot"], position=[angle(t)])
+
+    topics["joint_states"] = (unstamped, 100)
+    (made,) = gap_import.load(bag(tmp_path / "none", **topics), SERVO)
+    assert any("has no stamps" in note for note in made.notes) and len(made.t) == 300
+
+
+def test_bags_that_cannot_be_used(tmp_path):
+    good = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+
+    def spoilt(name, said, **changes):
+        topics = {k: v for k, v in (good | changes).items() if v is not None}
+        refused(bag(tmp_path / name, **topics), SERVO, said)
+
+    def states(names=("pivot",), **fields):
+        return joints(names, **fields), 100
+
+    turned = states(position=angle, velocity=lambda t: np.degrees(speed(t)))
+    spoilt("quiet", "no messages on /joint_command, role command is missing", joint_command=None)
+    spoilt("blind", "no messages on joint_states", joint_states=None)
+    spoilt("later", "no time in common", joint_command=(lambda t: COMMANDS(t + 50.0), 100))
+    spoilt("nan", "q of pivot has only NaN", joint_states=states(position=lambda t: np.nan))
+    spoilt("stuck", "constant at 0.1", joint_states=states(position=lambda t: 0.1))
+    spoilt("other", "joints wheel are not those of", joint_states=states(["wheel"], position=angle))
+    spoilt("degrees", "dq is in deg/s", joint_states=turned)
+    refused(bag(tmp_path / "short", seconds=0.2, **good), SERVO, "too short")
+
+
+def test_what_is_no_recording(tmp_path):
+    with pytest.raises(MissingFileError, match="no recording at"):
+        gap_import.load(tmp_path / "none", SERVO)
+    (tmp_path / "a.png").write_text("")
+    refused(tmp_path / "a.png", SERVO, r"a.png is no recording: wanted are .mcap")
+    (tmp_path / "a.csv").write_text("t,q\n0,1\n")
+    refused(tmp_path / "a.csv", SERVO, "needs a mapping that says what its columns are")
+
+
+@pytest.mark.parametrize("name", ["sine", "bound", "walk", "bound_plain", "walk_plain"])
+def test_the_recordings_of_the_surrogate_raise_no_alarm(repository, name):
+    (made,) = gap_import.load(repository / f"bags/surrogate_{name}", TIGRILLO)
+    assert 1.0 / made.dt == pytest.approx(100.0) and made.joints == TIGRILLO.joints
+    assert np.all(np.isfinite(made.joints_of(TIGRILLO, "q")))
+    assert made.step("q") == pytest.approx(0.00506)
+    lag = next(note for note in made.notes if note.startswith("motion is behind"))
+    assert float(lag.split("about ")[1].split()[0]) > 100.0
+
+
+def test_the_graph_of_hyq(tmp_path):
+    experiment = load_experiment(
+        "hyq_short", {"learner.train": 0.3, "learner.closing": 0.1, "learner.test": 0.1}
+    )
+    run_rollout(experiment, tmp_path / "trot", lambda progress: None)
+    hyq = robots.load("hyq")
+    (made,) = gap_import.load(tmp_path / "trot", hyq)
+    log = read_log(Bag(tmp_path / "trot"))
+    assert np.array_equal(made.signals["q"], log.q)
+    assert np.array_equal(made.signals["tau"], log.tau)
+    assert np.array_equal(made.signals["grf"], log.grf[:, :, 2])
+    assert np.array_equal(made.command["position"], log.command)
+    assert np.array_equal(made.command["torque"], log.trunk_tau)
+    assert made.joints == hyq.joints and made.feet == hyq.feet
+    refused(tmp_path / "trot", TIGRILLO, "12 values of q, the robot has 8")
+
+
+def test_gains_of_stance_and_torques_of_the_trunk_reach_the_model_of_hyq(tmp_path):
+    """HyQ bolted in the air treads under its trunk controller; the same model says the same."""
+    held = {"overrides": {"fixed_base": True, "height": 1.0}, "gait.start_time": 0.1}
+    experiment = load_experiment("hyq_trot_open", {**held, "duration": 1.2})
+    run_rollout(experiment, tmp_path / "tread", lambda progress: None)
+    (made,) = gap_import.load(tmp_path / "tread", robots.load("hyq"))
+    assert made.overrides == held["overrides"]
+    stance = made.stance_of(made.feet)
+    assert {tuple(row) for row in stance.tolist()} > {(True, False, False, True)}
+    assert np.ptp(made.command["torque"], axis=0).max() > 1.0
+
+    def worst(record):
+        forward = Forward(Model("hyq"), [record], ForwardParams(burn_in=0.0))
+        return np.nanmax(np.abs(forward()[0] - forward.measured[0]))
+
+    assert worst(made) < 1e-3
+    assert worst(replace(made, stance={})) > 1.0
+    command = {kind: v for kind, v in made.command.items() if kind != "torque"}
+    assert worst(replace(made, command=command)) > 1.0

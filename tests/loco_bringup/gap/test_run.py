@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap`: its words, its page, its files, and one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_bringup.cli.table import parser
+from loco_bringup.gap import next as following
+from loco_bringup.gap import page as pages
+from loco_bringup.gap import run as runner
+from loco_bringup.gap import text
+from loco_control.exceptions import LocoError, ParameterError
+from loco_learning.gap import workflow
+from loco_learning.gap.proposals import pool
+from loco_learning.runs.experiment import load as load_experiment
+from loco_sim.plant import model as models
+from loco_sim.plant.model import Model
+
+from .gap_result import NEXT, curves, result
+
+VERDICTS = ("named", "ambiguous", "unknown", "no gap")
+
+
+@pytest.fixture(scope="module")
+def records():
+    model = Model("servo_pendulum")
+    chosen = [pool.choose(pool.pool(model), name) for name in ("chirp_large", "steps")]
+    return pool.records(model, chosen)
+
+
+@pytest.fixture
+def found(monkeypatch, records):
+    """The workflow answers at once; recordings are those of a model."""
+    asked = {}
+
+    def find(model, fit, held, params, progress, workers, keep):
+        asked.update(model=model, fit=fit, held=held, params=params, workers=workers)
+        progress(0.5, "screening", "coulomb_friction")
+        known = result(
+            settings={"seed": np.int64(params.seed), "window": 0.0, "worst": float("nan")}
+        )
+        keep({**known, "next": []})
+        progress(0.95, "looking for the next experiment", "coulomb_friction")
+        return known
+
+    monkeypatch.setattr(workflow, "find", find)
+    monkeypatch.setattr(
+        runner, "load", lambda path, robot, mapping=None: [records["steps" in str(path)]]
+    )
+    return asked
+
+
+def call(*arguments):
+    """Exit code of a command line."""
+    with pytest.raises(SystemExit) as end:
+        cli.main(["gap", *map(str, arguments)])
+    return end.value.code
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_is_one_sentence_without_names_of_code(verdict):
+    line = text.headline(result(verdict))
+    assert line.lower().startswith(verdict)
+    assert "_" not in line and "None" not in line
+
+
+def test_words_say_what_where_and_how_big():
+    (line,) = text.term_lines(result())
+    assert line.startswith("coulomb friction in pivot: torque 0.0512 N·m (0.047 to 0.056)")
+    assert "over 1000 : 1" in line
+    assert "14.2 before, 1.32 after" in text.gap_line(result())
+    assert "91 %" in text.gap_line(result())
+    line = text.gap_line(result("unknown"))  # nothing is added to the model
+    assert "14.2 before times" in line and "after" not in line and "94" not in line
+    assert text.place_of("*_kfe_joint") == "all kfe"
+    assert text.place_of(None) == "the whole robot"
+    assert text.next_line(NEXT).startswith("slow ramp tells coulomb friction from stribeck")
+
+
+class Reader(HTMLParser):
+    """Counts tags and collects words."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.words = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in ("meta", "img", "br", "link"):
+            self.open.append(tag)
+        for _, value in attrs:
+            assert not str(value).startswith(("http:", "https:", "//"))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_what_the_recordings_cannot_tell_a_test_at_the_robot_can():
+    delay = result("ambiguous", ambiguous=[["command_delay", "sensor_latency"]], next=[])
+    (line,) = text.at_the_robot(delay)
+    assert line.startswith("command delay from sensor latency: ")
+    assert "push the robot by hand" in line
+    assert line in " ".join(Reader(pages.page(delay, curves())).words)
+    assert text.at_the_robot(result("named")) == []
+    nominal = result("ambiguous", ambiguous=[["coulomb_friction", "drives.pivot.gain"]])
+    assert text.at_the_robot(nominal) == []
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_is_whole_and_names_no_address(verdict):
+    page = pages.page(result(verdict), curves())
+    reader = Reader(page)
+    assert reader.open == []
+    words = " ".join(reader.words)
+    assert text.headline(result(verdict)) in words
+    assert words.index("14.2") < words.index("Before and after", words.index("Settings"))
+    assert "Not shown" not in words
+    assert page == pages.page(result(verdict), curves())
+
+
+def test_a_page_of_little_is_drawn_too():
+    bare = result("unknown", where=[], regions=[], rivals=[], next=[], align=[], identifiability={})
+    assert "Not shown" not in pages.page(bare, curves())
+
+
+def test_alarms_and_corrections_are_seen():
+    shown = pages.page(
+        result(
+            "unknown",
+            alarms=["damping is negative"],
+            correction={"kind": "correction, not explanation"},
+        ),
+        curves(),
+    )
+    assert "Alarm: damping is negative" in shown
+    assert "Correction, not explanation" in shown
+
+
+def test_a_search_writes_every_file_and_the_same_bytes_again(found, tmp_path):
+    told = []
+    for name in ("one", "two"):
+        job = runner.Job("servo_pendulum", ("chirp", "steps"))
+        runner.run(job, tmp_path / name, lambda *news: told.append(news))
+    assert len(found["fit"]) == len(found["held"]) == 1  # the last one is held out
+    assert (0.5, "screening", "coulomb_friction") in told
+    names = {p.name for p in (tmp_path / "one").iterdir()}
+    assert names == {"gap.json", "gap.html", "gap.npz", "job.json", "model.yaml"}
+    for name in names:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    values = json.loads((tmp_path / "one/gap.json").read_text())
+    assert list(values) == sorted(values)
+    assert values["settings"]["worst"] is None  # JSON has no NaN
+    assert models.load(tmp_path / "one/model.yaml").effects[0]["name"] == "coulomb_friction"
+
+
+@pytest.mark.parametrize("broken", ["the next experiment", "page"])
+def test_what_comes_after_the_verdict_cannot_cost_it(found, tmp_path, monkeypatch, broken):
+    """Files of the verdict are there whatever breaks later, and a new search may overwrite them."""
+
+    def tell(share, stage, best):
+        if broken in stage:
+            raise RuntimeError(stage)
+
+    out = tmp_path / "out"
+    with pytest.raises(RuntimeError, match=broken):
+        runner.run(runner.Job("servo_pendulum", ("chirp", "steps")), out, tell)
+    assert json.loads((out / "gap.json").read_text())["verdict"] == "named"
+    assert models.load(out / "model.yaml").effects[0]["name"] == "coulomb_friction"
+    assert runner.load_job(out).bags == ("chirp", "steps")
+    runner.claim(out)
+
+
+def test_the_command_says_verdict_and_files(found, tmp_path, capsys):
+    out = tmp_path / "out"
+    code = call("chirp", "--hold-out", "steps", "--robot", "servo_pendulum", "--out", out,
+                "--seed", "7", "--effects", "coulomb_friction", "--workers", "1")  # fmt: skip
+    assert code == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Named: coulomb friction in pivot.")
+    assert str(out / "gap.html") in shown and f"loco gap next {out}" in shown
+    assert found["params"].seed == 7
+    assert tuple(found["params"].effects) == ("coulomb_friction",)
+
+
+def test_a_recording_that_is_held_out_is_never_fitted(found, tmp_path):
+    job = runner.Job("servo_pendulum", ("chirp", "./steps"), ("steps",))
+    runner.run(job, tmp_path / "out")
+    assert len(found["fit"]) == len(found["held"]) == 1
+
+
+def test_more_recordings_join_those_there_are(found, tmp_path):
+    out = tmp_path / "out"
+    assert call("chirp", "steps", "--robot", "servo_pendulum", "--out", out, "--seed", "3") == 0
+    assert call(out, "--add", "more") == 0
+    assert runner.load_job(out).bags == ("chirp", "steps", "more")
+    assert found["params"].seed == 3
+    assert len(found["fit"]) == 2
+
+
+def test_the_next_experiment_is_a_file_that_runs(found, tmp_path, capsys):
+    out = tmp_path / "out"
+    call("chirp", "steps", "--robot", "servo_pendulum", "--out", out)
+    assert call("next", out) == 0
+    path = out / "next_slow_ramp.yaml"
+    assert f"loco run {path}" in capsys.readouterr().out
+    experiment = load_experiment(str(path))
+    assert experiment.target.kind == "triangle"
+    assert experiment.effects == ()
+    rubbing = tmp_path / "rubbing.yaml"
+    Model("servo_pendulum", {}, [{"name": "coulomb_friction", "torque": 0.1}]).save(rubbing)
+    hidden = load_experiment(str(path), {"robot": str(rubbing)})  # as loco run --set does
+    assert hidden.effects[0]["torque"] == 0.1
+
+
+def test_the_library_of_a_robot_is_written_as_files_that_load(tmp_path):
+    made = following.write_library("linear_axis", tmp_path)
+    assert {p.stem for p in made} == {e.name for e in pool.pool(Model("linear_axis"))}
+    for path in made:
+        again, meant = load_experiment(str(path)), pool.choose(
+            pool.pool(Model("linear_axis")), path.stem
+        )  # fmt: skip
+        assert again.target.kind == meant.target.kind
+        assert again.duration == meant.duration
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "at least one recording"),
+        (("bag",), "wants --robot"),
+        (("bag", "--robot", "nobody"), "tigrillo"),
+        (("nowhere", "--robot", "tigrillo"), "nowhere"),
+        (("bag", "--robot", "tigrillo", "--workers", "0"), "at least 1, got 0"),
+        (("bag", "--robot", "tigrillo", "--seed", "-1"), "seed"),
+        (("bag", "--robot", "tigrillo", "--effects", "magic"), "no effect named 'magic'"),
+        (("bag", "--add", "more"), "holds no job.json"),
+        (("a", "b", "--add", "more"), "takes one folder of results"),
+        (("next", "nowhere"), "nowhere holds no gap.json"),
+        (("experiments", "nobody"), "tigrillo"),
+    ],
+)
+def test_every_mistake_is_one_line_and_exit_code_2(
+    arguments, message, capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert call(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_with_other_files_is_not_touched(tmp_path):
+    (tmp_path / "photo.jpg").touch()
+    with pytest.raises(ParameterError, match="holds other files"):
+        runner.claim(tmp_path)
+    with pytest.raises(ParameterError, match="is a file"):
+        runner.claim(tmp_path / "photo.jpg")
+    runner.claim(tmp_path / "new")
+
+
+def test_results_of_another_kind_are_refused(tmp_path):
+    for content in ("nothing", "[]", '{"format": 99}'):
+        (tmp_path / "job.json").write_text(content)
+        with pytest.raises(LocoError):
+            runner.load_job(tmp_path)
+
+
+def test_a_rank_that_is_not_proposed_is_refused(tmp_path):
+    runner.write_json(tmp_path / "gap.json", result(next=[]))
+    with pytest.raises(LocoError, match="proposes 0 experiments.*nothing is left"):
+        following.write_next(tmp_path)
+
+
+def test_a_robot_given_by_its_path_is_found_from_the_model_file(tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot/robot.yaml").write_text("x")
+    there = Model(str(tmp_path / "robot/robot.yaml"))
+    assert runner.beside(there, tmp_path / "out").robot == "../robot/robot.yaml"
+    assert runner.beside(Model("tigrillo"), tmp_path).robot == "tigrillo"
+
+
+def test_the_help_names_every_option_of_the_tutorial():
+    shown = parser("gap").format_help()
+    for option in (
+        "--robot",
+        "--mapping",
+        "--hold-out",
+        "--add",
+        "--out",
+        "--free",
+        "--effects",
+    ):
+        assert re.search(rf"{option}\b", shown)

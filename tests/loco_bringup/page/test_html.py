@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pages are well-formed, name no address, and show hostile text as text."""
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+from markupsafe import Markup
+
+from loco_bringup.page import html
+from loco_bringup.page.style import canvas
+from loco_control.exceptions import BagError
+
+HOSTILE = "<script>alert('&')</script>\"><img src=x onerror=y> {{ 7 * 7 }} {% raw %}"
+
+
+class Page(HTMLParser):
+    """Tags, text and attributes of a page; fails where tags do not match."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.text, self.values = [], [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.values += [value for _, value in attrs]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+BLOCKS = {
+    "paragraph": lambda x: html.paragraph(x, x, soft=True),
+    "note": html.note,
+    "strong": html.strong,
+    "code": html.code,
+    "good": html.good,
+    "missing": html.missing,
+    "verdict": lambda x: html.verdict(x, False),
+    "cards": lambda x: html.cards([(x, x, x)], x),
+    "facts": lambda x: html.facts({x: x}),
+    "table": lambda x: html.table([x], [[x]], numeric=[0]),
+    "matrix": lambda x: html.matrix([x], [(x, [(x, "good")])]),
+    "bullets": lambda x: html.bullets([x]),
+    "figure": lambda x: html.figure(lambda: canvas(1, 1, 1.0)[0], x, x),
+    "clickable": lambda x: html.clickable(canvas(1, 1, 1.0)[0], (0, 0, 1, 1), [[x]], x, x),
+    "case_panel": lambda x: html.case_panel({x: {x: x}}),
+    "movie": lambda x: html.movie(b"GIF89a", x),
+    "yaml_block": lambda x: html.yaml_block({x: x}),
+    "folded": lambda x: html.folded(x, x),
+    "join": lambda x: html.join([x]),
+}
+
+
+def test_every_block_is_here():
+    made = {
+        name
+        for name, value in vars(html).items()
+        if getattr(value, "__module__", "") == html.__name__ and not name.startswith("_")
+    }
+    assert made - set(BLOCKS) == {"Part", "part", "document", "number"}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_text_stays_text(name):
+    """A name that a bag holds cannot add a tag, an attribute or a template to the page."""
+    block, plain = BLOCKS[name](HOSTILE), BLOCKS[name]("a harmless and long text")
+    assert isinstance(block, Markup)
+    hostile = Page(block)
+    assert hostile.tags == Page(plain).tags
+    words = " ".join(" ".join([*hostile.text, *map(str, hostile.values)]).split())
+    # Values of a script are JSON with the characters of tags escaped.
+    words = re.sub(r"\\u([0-9a-f]{4})", lambda found: chr(int(found[1], 16)), words)
+    assert "alert('&')" in words.replace("''", "'") and "{{ 7 * 7 }}" in words
+
+
+def test_a_page_is_whole_and_names_no_address():
+    parts = [
+        html.part(HOSTILE, lambda: html.table(["a"], [["b"]]), long=True),
+        html.part("Second, part", lambda: HOSTILE),
+    ]
+    text = html.document(HOSTILE, html.paragraph(HOSTILE), parts)
+    page = Page(text)
+    assert text.startswith("<!DOCTYPE html>")
+    assert "script" not in page.tags and "http" not in text and "url(" not in text
+    assert page.tags.count("section") == 2 and "#second-part" in page.values
+    assert "prefers-color-scheme: dark" in text and "width=device-width" in text
+
+
+def test_a_part_without_data_says_why():
+    def fail():
+        raise BagError("no <data>")
+
+    part = html.part("Figure", fail)
+    assert part.content == '<p class="missing">Not shown: no &lt;data&gt;</p>'
+
+
+def test_rows_have_marks_and_numbers_are_aligned():
+    text = html.table(["name", "value"], [["a", "1"], ["b", "2"]], numeric=[1], marks=["good", ""])
+    assert '<tr class="good"><td>a</td><td class="n">1</td></tr>' in text
+    assert '<tr><td>b</td><td class="n">2</td></tr>' in text
+    assert html.bullets([]) == html.cards([]) == ""

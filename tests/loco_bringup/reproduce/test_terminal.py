@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco reproduce`: arguments, verdicts on the terminal, page."""
+
+import csv
+import dataclasses
+
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_learning.networks import jobs as msd_jobs
+from loco_learning.thesis import evidence
+from loco_learning.thesis.evidence import Entry
+
+SHORT = {"learner.train": 1.0, "learner.closing": 1.2, "learner.test": 1.2, "learner.stand": 0.2}
+
+
+def call(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["reproduce", *arguments])
+    return caught.value.code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["msb"], "no thing to reproduce named 'msb' (did you mean 'msd'?)"),
+        (["msd", "--preset", "code"], "available: author_code, thesis"),
+        (["msd", "--workers", "0"], "workers must be at least 1, got 0"),
+        (["hyq", "--plan", "fast"], "no plan named 'fast'; available: full, medium, quick"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, text, capsys):
+    assert call(*arguments) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_verdicts_are_printed_and_the_page_is_written(tmp_path, monkeypatch, capsys):
+    quick = dataclasses.replace(
+        msd_jobs.PLANS["quick"], nodes=(5,), repetitions=1, budget=(0, 10), omega_nodes=(),
+        powers=(), loop_repetitions=0, regularisations=(), noises=(),
+    )  # fmt: skip
+    monkeypatch.setitem(msd_jobs.PLANS, "quick", quick)
+    assert call("msd", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
+    text = capsys.readouterr().out
+    assert "6.5  agrees" in text
+    assert "not decided" in text
+    assert (tmp_path / "README.md").is_file()
+    assert (tmp_path / "runs" / "nodes_5_0.npz").is_file()
+
+
+def test_claims_are_judged_from_what_ran_and_the_rest_is_open(tmp_path, monkeypatch, capsys):
+    entries = {"clock": Entry("clock", "chapter8_clock", seeds=1, overrides=SHORT)}
+    monkeypatch.setattr(evidence, "plan", lambda name: entries)
+    assert call("clock", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
+    out = capsys.readouterr().out
+    assert "5 not decided" in out and "chapter8 is not in this plan" in out
+    rows = {row["claim"]: row for row in csv.DictReader(open(tmp_path / "verdicts.csv"))}
+    assert len(rows) == 6 and rows["8.6"]["verdict"] != "not decided"
+    assert "clock slip" in rows["8.6"]["found"]
+    page = (tmp_path / "README.md").read_text()
+    assert "| 8.6 |" in page and "[clock](clock/table.md)" in page

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cases are drawn from a seed, and are as large as they say."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from loco_bringup.workshop.battery import cases, sizes
+from loco_bringup.workshop.battery.physics import kinds, machines
+from loco_control.exceptions import NameUnknownError
+
+pytestmark = pytest.mark.usefixtures("short")
+
+
+def test_the_first_cases_do_not_depend_on_how_many_are_asked_for():
+    assert cases.plan(30, 4)[:12] == cases.plan(12, 4)
+    assert cases.plan(12, 4) != cases.plan(12, 5)
+
+
+def test_a_battery_has_all_kinds_on_all_robots():
+    made = cases.plan(120, 1001)
+    kinds_of = Counter(c.kind for c in made)
+    assert kinds_of == {"single": 72, "pair": 18, "outsider": 18, "null": 12}
+    assert {c.robot for c in made} == set(machines.MACHINES)
+    nulls = {c.robot for c in made if c.kind == "null"}
+    assert len(nulls) > 1
+    assert len({c.name for c in made}) == len({c.seed for c in made}) == 120
+    used = {name for c in made if c.kind == "single" for name in c.wanted}
+    assert len(used) > 0.9 * len(kinds.KINDS)
+
+
+def test_effects_asked_for_are_single():
+    made = cases.plan(10, 1, ["linear_axis"], ["*friction"])
+    assert {c.kind for c in made} == {"single"}
+    assert all("friction" in name for c in made for name in c.wanted)
+
+
+@pytest.mark.parametrize(("robots", "effects"), [(["dog"], []), ([], ["magic"])])
+def test_unknown_names_are_refused(robots, effects):
+    with pytest.raises(NameUnknownError):
+        cases.plan(3, 1, robots, effects)
+
+
+@pytest.mark.parametrize("size", list(sizes.TARGETS))
+def test_a_size_shows_as_much_as_it_says(size):
+    found = sizes.sized("viscous_friction", "linear_axis", size, np.random.default_rng(1), 7)
+    assert abs(np.log(found[1] / sizes.TARGETS[size])) < 0.4
+    again = sizes.visibility("linear_axis", [found[0]], 7)
+    assert again == pytest.approx(found[1])
+
+
+def test_nothing_hidden_shows_nothing():
+    assert sizes.visibility("linear_axis", (), 7) < 1.3
+
+
+def test_a_filled_case_is_reproduced_and_survives_its_truth_file():
+    planned = cases.plan(1, 8, ["linear_axis"], ["coulomb*", "viscous*"])[0]
+    case = cases.fill(planned, ["coulomb*", "viscous*"])
+    assert case == cases.fill(planned, ["coulomb*", "viscous*"])
+    assert len(case.effects) == 1
+    again = cases.from_truth(json.loads(json.dumps(cases.truth(case))))
+    assert again.effects == case.effects
+    a, b = cases.readings(case), cases.readings(again)
+    assert set(a) == {"fit_chirp", "fit_steps", "fit_ramp", "hold_out"}
+    assert all(a[k].q.tobytes() == b[k].q.tobytes() for k in a)
+
+
+def test_a_pair_has_two_effects_of_different_families():
+    planned = next(c for c in cases.plan(40, 2, ["linear_axis"]) if c.kind == "pair")
+    case = cases.fill(planned)
+    first, second = (kinds.KINDS[e.effect].family for e in case.effects)
+    assert first != second

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A file is its old content or its new one."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from loco_control.files import write_whole
+
+DIES = """
+import os, sys
+from loco_control.files import write_whole
+def half(file):
+    file.write(b"new" * 100_000)
+    file.flush()
+    os._exit(9)
+write_whole(sys.argv[1], half)
+"""
+
+
+@pytest.mark.parametrize(
+    "content", ["é\n", "é\n".encode(), lambda file: file.write("é\n".encode())]
+)
+def test_text_bytes_and_writers_give_the_same_file_in_a_new_folder(tmp_path, content):
+    path = tmp_path / "a" / "b" / "file.txt"
+    assert write_whole(path, content) == path
+    assert path.read_bytes() == b"\xc3\xa9\n"
+    assert os.listdir(path.parent) == ["file.txt"]
+
+
+@pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt(), ValueError("no")])
+def test_an_interrupted_writer_leaves_the_old_file_and_nothing_else(tmp_path, error):
+    path = write_whole(tmp_path / "file", "old")
+
+    def half(file):
+        file.write(b"new")
+        raise error
+
+    with pytest.raises(type(error)):
+        write_whole(path, half)
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_killed_writer_leaves_the_old_file(tmp_path):
+    path = write_whole(tmp_path / "file", "old")
+    done = subprocess.run([sys.executable, "-c", DIES, str(path)], check=False, timeout=60)
+    assert done.returncode == 9
+    assert path.read_text() == "old"
+
+
+def test_an_existing_file_is_replaced_and_readable_by_others(tmp_path):
+    path = write_whole(tmp_path / "file", "a longer content than what follows")
+    before = os.umask(0o022)
+    try:
+        write_whole(path, b"new")
+    finally:
+        os.umask(before)
+    assert path.read_bytes() == b"new"
+    assert path.stat().st_mode & 0o777 == 0o644

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever is wrong with a text or file of others is one error of ours, and costs little."""
+
+import gzip
+import io
+import json
+import time
+import zipfile
+
+import numpy as np
+import pytest
+
+from loco_control import reading
+from loco_control.exceptions import LocoError, MissingFileError, ParameterError
+
+LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+BROKEN_YAML = {
+    "open bracket": "a: [",
+    "tab": "a:\n\t- b",
+    "date of no day": "a: 2001-99-99",
+    "whole number of 5000 digits": "a: " + "9" * 5000,
+    "tag of no float": "a: !!float x",
+    "tag of no int": "a: !!int ''",
+    "tag of no bool": "a: !!bool x",
+    "tag of no date": "a: !!timestamp x",
+    "tag of Python": "a: !!python/object/apply:os.system [ls]",
+    "key that is a list": "? [a]\n: b",
+    "key that is a mapping": "? {a: b}\n: c",
+    "NUL": "a: \0",
+    "lone surrogate": "a: \udcff",
+    "deep": "[" * 100_000,
+    "deep and closed": "[" * 5000 + "]" * 5000,
+    "deep mapping": "a: " + "{a: " * 200 + "}" * 200,
+    "an alias to itself": "&a [*a]",
+    "aliases that expand to 9 to the power of 9": LAUGHS,
+    "unknown alias": "a: *b",
+    "twice": "a: 1\na: 2",
+    "two documents": "a: 1\n---\na: 2",
+    "merge of a number": "<<: 3",
+}
+
+
+@pytest.mark.parametrize("how", BROKEN_YAML)
+def test_what_is_wrong_with_a_yaml_text_is_one_line_of_ours_at_once(how):
+    begin = time.perf_counter()
+    with pytest.raises(ParameterError, match=r"model\.yaml") as caught:
+        reading.parse_yaml(BROKEN_YAML[how], "model.yaml")
+    assert time.perf_counter() - begin < 5.0
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_the_line_of_a_mistake_is_told():
+    with pytest.raises(ParameterError, match=r"^x.yaml, line 3, is not YAML: 'no' is no float"):
+        reading.parse_yaml("a: 1\nb: 2\nc: !!float no\n", "x.yaml")
+
+
+def test_yaml_that_is_right_is_read_with_numbers_as_people_write_them():
+    text = "base: &b {k: 1e-3, n: [1, 2.5, yes]}\nother: {<<: *b, k: -2E4}\nempty:\n"
+    assert reading.parse_yaml(text, "x") == {
+        "base": {"k": 1e-3, "n": [1, 2.5, True]},
+        "other": {"k": -2e4, "n": [1, 2.5, True]},
+        "empty": None,
+    }
+
+
+def test_a_text_that_is_too_long_is_not_read():
+    with pytest.raises(ParameterError, match="101 characters, at most 100"):
+        reading.parse_yaml("a" * 101, "x", most=100)
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, "9" * 5000 + "", '{"a": }', "", "nul"])
+def test_what_is_wrong_with_a_json_text_is_one_line_of_ours(text):
+    with pytest.raises(ParameterError, match="log.json.*is not JSON"):
+        reading.parse_json(text, "log.json")
+
+
+def test_a_field_of_a_table_that_is_too_long_is_told_with_its_line():
+    with pytest.raises(ParameterError, match="t.csv, line 2: field larger"):
+        reading.parse_csv(["a,b", "1," + "9" * 200_000], "t.csv")
+
+
+def test_files_that_are_none(tmp_path):
+    (tmp_path / "latin").write_bytes(b"a: b\nc: caf\xe9\n")
+    with pytest.raises(ParameterError, match="latin, line 2: not UTF-8 text, byte 0xe9"):
+        reading.read_yaml(tmp_path / "latin")
+    for path in (tmp_path / "none", tmp_path, "a\0b", "x" * 5000, "/dev/zero"):
+        with pytest.raises(MissingFileError):
+            reading.read_text(path)
+
+
+def test_a_compressed_file_is_read_up_to_a_limit(tmp_path):
+    path = tmp_path / "t.csv.gz"
+    path.write_bytes(gzip.compress(b"a,b\n1,2\n"))
+    assert reading.read_text(path) == "a,b\n1,2\n"
+    path.write_bytes(gzip.compress(bytes(2**20)))
+    with pytest.raises(ParameterError, match="larger than 0.5 MiB decompressed"):
+        reading.read_text(path, most=2**19)
+    whole = path.read_bytes()
+    for broken in (whole[:20], whole[:-4], whole[:30] + b"\xff" * 9 + whole[39:], b"no gzip"):
+        path.write_bytes(broken)
+        with pytest.raises(ParameterError, match="not a gzip file"):
+            reading.read_text(path)
+
+
+def archive(**arrays):
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return stream.getvalue()
+
+
+def test_every_truncation_and_many_flips_of_an_archive_are_errors_of_ours(tmp_path):
+    path, rng = tmp_path / "w.npz", np.random.default_rng(0)
+    whole = archive(a=np.arange(9.0), meta=json.dumps({"kind": "weights"}))
+    path.write_bytes(whole)
+    assert reading.read_npz(path)["a"].tolist() == list(range(9))
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        with pytest.raises(LocoError):
+            reading.read_npz(path)
+    refused = 0
+    for _ in range(1000):
+        data = bytearray(whole)
+        data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+        path.write_bytes(data)
+        try:
+            reading.read_npz(path)
+        except LocoError:
+            refused += 1
+    assert refused > 500
+
+
+def test_an_archive_that_expands_too_far_or_holds_pickles_is_refused(tmp_path):
+    path = tmp_path / "w.npz"
+    path.write_bytes(archive(a=np.zeros(10**6)))
+    with pytest.raises(ParameterError, match="larger than 1 MiB decompressed"):
+        reading.read_npz(path, most=2**20)
+    stream = io.BytesIO()
+    np.savez(stream, a=np.array([{"x": 1}], dtype=object))
+    path.write_bytes(stream.getvalue())
+    with pytest.raises(ParameterError, match="not a file"):
+        reading.read_npz(path)
+    with zipfile.ZipFile(path, "w") as z:  # a header that promises more than there is
+        header = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, "
+        z.writestr("a.npy", (header + b"'shape': (999999999999,), }").ljust(127) + b"\n")
+    with pytest.raises(ParameterError):
+        reading.read_npz(path)
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../x", "a/b", "a\\b", "a\0b", "a\nb", "x" * 201])
+def test_a_name_never_leaves_its_folder(tmp_path, name):
+    with pytest.raises(ParameterError, match="must be a plain file name"):
+        reading.within(tmp_path, name)
+
+
+def test_a_plain_name_is_a_file_of_its_folder(tmp_path):
+    assert reading.within(tmp_path, "gehölz 1.yaml") == tmp_path / "gehölz 1.yaml"

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is worth a search where runs are dear."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from loco_learning.gap.hypotheses import likely
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_sim.effects.coordinates import Coordinate
+
+JOINTS = [f"j{i}" for i in range(8)]
+
+
+class Linear:
+    """A case in which each effect adds a column of its own, in proportion to its size."""
+
+    def __init__(self, columns, truth, noise=0.1):
+        rng = np.random.default_rng(0)
+        self.columns = columns
+        self.base = noise * rng.standard_normal(200) - sum(v * columns[k] for k, v in truth.items())
+        self.forward = SimpleNamespace(fewer=lambda pieces: None)
+
+    def vector(self, specs, coarse=False):
+        return self.base + sum(s["size"] * self.columns[s["name"]] for s in specs)
+
+
+def hypothesis(effect, low=0.0, size=0.1):
+    size = Coordinate("size", size, (1.0,), low, 10.0, strength=True)
+    return Hypothesis(effect, "", (), (size,))
+
+
+def shares(truth, hypotheses):
+    rng = np.random.default_rng(1)
+    columns = {h.effect: rng.standard_normal(200) for h in hypotheses}
+    case = Linear(columns, truth)
+    return [likely.share(case, h) for h in hypotheses]
+
+
+def test_what_is_there_explains_most_whatever_its_size(monkeypatch):
+    monkeypatch.setattr(likely, "replace", lambda case, forward: case)
+    found = shares({"b": 2.0}, [hypothesis(name) for name in "abc"])
+    assert found[1] > 0.95
+    assert max(found[0], found[2]) < 0.2
+
+
+def test_a_forbidden_sign_explains_nothing_and_an_allowed_one_all(monkeypatch):
+    monkeypatch.setattr(likely, "replace", lambda case, forward: case)
+    (never,) = shares({"a": -1.0}, [hypothesis("a")])
+    (both,) = shares({"a": -1.0}, [hypothesis("a", low=-10.0)])
+    assert never == 0.0
+    assert both > 0.95
+
+
+def case_with(excess):
+    """A case whose joints are so far off [floors]."""
+    channels = [SimpleNamespace(signal="q", name=j) for j in JOINTS]
+    rows = np.tile(np.array(excess, float), (50, 1))
+    return SimpleNamespace(
+        forward=SimpleNamespace(channels=channels),
+        fit_rows=[np.ones(50, bool)],
+        whitened=lambda specs: [rows],
+    )
+
+
+def test_joints_that_stand_out_are_looked_at_alone_and_none_where_all_do():
+    assert likely.conspicuous(case_with([1, 1, 5, 1, 1, 1, 1, 1])) == {"j2"}
+    assert likely.conspicuous(case_with([5] * 8)) == set()

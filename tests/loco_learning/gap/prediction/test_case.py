@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Floors of channels, and predictions between two steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.proposals.following import following
+from loco_learning.gap.recordings.record import Record
+from loco_sim.plant.model import Model
+
+T = np.arange(300) / 100.0
+STEP = 0.00506  # of the servo's encoder [rad]
+
+
+def servo(resolution):
+    """A servo that jumps twice, as a forward model and its record."""
+    wanted = np.where(T < 1.0, 0.0, np.where(T < 2.0, 0.4, -0.3))[:, None]
+    empty = Record("jumps", T, {"position": wanted}, ("pivot",), {"q": 0.0 * wanted}, ("pivot",))
+    model = Model("servo_pendulum", {"drives.pivot.resolution": resolution})
+    (q,) = Forward(model, [empty])()
+    noise = 0.001 * np.random.default_rng(1).standard_normal(q.shape)
+    record = replace(empty, signals={"q": q + noise})
+    return Forward(model, [record]), record
+
+
+def test_each_joint_has_its_own_quantisation_step(slide):
+    (record, *_), _ = slide.records()
+    steps = {("q", "hip"): 0.005, ("q", "knee"): 0.001}
+    both = [replace(record, resolution=steps), replace(record, resolution={("q", "hip"): 0.004})]
+    assert cases._step(both, "q", "hip") == 0.005
+    assert cases._step(both, "q", "knee") == 0.001
+    assert cases._step(both, "q", "one that hardly moves") == 0.005  # the signal's largest
+    assert cases._step(both, "tau", "hip") == 0.0
+
+
+def test_what_hangs_on_the_phase_of_hunting_is_no_gap():
+    forward, record = servo(STEP)
+    case = cases.prepare(forward, [record], [])
+    step = case.fine
+    for speed in (-0.15, 0.1):
+        (other,), (same,) = forward.nudged(speed)((), {}, step=step), forward((), {}, step=step)
+        apart = (other - same) / case.floors[0]
+        assert np.abs(other - same).max() > 0.2 * STEP  # there is something to forgive
+        assert np.sqrt(np.mean(apart**2)) < 1.0
+
+
+def test_a_drive_that_does_not_round_does_not_hunt():
+    forward, _ = servo(0.0)
+    (apart,) = cases.hunting(forward, 0.25)
+    assert not apart.any()
+
+
+def test_a_nudge_changes_the_speed_at_the_start_and_nothing_else():
+    forward, _ = servo(0.0)
+    (still,), (moved,) = forward(), forward.nudged(0.5)()
+    assert moved[1, 0] - still[1, 0] == pytest.approx(0.005, rel=0.7)
+    assert np.array_equal(forward.nudged(0.0)()[0], still)
+    assert np.array_equal(forward()[0], still)
+
+
+def test_experiments_are_ranked_with_delays_as_they_are(bench, slide):
+    """Two delays that differ by 2 µs are the same, on whatever side of half a step they are."""
+    case, _ = bench([])
+
+    def model(name, delay):
+        held, spec = SimpleNamespace(scale=np.ones(1)), {"name": "actuation_delay", "delay": delay}
+        return SimpleNamespace(names=(name,), specs=[spec], overrides={}, held=held)
+
+    def best(delay, other):
+        judged = SimpleNamespace(
+            best=model("one", delay),
+            rivals=[(model("other", other), SimpleNamespace(odds=2.0))],
+            decision=SimpleNamespace(verdict="ambiguous"),
+        )
+        return following(slide.model, case, judged, [])[0]["odds"]
+
+    assert best(0.001499, 0.001501) < 1.1
+    assert best(0.001499, 0.004) > 100.0

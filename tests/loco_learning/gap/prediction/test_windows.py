@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pieces begin where the robot was, and a right model stays there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.prediction import windows
+from loco_learning.gap.prediction.forward import Forward, ForwardParams, start
+from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.tracks import Track
+from loco_learning.params import JointLearnerParams
+from loco_learning.runs.experiment import Experiment
+from loco_learning.runs.rollout import rollout
+from loco_sim.plant.model import Model
+
+SHORT = ForwardParams(window=0.2)
+
+
+def swinging(effects: list | None = None, rows: int = 400) -> Record:
+    """A pendulum that is thrown about by a torque."""
+    t = np.arange(rows) / 200.0
+    push = np.sin(9.0 * t)[:, None] + 0.7 * np.sin(2.3 * t)[:, None]
+    silent = Record("p", t, {"torque": push}, ("pivot",), {"q": 0.0 * push}, ("pivot",))
+    q = Forward(Model("pendulum", {}, effects or []), [silent])()[0]
+    return Record("p", t, {"torque": push}, ("pivot",), {"q": q}, ("pivot",))
+
+
+def test_smoothing_gives_value_and_rate_of_a_noisy_wave():
+    t = np.arange(500) * 0.005
+    noisy = np.sin(6.0 * t) + np.random.default_rng(0).normal(0.0, 1e-3, len(t))
+    level, rate = windows.smoothed(noisy, 0.005)
+    assert np.std(level - np.sin(6.0 * t)) < 7e-4
+    assert np.std(rate - 6.0 * np.cos(6.0 * t)) < 0.09
+
+
+def test_smoothing_of_exact_samples_changes_little_and_bridges_a_gap():
+    t = np.arange(300) * 0.005
+    exact = np.sin(6.0 * t)
+    exact[40] = np.nan
+    level, rate = windows.smoothed(exact, 0.005)
+    assert np.isnan(level[40]) and np.isnan(rate[40])
+    assert np.nanmax(np.abs(level - np.sin(6.0 * t))) < 3e-4
+    assert np.nanmax(np.abs(rate - 6.0 * np.cos(6.0 * t))[3:-3]) < 0.02
+
+
+def test_noise_is_found_under_a_wave():
+    wave = np.sin(np.arange(4000) * 0.05)
+    noisy = wave + np.random.default_rng(1).normal(0.0, 0.01, 4000)
+    assert windows.noise_of(noisy) == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_robot_that_rested_starts_at_rest_and_settles_whatever_its_first_samples_say():
+    t = np.arange(400) / 200.0
+    q = 0.3 + 0.8 * t[:, None]  # the sensor was switched on in mid-motion, it seems
+    record = Record("r", t, {"torque": 0.0 * q}, ("pivot",), {"q": q}, ("pivot",))
+    (moving,), (rested,) = (
+        start(r, Forward(Model("pendulum"), [r]).robot()) for r in (record, record.rested(1.0))
+    )
+    assert moving.dq[0] == pytest.approx(0.8, abs=0.01)
+    assert (rested.q[0], rested.dq[0]) == (pytest.approx(0.3), pytest.approx(0.0, abs=1e-9))
+
+
+def test_pieces_follow_each_other_and_the_right_model_stays_in_them():
+    record = swinging()
+    forward = Forward(Model("pendulum"), [record], SHORT)
+    error = forward()[0] - forward.measured[0]
+    starts = windows.pieces(record, forward.robot(), 0.2)
+    assert [s.row for s in starts] == list(range(0, 400, 40))
+    assert np.isnan(error[[0, 1, 2, 3, 40, 41, 42, 43]]).all()
+    assert np.sqrt(np.nanmean(error**2)) < 5e-3 * np.std(record.signals["q"])
+
+
+@pytest.mark.parametrize("rows", [399, 400, 401])
+def test_whatever_is_compared_is_predicted(rows):
+    """Also the last sample of a record that is one longer than its pieces."""
+    forward = Forward(Model("pendulum"), [swinging(rows=rows)], SHORT)
+    compared = np.isfinite(forward.measured[0])
+    assert np.isfinite(forward()[0][compared]).all()
+    assert compared[-1].all()
+
+
+def test_what_no_piece_covers_is_not_compared():
+    record = swinging()
+    record.signals["q"][80:130] = np.nan  # a piece would begin at 80 and at 120
+    forward = Forward(Model("pendulum"), [record], SHORT)
+    assert not np.isfinite(forward.measured[0][80:160]).any()
+    assert np.isfinite(forward.measured[0][170:]).any()
+
+
+@pytest.mark.parametrize(
+    ("sensor", "axis", "step", "noise"),
+    [(100, 1000, 0.0015, 0.001), (100, 500, 0.005, 0.003), (200, 1000, 0.0015, 0.0005),
+     (100, 150, 0.005, 0.002), (1000, 1000, 0.0015, 0.001)],
+)  # fmt: skip
+def test_a_robot_at_rest_starts_at_rest_however_fine_the_axis(sensor, axis, step, noise):
+    """A rate from axis samples is a step of the encoder over one of them: 0.5 to 1 rad/s."""
+    plant, rng = Model("servo_pendulum").make_robot(), np.random.default_rng(0)
+
+    def motion(rate):
+        t = np.arange(0.0, 4.0, 1.0 / rate)
+        return t, np.where(t > 1.0, 0.4 * (1.0 - np.cos(6.0 * (t - 1.0))), 0.0)
+
+    for _ in range(5):
+        t, q = motion(sensor)
+        q = step * np.round((q + noise * rng.standard_normal(len(t))) / step)
+        tracks = [Track("q", "pivot", t, q, "q"), Track("command_position", "pivot",
+                                                        *motion(axis), "c")]  # fmt: skip
+        assert start(align.record("r", tracks, plant), plant) == []
+
+
+@pytest.mark.parametrize("rest", [0.05, 0.1, 0.2, 0.3, 0.5])
+def test_a_robot_that_is_soon_told_to_move_starts_at_rest(rest):
+    """A parabola through rest and motion together is neither."""
+    plant, t = Model("servo_pendulum").make_robot(), np.arange(0.0, 4.0, 0.01)
+    for speed in (3.0, 6.0, 12.0):
+        q = np.where(t > rest, 0.5 * np.sin(speed * (t - rest)), 0.0)
+        q = 0.005 * np.round(q / 0.005)
+        tracks = [Track("q", "pivot", t, q, "q"), Track("command_position", "pivot", t, q, "c")]
+        assert start(align.record("r", tracks, plant), plant) == []
+
+
+def test_a_robot_that_swings_at_first_starts_with_its_speed():
+    plant, rng = Model("servo_pendulum").make_robot(), np.random.default_rng(1)
+    t = np.arange(0.0, 4.0, 0.01)
+    q = 0.8 * np.sin(5.0 * t + 0.3) + 0.001 * rng.standard_normal(len(t))
+    record = Record("r", t, {"position": q[:, None]}, ("pivot",), {"q": q[:, None]}, ("pivot",))
+    (begin,) = start(record, plant)
+    assert begin.dq[0] == pytest.approx(4.0 * np.cos(0.3), abs=0.15)
+    assert begin.q[0] == pytest.approx(0.8 * np.sin(0.3), abs=0.005)
+
+
+def test_pieces_tell_a_wrong_model_from_the_right_one():
+    effect = {"name": "coulomb_friction", "torque": 0.2}
+    forward = Forward(Model("pendulum"), [swinging([effect])], SHORT)
+    wrong, right = (
+        np.sqrt(np.nanmean((p[0] - forward.measured[0]) ** 2))
+        for p in (forward(), forward([effect]))
+    )
+    assert wrong > 10.0 * right
+
+
+def test_a_walking_robot_is_put_where_it_was():
+    experiment = Experiment(
+        robot="tigrillo",
+        duration=0.6,
+        overrides={"sensors.exact": True},
+        learner=JointLearnerParams(enabled=False),
+    )
+    log, plant = rollout(experiment), experiment.plant
+    signals = {"q": log.q, "base_position": log.position, "base_orientation": log.orientation}
+    said = {"position": log.command, "velocity": log.command_dq}
+    driven = tuple(plant.joints[i] for i in plant.driven)
+    record = Record("walk", log.t, said, driven, signals, plant.joints).rows(10, 60)
+    forward = Forward(Model("tigrillo"), [record], ForwardParams(window=0.1))
+    error, wanted = forward()[0] - forward.measured[0], forward.measured[0]
+    names = [str(channel) for channel in forward.channels]
+    height = names.index("base_position z")
+    assert np.isfinite(error[9]).all()
+    assert np.nanmax(np.abs(error[:, height])) < 5e-3
+    assert np.nanmean(error**2) < 0.05 * np.nanmean((wanted - np.nanmean(wanted, axis=0)) ** 2)

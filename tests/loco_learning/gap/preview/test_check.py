@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What shows in recordings: sizes that are promised show, and what nothing excites does not."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.fitting.search import call
+from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.params import GapParams
+from loco_learning.gap.preview import check, visible
+from loco_learning.gap.recordings import observe
+from loco_learning.gap.recordings.tracks import Track
+from loco_learning.jobs import pool
+
+SHOWS = 0.75
+
+
+@pytest.fixture(scope="module")
+def found(slide):
+    fit, judge = slide.records()
+    return check.look(slide.model, [*fit, *judge])
+
+
+def of(found, effect, variant=""):
+    return [r for r in found["effects"] if r["effect"] == effect and r["variant"] == variant]
+
+
+@pytest.mark.parametrize("effect", ["coulomb_friction", "viscous_friction", "sensor_gain"])
+def test_an_effect_of_the_smallest_size_adds_as_much_as_shows(bench, effect):
+    case, bundles = bench([])
+    case = replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in case.records])
+    with pool.start(call, (case,)) as tasks:
+        (one,) = visible.look(case, [bundles[effect]], SHOWS, tasks)
+    (h,) = bundles[effect].hypotheses
+    c = h.coordinates[0]
+    at = [0.0 if k.strength else k.start[0] for k in h.coordinates]
+    at[0] = one.smallest / c.size
+    change = case.vector([h.term(at).spec], coarse=True) - case.vector((), coarse=True)
+    channels = case.channel_of()
+    rms = max(np.sqrt(np.mean(change[channels == k] ** 2)) for k in np.unique(channels))
+    assert rms == pytest.approx(SHOWS, rel=0.3)
+    assert one.seen == visible.YES
+
+
+def test_what_cannot_act_does_not_show(found):
+    (roll,) = [r for r in of(found, "slope") if r["parameter"] == "roll"]  # across the slide
+    assert roll["seen"] == "no" and roll["alike"] == []
+    assert {r["seen"] for r in of(found, "coulomb_friction")} == {"yes"}
+
+
+def test_a_slide_is_told_in_newtons(found):
+    assert of(found, "coulomb_friction")[0]["unit"] == "N"
+
+
+def test_look_alikes_are_mutual(found):
+    alike = {
+        r["effect"]: set(r["alike"]) for r in found["effects"] if len(of(found, r["effect"])) == 1
+    }
+    pairs = [(a, b) for a, names in alike.items() for b in names if b in alike]
+    assert pairs
+    assert all(a in alike[b] for a, b in pairs)
+
+
+def test_any_number_of_workers_says_the_same(slide, found):
+    fit, judge = slide.records()
+    again = check.look(slide.model, [*fit, *judge], workers=2)
+    assert {k: v for k, v in again.items() if k != "search_seconds"} == {
+        k: v for k, v in found.items() if k != "search_seconds"
+    }
+
+
+def test_an_effect_that_the_robot_cannot_have_says_why(bench):
+    case, bundles = bench([])
+    (h,) = bundles["coulomb_friction"].hypotheses
+    wrong = replace(h, fixed=(("joint", "nowhere"),))
+    one, two = visible.try_bundle(case, Bundle((wrong, h), (None, None)), SHOWS)
+    assert "nowhere" in one.failed and not two.failed
+    assert math.isinf(one.smallest()) and two.smallest() > 0.0
+
+
+def test_a_joint_that_nothing_moves_is_missing(slide):
+    fit, judge = slide.records()
+    robot = slide.model.make_robot()
+    record = replace(fit[0], signals={"q": 1e-4 * fit[0].signals["q"]})
+    assert any("slide: no experiment moves it" in line for line in check.missing([record], [robot]))
+    assert not any("moves" in line for line in check.missing([record, *judge], [robot, robot]))
+
+
+def test_stamps_are_told_as_they_came():
+    rng = np.random.default_rng(1)
+    t = np.arange(1000) * 0.01
+    late = t + 0.0005 * rng.standard_normal(1000)
+    kept = np.delete(np.arange(1000), [100, 101, 500])
+    told = observe.stamps([Track("q", "hinge", late[kept], np.sin(t)[kept], "")])["q"]
+    assert told["missing"] == 3.0
+    assert told["jitter_ms"] == pytest.approx(0.5, rel=0.15)
+    assert told["rate"] == pytest.approx(100.0, rel=0.01)
+    assert told["silence"] == pytest.approx(0.03, abs=0.003)
+
+
+def test_the_part_that_is_simulated_moves_most(slide):
+    (record, _), _ = slide.records()
+    quiet = replace(
+        record, signals={"q": np.where(record.t[:, None] < 1.0, 0.0, record.signals["q"])}
+    )
+    (part,) = check._parts([quiet], 0.8)
+    assert part.duration == pytest.approx(0.8, abs=0.02)
+    assert np.ptp(part.signals["q"]) == pytest.approx(np.ptp(quiet.signals["q"]), rel=0.1)
+
+
+def test_settings_of_the_search_change_its_time(slide, found):
+    fit, judge = slide.records()
+    longer = check.look(slide.model, [*fit, *judge], GapParams(finalists=40, evaluations=180))
+    assert longer["search_seconds"][0] > 2.0 * found["search_seconds"][0]
+    assert found["search_seconds"][0] < found["search_seconds"][1]

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Uneven stamps onto an even axis: nothing invented, nothing shifted, all of it told."""
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings.record import HELD_OUT
+from loco_learning.gap.recordings.tracks import Track
+
+
+def told(record, words):
+    return any(words in note for note in record.notes)
+
+
+def test_even_data_stay_as_they_are(signals, hinge):
+    tracks = signals(start=12.3)
+    made = align.record("run", tracks, hinge, role=HELD_OUT, overrides={"fixed_base": True})
+    for track in tracks:
+        values = made.signals.get(track.role, made.command["position"])
+        assert np.array_equal(values[:, 0], track.x)
+    assert made.dt == pytest.approx(0.01) and made.t[0] == 0.0 and made.driven == ("hinge",)
+    assert made.role == HELD_OUT and made.overrides == {"fixed_base": True}
+    assert not any("resampled" in note or "quantised" in note for note in made.notes)
+
+
+def test_uneven_stamps_are_resampled_and_told(signals, hinge, change):
+    rng = np.random.default_rng(1)
+    jitter = 0.004 * rng.random(400)
+
+    def uneven(track):
+        return change(track, t=track.t + jitter)
+
+    made = align.record("run", signals(q=uneven, dq=uneven, command_position=uneven), hinge)
+    plain = signals()[1]
+    off = np.interp(made.t + jitter[0], plain.t + jitter, plain.x) - made.signals["q"][:, 0]
+    assert np.nanmax(np.abs(off)) < 1e-4 and 1.0 / made.dt == pytest.approx(100.0)
+    assert told(made, "uneven stamps")
+
+
+def test_a_command_holds_until_the_next(signals, hinge, change):
+    def rare(track):
+        return change(track, t=track.t[::50], x=track.x[::50])
+
+    made = align.record("run", signals(command_position=rare), hinge)
+    command = made.command["position"][:, 0]
+    assert len(command) == 400 and np.array_equal(command, np.repeat(command[::50], 50))
+
+
+def test_a_measured_command_runs_on_between_its_samples(signals, hinge, change):
+    def rare(track):
+        return change(track, t=track.t[::50], x=track.x[::50], line=True)
+
+    made = align.record("run", signals(command_position=rare), hinge)
+    command = made.command["position"][:, 0]
+    assert made.ramps == ("position",) and np.ptp(np.diff(command[:50])) < 1e-12
+    assert align.record("run", signals(), hinge).ramps == ()
+
+
+def test_a_slow_signal_is_not_filled_in(signals, hinge):
+    tracks = signals()
+    t = tracks[0].t[::10]
+    tracks += [Track("gyro", axis, t, np.sin(t), "imu") for axis in "xyz"]
+    made = align.record("run", tracks, hinge)
+    known = np.isfinite(made.signals["gyro"][:, 0])
+    assert np.array_equal(np.flatnonzero(known), np.arange(0, 400, 10))
+    assert np.array_equal(made.signals["gyro"][known, 1], np.sin(t))
+
+
+def test_nothing_is_known_in_a_gap(signals, hinge, change):
+    def lost(track):
+        kept = (track.t < 1.0) | (track.t >= 1.5)
+        return change(track, t=track.t[kept], x=track.x[kept])
+
+    made = align.record("run", signals(q=lost, dq=lost), hinge)
+    unknown = np.isnan(made.signals["q"][:, 0])
+    assert np.array_equal(np.flatnonzero(unknown), np.arange(100, 150))
+    assert np.all(np.isfinite(made.command["position"]))
+    assert told(made, "q, dq: 1 pauses, the longest of 0.510 s at 0.99 s")
+
+
+def test_disorder_and_doubles_are_put_right(signals, hinge, change):
+    def doubled(track):
+        return change(track, t=np.repeat(track.t, 2), x=np.repeat(track.x, 2))
+
+    def swapped(track):
+        order = np.arange(len(track.t))
+        order[[10, 11]] = [11, 10]
+        return change(track, t=track.t[order], x=track.x[order])
+
+    right = align.record("run", signals(), hinge).signals["q"]
+    for change_of, words in ((doubled, "stamp of another"), (swapped, "were sorted")):
+        made = align.record("run", signals(q=change_of), hinge)
+        assert np.array_equal(made.signals["q"], right) and told(made, words)
+
+
+def test_only_the_common_time_is_kept(signals, hinge, change):
+    made = align.record("run", signals(q=lambda k: change(k, t=k.t + 1.0)), hinge)
+    assert made.duration == pytest.approx(2.99 + 0.01, abs=0.0101)
+
+
+@pytest.mark.parametrize("rate", [50.0, 250.0])
+def test_another_rate_is_made_if_asked(signals, hinge, rate):
+    made = align.record("run", signals(), hinge, rate=rate)
+    assert 1.0 / made.dt == pytest.approx(rate)
+
+
+def test_rates_that_jitter_about_a_round_one_are_that_one(signals, hinge, change):
+    rng = np.random.default_rng(2)
+
+    def drift(track):
+        return change(track, t=1.0003 * track.t + 1e-5 * rng.random(len(track.t)))
+
+    made = align.record("run", signals(q=drift, dq=drift, command_position=drift), hinge)
+    assert 1.0 / made.dt == pytest.approx(100.0, rel=1e-9)
+    made = align.record("run", signals(rate=99.9), hinge)
+    assert 1.0 / made.dt == pytest.approx(99.9, rel=1e-9)
+
+
+def test_angles_over_a_turn_are_unwrapped_and_told(signals, hinge, change):
+    def turning(track):
+        x = (2.0 * track.t + np.pi) % (2.0 * np.pi) - np.pi
+        return change(track, x=x)
+
+    made = align.record("run", signals(q=turning, dq=lambda k: None), hinge, trust_units=True)
+    assert np.allclose(np.diff(made.signals["q"][:, 0]), 0.02) and told(made, "was wrapped")
+
+
+def test_a_quaternion_and_its_negative_are_one_turn(signals, hinge):
+    tracks = signals()
+    t = tracks[0].t + 0.004
+    half = 0.5 * t
+    sign = np.where(np.arange(len(t)) % 7 < 3, 1.0, -1.0)
+    parts = {"x": np.zeros(len(t)), "y": np.zeros(len(t)), "z": np.sin(half), "w": np.cos(half)}
+    tracks += [Track("orientation", axis, t, sign * x, "imu") for axis, x in parts.items()]
+    q = align.record("run", tracks, hinge).signals["orientation"]
+    known = np.isfinite(q[:, 0])
+    assert known.sum() > 390
+    assert np.allclose(np.linalg.norm(q[known], axis=1), 1.0)
+    assert np.max(np.abs(np.diff(q[known], axis=0))) < 0.01
+
+
+def test_lags_are_told_and_left(signals, hinge, change):
+    made = align.record("run", signals(dq=lambda k: change(k, t=k.t + 0.02)), hinge)
+    motion = next(n for n in made.notes if n.startswith("motion is behind"))
+    velocity = next(n for n in made.notes if n.startswith("measured velocity"))
+    assert float(motion.split("about ")[1].split()[0]) == pytest.approx(30.0, abs=2.0)
+    assert float(velocity.split("by ")[1].split()[0]) == pytest.approx(20.0, abs=2.0)
+    inner = slice(10, 300)
+    late = made.command["position"][7:297, 0]
+    assert np.max(np.abs(late - made.signals["q"][inner, 0])) < 1e-9
+
+
+def test_stamps_must_be_at_least_two(signals, hinge, change):
+    with pytest.raises(ParameterError, match="too short"):
+        align.record("run", signals(q=lambda k: change(k, t=k.t[:2], x=k.x[:2])), hinge)
+
+
+def test_a_command_that_the_motion_does_not_follow_raises_a_warning(signals, hinge, change):
+    """The column of another joint, or a drive that is off."""
+    slow = signals(q=lambda k: change(k, x=0.5 * np.sin(1.7 * k.t + 1.0)), dq=lambda k: None)
+    (warning,) = align.record("run", slow, hinge).warnings
+    assert "hinge does not follow its commanded position" in warning
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.25])
+def test_a_motion_that_is_late_small_or_noisy_follows(signals, hinge, change, late):
+    rng = np.random.default_rng(0)
+
+    def worse(track):
+        x = 0.3 * np.interp(track.t - late, track.t, track.x)
+        return change(track, x=x + 0.05 * rng.standard_normal(len(x)))
+
+    assert align.record("run", signals(q=worse, dq=lambda k: None), hinge).warnings == ()

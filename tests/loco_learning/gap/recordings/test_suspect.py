@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wrong units are found and named; right ones, and robots with hidden effects, are let be."""
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings.tracks import Track
+
+DEGREE = 180.0 / np.pi
+
+
+def suspected(tracks, robot, said):
+    with pytest.raises(ParameterError, match=said) as error:
+        align.record("run", tracks, robot)
+    assert "\n" not in str(error.value) and "trust_units" in str(error.value)
+    align.record("run", tracks, robot, trust_units=True)
+
+
+def later(change, factor):
+    return lambda k: change(k, t=factor * k.t)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"dq": DEGREE}, "dq of hinge is 57.* probably dq is in deg/s"),
+        ({"q": DEGREE, "command_position": DEGREE}, "probably q is in deg "),
+        ({"dq": 60 / (2 * np.pi)}, "dq is in rpm"),
+        ({"dq": 1 / (2 * np.pi)}, "dq is in rev/s"),
+        ({"dq": -1.0}, "opposite sign"),
+        ({"dq": 8.0}, "a wrong unit or scale"),
+        ({"q": 1e3}, "q in mrad"),
+    ],
+)
+def test_velocity_and_angle_do_not_fit(signals, hinge, changes, said):
+    suspected(signals(**changes), hinge, said)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"command_position": DEGREE}, "probably command_position is in deg"),
+        ({"q": DEGREE}, "probably q is in deg"),
+        (
+            {"q": DEGREE, "command_position": DEGREE},
+            "limits are -1.6 and 1.6: probably q is in deg",
+        ),
+        ({"q": 9.0, "command_position": 9.0}, "probably q is in deg"),
+    ],
+)
+def test_angles_alone_do_not_fit(signals, hinge, changes, said):
+    suspected(signals(**changes, dq=lambda k: None), hinge, said)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns"), (1e-3, "s")])
+def test_times_in_another_unit(signals, hinge, change, factor, unit):
+    wrong = later(change, factor)
+    tracks = signals(q=wrong, command_position=wrong, dq=lambda k: None)
+    with pytest.raises(ParameterError, match=rf"time is probably in .*\b{unit}\b"):
+        align.record("run", tracks, hinge)
+
+
+def test_times_in_ms_at_a_rate_that_could_be(signals, hinge, change):
+    """At 20 kHz times in ms make 20 Hz, which robots do run at; the velocity tells."""
+    wrong = later(change, 1e3)
+    tracks = signals(rate=2e4, seconds=2.0, q=wrong, dq=wrong, command_position=wrong)
+    suspected(tracks, hinge, "the time is in ms")
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(10.0, "a current in A"), (1e3, "in mN·m"), (0.05, "a current in A")],
+)
+def test_measured_torque_in_another_unit(signals, one_joint, torque_drive, change, factor, said):
+    tracks = signals(q=0.1, dq=0.1)
+    tracks = [change(k, role=k.role.replace("position", "torque")) for k in tracks]
+    torque = next(k for k in tracks if k.role == "command_torque")
+    tracks.append(change(torque, role="tau", x=factor * torque.x, source="column 'i'"))
+    suspected(tracks, one_joint(drive=torque_drive), said)
+
+
+def test_torque_far_above_the_limit(signals, hinge, change):
+    tracks = signals()
+    tracks.append(change(tracks[0], role="tau", x=2000.0 * tracks[0].x, source="column 'i'"))
+    suspected(tracks, hinge, "tau of hinge reaches .* probably it is in mN·m")
+
+
+def robotwide(tracks, role, rows):
+    t = tracks[0].t
+    axes = "xyzw"[: len(rows)]
+    return tracks + [
+        Track(role, axis if len(rows) > 1 else "", t, np.full(len(t), row), role)
+        for axis, row in zip(axes, rows, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("role", "rows", "said"),
+    [
+        ("gyro", (90.0, 0.0, 0.0), "probably deg/s"),
+        ("acceleration", (0.0, 0.1, 1.0), "probably g;"),
+        ("acceleration", (0.0, 0.0, 1000.0), "probably mg"),
+        ("orientation", (1.0, 0.0, 0.0, 0.0), "order is w, x, y, z"),
+        ("supply", (7.4,), "probably in V"),
+        ("enable", (2.0,), "must be 0 or 1"),
+    ],
+)
+def test_what_the_whole_robot_has(signals, hinge, role, rows, said):
+    suspected(robotwide(signals(), role, rows), hinge, said)
+
+
+def test_a_quaternion_has_length_one(signals, hinge):
+    with pytest.raises(ParameterError, match="of length 1"):
+        align.record("run", robotwide(signals(), "orientation", (1.0, 0, 0, 1.0)), hinge)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"q": 1.4, "dq": 0.8},
+        {"command_position": 2.5},
+        {"q": 0.3, "dq": 0.3},
+        {"q": 0.02, "dq": 0.02},
+        {"dq": lambda k: None},
+    ],
+)
+def test_no_alarm_at_hidden_effects(signals, hinge, changes):
+    align.record("run", signals(**changes), hinge)
+
+
+@pytest.mark.parametrize("step", [0.005, 0.05])
+def test_no_alarm_at_coarse_sensors(signals, hinge, change, step):
+    rng = np.random.default_rng(3)
+
+    def coarse(track):
+        return change(track, x=step * np.round(track.x / step + rng.normal(size=len(track.x))))
+
+    def rough(track):
+        x = track.x + step / 0.01 * rng.normal(size=len(track.x))
+        return change(track, x=x)
+
+    align.record("run", signals(q=coarse, dq=rough), hinge)
+
+
+def with_torque(tracks, sign=np.copysign, load=0.0):
+    """Tracks with the torque that a spring to the command would ask for."""
+    by = {k.role: k for k in tracks}
+    error = by["command_position"].x - by["q"].x
+    tau = 4.0 * error + load
+    return [*tracks, Track("tau", "hinge", by["q"].t, sign(np.abs(tau), tau), "tau")]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_torque_without_its_sign(signals, hinge, way):
+    unsigned = with_torque(signals(), lambda size, tau: way * size)
+    suspected(unsigned, hinge, "tau of hinge has one sign only.*probably tau is unsigned")
+
+
+def test_torque_with_its_sign_or_of_a_loaded_joint_is_let_be(signals, hinge):
+    align.record("run", with_torque(signals()), hinge)
+    loaded = with_torque(signals(), load=2.5)
+    assert np.all(loaded[-1].x > 0.0)
+    align.record("run", loaded, hinge)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of all kinds become the same columns; what is no table is refused in one line."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_learning.gap.recordings import tables
+
+
+def written(folder, name, text):
+    path = folder / name
+    data = text.encode()
+    path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
+    return path
+
+
+SAME = {
+    "plain.csv": "t,q\n0.0,1.5\n0.1,2.5\n",
+    "packed.csv.gz": "t,q\n0.0,1.5\n0.1,2.5\n",
+    "tail.csv": '"t","q",\n0.0,1.5,\n0.1,2.5,\n\n',
+    "comma.csv": "t;q\n0,0;1,5\n0,1;2,5\n",
+    "tabs.txt": "# logged by hand\nt\tq\n0.0\t1.5\n0.1\t2.5\n",
+    "spaces.txt": "t q\n0.0 1.5\n0.1 2.5\n",
+    "bom.csv": "\ufefft, q\n0.0, 1.5\n0.1, 2.5\n",
+    "log.json": json.dumps({"kp": 3, "entries": [{"t": 0.0, "q": 1.5}, {"t": 0.1, "q": 2.5}]}),
+    "list.json.gz": json.dumps([{"t": 0.0, "q": 1.5}, {"t": 0.1, "q": 2.5}]),
+    "sides.json": json.dumps({"t": [0.0, 0.1], "q": [1.5, 2.5]}),
+    "lines.jsonl": '{"t": 0.0, "q": 1.5}\n{"t": 0.1, "q": 2.5}\n',
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_all_kinds_of_files_say_the_same(tmp_path, name):
+    table = tables.read(written(tmp_path, name, SAME[name]))
+    assert list(table.columns) == ["t", "q"]
+    assert np.array_equal(table.column("t"), [0.0, 0.1])
+    assert np.array_equal(table.column("q"), [1.5, 2.5])
+
+
+def test_fields_around_the_samples_are_the_header(tmp_path):
+    table = tables.read(written(tmp_path, "a.json", SAME["log.json"]))
+    assert table.header == {"kp": 3}
+
+
+def test_empty_fields_are_nan_and_truth_is_a_number(tmp_path):
+    table = tables.read(written(tmp_path, "a.csv", "t,on,q\n0,true,\n1,False,3\n2,1\n"))
+    assert np.array_equal(table.column("on"), [1.0, 0.0, 1.0])
+    assert np.array_equal(table.column("q"), [np.nan, 3.0, np.nan], equal_nan=True)
+
+
+def test_nested_samples_have_dotted_names(tmp_path):
+    rows = [{"imu": {"gyro": [1, 2]}, "q": 0.0, "what": "x"}] * 2
+    table = tables.read(written(tmp_path, "a.json", json.dumps(rows)))
+    assert list(table.columns) == ["imu.gyro[0]", "imu.gyro[1]", "q"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.csv", "", "empty"),
+        ("a.csv", "t,q\n", "no samples"),
+        ("a.csv", "0.0,1.5\n0.1,2.5\n", "no header line"),
+        ("a.csv", "t,q\n0.0,high\n", "column 'q' has 'high' in row 0"),
+        ("a.csv", "t,q\n0.0,1.0,2.0\n", "line 2: 3 fields under 2"),
+        ("a.csv", "q,q\n0.0,1.0\n", "two columns named 'q'"),
+        ("a.json", "{", "not JSON"),
+        ("a.json", "3", "list of samples"),
+        ("a.json", '{"t": [1, 2], "q": [1]}', r"have \[1, 2\] samples"),
+    ],
+)
+def test_what_is_no_table_is_refused(tmp_path, name, text, said):
+    with pytest.raises(ParameterError, match=said) as error:
+        tables.read(written(tmp_path, name, text))
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_not_there_is_named(tmp_path):
+    with pytest.raises(MissingFileError):
+        tables.read(tmp_path / "none.csv")
+    with pytest.raises(NameUnknownError, match="available: q, t"):
+        tables.read(written(tmp_path, "a.csv", SAME["plain.csv"])).column("angle")
+    with pytest.raises(NameUnknownError, match="list of samples"):
+        tables.read(written(tmp_path, "a.json", SAME["log.json"]), "rows")
+    (tmp_path / "b.csv.gz").write_bytes(b"no gzip")
+    with pytest.raises(ParameterError, match="is not a gzip file: it does not begin as one"):
+        tables.read(tmp_path / "b.csv.gz")

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns become signals in SI units."""
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.recordings import mapping, tracks
+
+T = np.arange(6) * 0.01
+
+
+class Columns:
+    """A source that holds arrays."""
+
+    name, header = "made", {}
+
+    def __init__(self, **columns):
+        self.columns = columns
+
+    def series(self, column):
+        return T, np.array(self.columns[column.column], dtype=float)
+
+
+def read(robot, entry, rule=mapping.Rule(), **columns):  # noqa: B008 (frozen)
+    rules = mapping.loads(f"columns: [{entry}]")
+    return tracks.from_source(Columns(**columns), rules, rule, robot)
+
+
+def test_sign_scale_unit_and_offset(hinge):
+    entry = "{column: a, role: q, joint: hinge, unit: deg, sign: -1, offset: pi}"
+    (found,) = read(hinge, entry, a=[0, 90, 180, 0, 0, 0])
+    assert np.allclose(found.x[:3], [np.pi, np.pi / 2, 0.0])
+    assert (found.role, found.place) == ("q", "hinge")
+
+
+def test_unsigned_numbers_get_their_sign_back(hinge):
+    entry = "{column: a, role: tau, joint: hinge, unit: count, scale: 0.1, wrap: unsigned16}"
+    (found,) = read(hinge, entry, a=[0, 3, 65535, 65533, 32767, 32768])
+    assert np.allclose(found.x, [0.0, 0.3, -0.1, -0.3, 3276.7, -3276.8])
+
+
+@pytest.mark.parametrize("values", [[0, 1, -1, 0, 0, 0], [0, 70000, 0, 0, 0, 0], [0.5] * 6])
+def test_only_whole_numbers_without_sign_can_wrap(hinge, values):
+    with pytest.raises(ParameterError, match="whole numbers from 0 to 65535"):
+        read(hinge, "{column: a, role: q, joint: hinge, wrap: unsigned16}", a=values)
+
+
+def test_numbers_that_look_unsigned_are_suspected(hinge):
+    with pytest.raises(ParameterError, match="say wrap: unsigned16"):
+        read(hinge, "{column: a, role: q, joint: hinge}", a=[0, 3, 65535, 65533, 1, 2])
+
+
+def test_turns_are_undone(hinge):
+    angle = np.linspace(0.0, 10.0, 6) % (2.0 * np.pi)
+    (found,) = read(hinge, "{column: a, role: q, joint: hinge, wrap: 2pi}", a=angle)
+    assert np.allclose(found.x, np.linspace(0.0, 10.0, 6))
+
+
+def test_rows_and_times_are_cut(hinge):
+    entry = "{column: a, role: q, joint: hinge}"
+    (found,) = read(hinge, entry, mapping.Rule(rows=(1, 4)), a=np.arange(6))
+    assert np.array_equal(found.x, [1, 2, 3])
+    (found,) = read(hinge, entry, mapping.Rule(start=0.015, end=0.04), a=np.arange(6))
+    assert np.array_equal(found.x, [2, 3, 4])
+
+
+def test_unused_columns_are_checked_and_left_out(hinge):
+    assert read(hinge, "{column: a, role: unused, unit: V}", a=np.zeros(6)) == []
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("{column: a, role: gyro, axis: w}", "must be one of x, y, z, got 'w'"),
+        (
+            "{column: a, role: q, joint: hinge, unit: mm}",
+            "turning joint: give q in a unit of angle",
+        ),
+        (
+            "{column: a, role: tau, joint: hinge, unit: N}",
+            "turning joint: give tau in a unit of torque",
+        ),
+    ],
+)
+def test_units_fit_the_joint(hinge, entry, said):
+    with pytest.raises(ParameterError, match=said):
+        read(hinge, entry, a=np.zeros(6))
+
+
+def test_a_sliding_joint_is_measured_in_metres(one_joint):
+    slide = one_joint("hinge", "prismatic")
+    (found,) = read(slide, "{column: a, role: q, joint: hinge, unit: mm}", a=np.full(6, 5.0))
+    assert np.allclose(found.x, 0.005)
+    with pytest.raises(ParameterError, match="sliding joint"):
+        read(slide, "{column: a, role: q, joint: hinge, unit: deg}", a=np.zeros(6))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Laws of the robust least squares."""
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.statistics.solve import minimise, soft
+
+OPEN = (np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def test_small_residuals_stay_and_large_ones_shrink():
+    r = np.array([0.0, 0.01, -0.01, 100.0, -100.0])
+    out = soft(r, 1.0)
+    assert out[:3] == pytest.approx(r[:3], rel=1e-3)
+    assert np.all(np.abs(out[3:]) < 20.0)
+    assert np.array_equal(np.sign(out), np.sign(r))
+
+
+def test_a_straight_problem_is_solved_in_few_evaluations():
+    rng = np.random.default_rng(3)
+    a, truth = rng.normal(size=(200, 2)), np.array([0.7, -0.4])
+    found = minimise(lambda z: 10.0 * a @ (z - truth), np.array([1.0, 1.0]), OPEN, 0.1, 30)
+    assert found.z == pytest.approx(truth, abs=0.01)
+    assert found.evaluations <= 12
+
+
+def test_a_curved_problem_is_solved_with_jumps_in_it():
+    t = np.linspace(0.0, 6.0, 400)
+
+    def fun(z):
+        late = np.round(z[1] * 50) / 50  # a delay in whole steps
+        return 100.0 * (z[0] * np.sin(t - late) - 1.3 * np.sin(t - 0.4))
+
+    found = minimise(fun, np.array([1.0, 0.2]), OPEN, 0.12, 60)
+    assert found.z[0] == pytest.approx(1.3, abs=0.02)
+    assert found.z[1] == pytest.approx(0.4, abs=0.03)
+
+
+def test_bounds_hold_and_the_rest_is_still_fitted():
+    target = np.array([-1.0, 0.5])
+    bounds = (np.zeros(2), np.ones(2))
+    found = minimise(lambda z: 30.0 * (z - target), np.array([0.5, 0.9]), bounds, 0.1, 40)
+    assert found.z == pytest.approx([0.0, 0.5], abs=0.02)
+
+
+def test_a_coordinate_that_does_nothing_harms_nobody():
+    found = minimise(
+        lambda z: np.array([50.0 * (z[0] - 2.0), 1.0]), np.array([1.0, 1.0]), OPEN, 0.1, 30
+    )
+    assert found.z[0] == pytest.approx(2.0, abs=0.02)
+    assert np.isfinite(found.z).all()
+
+
+def test_the_budget_is_kept():
+    count = 0
+
+    def fun(z):
+        nonlocal count
+        count += 1
+        return 100.0 * np.array([np.sin(7.0 * z[0]), z[1] ** 3 - 2.0])
+
+    minimise(fun, np.array([0.3, 5.0]), OPEN, 0.1, 15)
+    assert count <= 15 + 2

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each rule alone takes the name away, and the sentence says which."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.statistics import evidence
+from loco_learning.gap.verdict import decide
+from loco_learning.gap.verdict.candidates import Candidate, Estimate, Rival
+from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN
+from loco_sim.effects import EFFECTS
+
+STRONG = evidence.Comparison(80.0, 50.0, 110.0, 0.95, 1e6, 30)
+CLOSE = dataclasses.replace(STRONG, gain=1.0, low=-3.0, high=5.0, odds=2.0)
+FRICTION = Estimate("coulomb", 0.4, 0.35, 0.45, "N·m", least=0.0, most=5.0, sign=1)
+GOOD = Candidate("friction", "knee", (FRICTION,), STRONG, 0.9, (Rival("backlash", "knee", STRONG),))
+
+
+def score(size: float) -> evidence.Score:
+    rng = np.random.default_rng(0)
+    return evidence.score([size * rng.normal(size=(800, 2))])
+
+
+BEFORE, AFTER = score(10.0), score(1.0)
+
+
+def verdict(*candidates: Candidate, after=AFTER, before=BEFORE) -> decide.Decision:
+    return decide.decide(candidates, before, after)
+
+
+def test_all_rules_kept_gives_the_name():
+    found = verdict(GOOD)
+    assert found.verdict == NAMED
+    assert found.names == ("friction",)
+    assert found.alarms == ()
+    assert "backlash" in found.rulings[0].evidence
+    assert "friction" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"gain": dataclasses.replace(STRONG, low=-1.0)}, "chance"),
+        ({"gain": dataclasses.replace(STRONG, blocks_improved=0.6)}, "blocks"),
+        ({"closed": 0.2}, "closes only"),
+        ({"estimates": (dataclasses.replace(FRICTION, low=-0.1),)}, "absent"),
+        ({"estimates": (dataclasses.replace(FRICTION, value=5.0),)}, "bound"),
+        ({"estimates": (dataclasses.replace(FRICTION, value=-0.4, least=-9),)}, "not physical"),
+        ({"estimates": (dataclasses.replace(FRICTION, high=np.inf),)}, "no interval"),
+        ({"estimates": (dataclasses.replace(FRICTION, spread=0.2),)}, "parts of the data"),
+    ],
+)
+def test_each_rule_alone_takes_the_name_away(change, word):
+    found = verdict(dataclasses.replace(GOOD, **change))
+    assert found.verdict == UNKNOWN
+    assert found.names == ()
+    assert word in found.rulings[0].evidence
+
+
+def test_a_rival_within_the_odds_makes_it_ambiguous():
+    rivals = (Rival("backlash", "knee", CLOSE), Rival("delay", "", STRONG))
+    found = verdict(dataclasses.replace(GOOD, rivals=rivals))
+    assert found.verdict == AMBIGUOUS
+    assert found.ambiguous == (("backlash", "friction"),)
+    assert found.rulings[0].odds == 2.0
+    assert found.names == ()
+
+
+def test_the_same_name_elsewhere_is_a_question_of_place():
+    found = verdict(dataclasses.replace(GOOD, rivals=(Rival("friction", "hip", CLOSE),)))
+    assert found.verdict == NAMED
+    assert found.rulings[0].places == ("hip",)
+    assert "hip" in found.rulings[0].evidence
+
+
+def test_data_at_the_floor_have_no_gap_whatever_was_fitted():
+    found = verdict(GOOD, before=AFTER)
+    assert (found.verdict, found.names) == (NO_GAP, ())
+
+
+def test_one_channel_of_many_is_a_gap():
+    rng = np.random.default_rng(1)
+    r = rng.normal(size=(800, 20))
+    assert not decide.has_gap([r])
+    r[:, 7] *= 1.5
+    assert decide.has_gap([r])
+
+
+def test_noise_alone_is_rarely_a_gap():
+    rng = np.random.default_rng(2)
+    hits = [decide.has_gap([1.05 * rng.normal(size=(500, 8))]) for _ in range(60)]
+    assert np.mean(hits) <= 0.05
+
+
+def test_a_short_gap_is_one():
+    r = np.random.default_rng(3).normal(size=(400, 1))
+    r[50:60] += 30.0
+    assert decide.has_gap([r])
+
+
+def test_a_small_gap_that_a_trifle_explains_is_none():
+    slight = score(2.0)
+    trifle = dataclasses.replace(GOOD, trifle=True)
+    assert verdict(trifle, before=slight).verdict == NO_GAP
+    assert verdict(trifle).verdict == NAMED
+    rival = Rival("delay", "", CLOSE, trifle=True)
+    assert verdict(dataclasses.replace(GOOD, rivals=(rival,)), before=slight).verdict == NO_GAP
+    weak = dataclasses.replace(rival, over=STRONG)
+    assert verdict(dataclasses.replace(GOOD, rivals=(weak,)), before=slight).verdict == NAMED
+
+
+def test_what_explains_only_a_part_gets_no_verdict_by_name():
+    found = verdict(GOOD, after=score(6.0))
+    assert found.verdict == UNKNOWN
+    assert not found.adequate
+    assert found.rulings[0].verdict == NAMED
+    assert "part" in found.evidence
+
+
+def test_nothing_selected_is_unknown():
+    assert verdict(after=BEFORE).verdict == UNKNOWN
+
+
+def test_two_effects_one_of_them_in_doubt():
+    doubt = dataclasses.replace(GOOD, name="delay", rivals=(Rival("lag", "", CLOSE),))
+    found = verdict(GOOD, doubt)
+    assert found.verdict == AMBIGUOUS
+    assert found.names == ("friction",)
+    assert found.ambiguous == (("delay", "lag"),)
+
+
+def test_negative_damping_raises_an_alarm():
+    damping = Estimate("damping", -0.2, -0.3, -0.1, "N·m·s/rad", sign=1)
+    (alarm,) = decide.alarms(dataclasses.replace(GOOD, estimates=(damping,)))
+    assert "damping = -0.2 N·m·s/rad is negative" in alarm
+    assert verdict(dataclasses.replace(GOOD, estimates=(damping,))).alarms == (alarm,)
+
+
+def test_shapes_need_not_exclude_zero_and_zero_is_no_bound():
+    shape = Estimate("speed", 0.1, -0.1, 0.3, absent=None)
+    other = Estimate("viscous", 0.0, -0.01, 0.01, least=0.0, most=1.0)
+    found = verdict(dataclasses.replace(GOOD, estimates=(FRICTION, shape, other)))
+    assert found.verdict == NAMED
+
+
+def test_what_acts_in_a_few_blocks_is_no_chance_where_much_more_is_left_without_it():
+    rare = dataclasses.replace(GOOD, gain=dataclasses.replace(GOOD.gain, low=-1.0))
+    assert verdict(rare).verdict == UNKNOWN
+    assert verdict(dataclasses.replace(rare, worse=3.1)).verdict == NAMED
+
+
+def test_what_leaves_three_times_as_much_is_no_rival_however_few_the_blocks():
+    for worse, wanted in ((2.9, AMBIGUOUS), (3.1, NAMED)):
+        rival = Rival("backlash", "knee", CLOSE, worse=worse)
+        assert verdict(dataclasses.replace(GOOD, rivals=(rival,))).verdict == wanted
+
+
+def test_an_effect_that_strains_nominal_values_is_not_told_from_them():
+    found = verdict(dataclasses.replace(GOOD, traded=("drives.knee.gain",)))
+    assert found.verdict == AMBIGUOUS and found.ambiguous == (("drives.knee.gain", "friction"),)
+    assert "drives.knee.gain cannot be excluded" in found.rulings[0].evidence
+
+
+def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
+    idle = Rival("hose", "knee", CLOSE, closed=0.1)
+    assert verdict(dataclasses.replace(GOOD, rivals=(idle,))).verdict == NAMED
+    near = dataclasses.replace(idle, closed=0.9)
+    assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
+
+
+def test_what_needs_an_effect_beside_it_that_is_not_established_gets_no_name():
+    shaky = dataclasses.replace(GOOD, name="offset", closed=0.2)
+    assert verdict(GOOD, dataclasses.replace(GOOD, name="spring")).verdict == NAMED
+    found = verdict(GOOD, shaky)
+    assert (found.verdict, found.names, found.adequate) == (UNKNOWN, ("friction",), True)
+    assert "only beside offset" in found.evidence
+    poor = verdict(GOOD, shaky, after=score(9.0))
+    assert poor.verdict == UNKNOWN and "close part of it" in poor.evidence
+
+
+@pytest.mark.parametrize(
+    ("name", "twin"),
+    [(name, twin) for name, cls in EFFECTS.items() for twin in cls.identity.twins],
+)
+def test_a_late_command_and_late_sensors_are_told_together(name, twin):
+    found = verdict(dataclasses.replace(GOOD, name=name, place=""))
+    assert (found.verdict, found.names) == (AMBIGUOUS, ())
+    assert found.ambiguous == (tuple(sorted((name, twin))),)
+    assert found.rulings[0].odds == 1.0
+    assert f"; {twin} cannot be excluded." in found.rulings[0].evidence
+
+
+def test_late_sensors_of_one_signal_are_told_from_a_late_command():
+    rival = Rival("command_delay", "", STRONG)
+    late = dataclasses.replace(GOOD, name="sensor_latency", place="", rivals=(rival,))
+    assert verdict(late).verdict == NAMED
+
+
+def test_what_closes_most_of_the_gap_is_named_while_more_is_missing():
+    found = verdict(GOOD, after=score(4.0))
+    assert (found.verdict, found.names, found.adequate) == (MORE, ("friction",), False)
+    assert "more is missing: 3.95 are left" in found.evidence
+    assert verdict(GOOD, after=score(6.0)).verdict == UNKNOWN  # too little of it
+    unsure = dataclasses.replace(GOOD, rivals=(Rival("backlash", "knee", CLOSE),))
+    assert verdict(unsure, after=score(4.0)).verdict == AMBIGUOUS
+    weak = dataclasses.replace(GOOD, closed=0.2)
+    assert verdict(GOOD, weak, after=score(4.0)).verdict == UNKNOWN

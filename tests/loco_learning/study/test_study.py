@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Studies: reading, running in processes, resuming, tables and figures."""
+
+import csv
+import dataclasses
+import io
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
+from loco_learning.study import figures, study
+from loco_learning.study.study import load, names, run
+
+QUICK = {"learner.train": 1.0, "learner.closing": 1.0, "learner.test": 1.0, "gait.start_time": 0.2,
+         "learner.stand": 0.2}  # fmt: skip
+
+TEXT = """
+description: two estimators
+variants:
+  pse: {experiment: hyq_short}
+  rse: {experiment: hyq_short, stance.estimator: rse, stance.estimator_start: 1.2}
+seeds: [0, 3]
+overrides: {effects: [{name: command_delay, delay: 0.004, start: 2.5}]}
+metrics: [nrmse, speed]
+figures: [nrmse_over_time, limit_cycles, foot_heights, survival, trunk]
+"""
+
+
+def write(folder, text):
+    path = folder / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    made = load(write(folder, TEXT), overrides=QUICK)
+    seen = []
+    results = run(made, folder / "out", 2, lambda done, total, case: seen.append((done, total)))
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    return made, folder / "out", results
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_study_reads(name):
+    made = load(name)
+    assert len(made.description) > 20
+    few = made.with_points(2)
+    assert len({case.name for case in few.cases()}) >= len(made.variants)
+
+
+def test_the_studies_that_documents_name_are_what_they_say():
+    assert {"closed_loop", "open_loop", "chapter8"} <= set(names())
+    assert len(load("closed_loop").seeds) == 10
+    chapter8 = load("chapter8")
+    assert (list(chapter8.variants), len(chapter8.seeds)) == (["pse", "rse"], 6)
+    assert load("closed_loop", seeds=(4,)).seeds == (4,)
+
+
+def test_results_come_in_the_order_of_the_cases(finished):
+    made, _, results = finished
+    assert [r.name for r in results] == ["pse_0", "rse_0", "pse_3", "rse_3"]
+    assert results[1].experiment["stance"]["estimator"] == "rse"
+    for result in results:
+        assert result.verdict["end"] == pytest.approx(3.196)
+        assert set(result.metrics) == {"train", "closing", "test"}
+        assert result.experiment["effects"][0]["name"] == "command_delay"
+
+
+def test_a_study_runs_only_what_is_missing(finished, monkeypatch):
+    made, folder, results = finished
+    ran = []
+
+    def run_case(name, *args):
+        ran.append(name)
+        return original(name, *args)
+
+    original = study.run_case
+    monkeypatch.setattr(study, "run_case", run_case)
+    again = run(made, folder, 1)
+    assert ran == []
+    for one, two in zip(results, again, strict=True):
+        assert one.verdict["nrmse"] == two.verdict["nrmse"]
+        np.testing.assert_array_equal(one.curves["error"], two.curves["error"])
+    (folder / "rse_3.npz").unlink()
+    (folder / "pse_0.npz").write_text("cut off")
+    redone = run(made, folder, 1)
+    assert ran == ["pse_0", "rse_3"]
+    for one, two in zip(results, redone, strict=True):  # and in process or not, the same bits
+        np.testing.assert_array_equal(one.curves["error"], two.curves["error"])
+
+
+def test_a_changed_experiment_is_run_again(finished, tmp_path):
+    made, folder, results = finished
+    result = results[0]
+    result.save(tmp_path / "pse_0.npz")
+    case = next(iter(made.cases()))
+    assert study._stored(tmp_path, case) is not None
+    other = study.Case("pse", 0, case.experiment.replace(control_rate=200.0))
+    assert study._stored(tmp_path, other) is None
+    assert study._stored(tmp_path, study.Case("pse", 9, case.experiment)) is None
+
+
+def test_tables_tell_each_case_and_each_criterion(finished):
+    made, _, results = finished
+    table = list(csv.DictReader(io.StringIO(figures.as_csv(made, results))))
+    assert [(row["variant"], row["seed"]) for row in table][:2] == [("pse", "0"), ("rse", "0")]
+    assert float(table[0]["nrmse"]) == results[0].metrics["test"]["nrmse"]
+    summary = figures.summary(results)
+    assert [(row["variant"], row["trials"]) for row in summary] == [("pse", 2), ("rse", 2)]
+    for row in summary:
+        assert {"fall", "phase_slip", "freeze", "nrmse"} <= set(row)
+    text = figures.markdown(made, results)
+    assert "two estimators" in text
+    assert text.count("| pse |") == 3  # one summary, two cases
+
+
+def test_every_figure_is_drawn(finished, tmp_path):
+    made, _, results = finished
+    assert set(made.figures) == set(figures.FIGURES) - {"joint_traces"}  # not of HyQ
+    for path in figures.write(made, results, tmp_path):
+        assert path.stat().st_size > (5000 if path.suffix == ".png" else 100)
+
+
+def test_figures_survive_trials_that_ended_early(finished):
+    made, _, results = finished
+    kept = ("feet_t", "feet_target", "feet", "trunk_t", "trunk_position", "trunk_angles")
+    bare = [dataclasses.replace(r, curves={k: r.curves[k] for k in kept}) for r in results]
+    for draw in figures.FIGURES.values():
+        draw(bare).canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ("seeds: [0, 3]", ParameterError, ""),
+        ("seeds: [0, 0]", ParameterError, "different whole numbers"),
+        ("seeds: many", ParameterError, "different whole numbers"),
+        ("seeds: [-1]", ParameterError, "different whole numbers"),
+        ("seedz: [1]", NameUnknownError, "seedz.*did you mean 'seeds'"),
+        ("variants: {}", ParameterError, "at least one experiment"),
+        ("variants: {a: 3}", ParameterError, "variants.a must be"),
+        ("variants: {a: {experiment: nope}}", NameUnknownError, "no experiment named 'nope'"),
+        ("variants: {a: {experiment: gone.yaml}}", MissingFileError, "gone.yaml"),
+        ("variants: {a: {experiment: msd_20}}", ParameterError, "msd_20 is of masses and springs"),
+        ("metrics: [spede]", NameUnknownError, "did you mean 'speed'"),
+        ("figures: [nothing]", NameUnknownError, "no figure named 'nothing'"),
+        ("phase: tset", NameUnknownError, "did you mean 'test'"),
+    ],
+)
+def test_a_mistake_in_a_study_gets_one_clear_message(tmp_path, change, kind, message):
+    variants = "" if change.startswith("variants") else "variants: {a: {experiment: hyq_short}}\n"
+    path = write(tmp_path, f"{variants}{change}\n")
+    if not message:
+        assert load(path).seeds == (0, 3)
+        return
+    with pytest.raises(kind, match=message) as caught:
+        load(path)
+    assert isinstance(caught.value, LocoError)
+
+
+def test_unknown_and_missing_studies():
+    with pytest.raises(NameUnknownError, match="did you mean 'chapter8'"):
+        load("chapter9")
+    with pytest.raises(MissingFileError, match="nowhere.yaml"):
+        load("nowhere.yaml")
+
+
+def test_listing_experiments_and_studies_loads_no_compiler_and_no_physics():
+    code = (
+        "import sys, loco_learning.study.study;"
+        "print([m for m in ('numba', 'pybullet', 'matplotlib', 'scipy') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

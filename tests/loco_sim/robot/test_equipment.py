@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sections of a robot.yaml: patterns, what wins, contacts from depth and masses from weighing."""
+
+from pathlib import Path
+
+import pytest
+
+from loco_control.exceptions import LocoError
+from loco_sim.robot import equipment, robot
+from loco_sim.robot.description import Description
+from loco_sim.robot.equipment import BodyParams, ContactParams
+
+JOINTS, LINKS = ("left_hip", "left_knee", "right_hip", "right_knee"), ("base", "foot")
+PATH = Path("robot.yaml")
+BODY = (
+    '<link name="{}"><inertial><origin xyz="0.2 0 0"/><mass value="{}"/>'
+    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = '<joint name="{0}_{1}" type="{2}"><parent link="{0}"/><child link="{1}"/></joint>'
+ARM = (
+    "<robot name='arm'>"
+    + BODY.format("arm", 2.0) + BODY.format("tool", 0.5) + BODY.format("hand", 0.3)
+    + JOINT.format("arm", "tool", "fixed") + JOINT.format("tool", "hand", "revolute")
+    + "</robot>"
+)  # fmt: skip
+
+
+def expanded(**values):
+    return equipment.expanded(values, JOINTS, LINKS, PATH)
+
+
+def test_a_later_entry_adds_to_and_wins_over_an_earlier_one():
+    springs = expanded(
+        springs={"*_knee": {"stiffness": 1.0, "damping": 2.0}, "left_knee": {"stiffness": 3.0}}
+    )["springs"]
+    assert springs == {
+        "left_knee": {"stiffness": 3.0, "damping": 2.0},
+        "right_knee": {"stiffness": 1.0, "damping": 2.0},
+    }
+
+
+@pytest.mark.parametrize("section", ["drives", "springs", "contacts", "masses", "bodies"])
+def test_a_pattern_that_names_nothing_is_refused(section):
+    with pytest.raises(LocoError, match="available"):
+        expanded(**{section: {"*_elbow": {}}})
+
+
+def test_an_override_changes_one_value_and_leaves_the_file_alone():
+    values = expanded(springs={"*_knee": {"stiffness": 1.0, "damping": 2.0}})
+    equipment.override(values, {"springs.left_*.stiffness": 9.0, "sim.friction": 0.3}, LINKS)
+    assert values["springs"]["left_knee"] == {"stiffness": 9.0, "damping": 2.0}
+    assert values["springs"]["right_knee"]["stiffness"] == 1.0
+    assert values["sim"] == {"friction": 0.3}
+
+
+def test_an_override_may_add_to_a_section_of_sensors():
+    values = expanded()
+    equipment.override(values, {"sensors.imu.gyro_noise": 0.1}, LINKS)
+    assert values["sensors"] == {"imu": {"gyro_noise": 0.1}}
+
+
+def test_a_contact_sinks_in_by_its_depth_under_its_load():
+    stiffness, damping = ContactParams(depth=0.002).softness(0.25)
+    assert 0.25 * 9.81 / stiffness == pytest.approx(0.002)
+    assert damping == pytest.approx(2.0 * (stiffness * 0.25) ** 0.5)
+    assert ContactParams().softness(0.25) == (0.0, 0.0)
+
+
+def test_a_link_is_weighed_with_what_hangs_on_it():
+    described = Description((robot.ASSETS / "tigrillo" / "tigrillo.urdf").read_text())
+    equipment.set_masses(described, {"front_body": 0.9, "lf_foot": 0.01, "lf_upper_leg": 0.1})
+    weights = {name: described.mass_of(name) for name in described.below("front_body")}
+    assert weights["lf_foot"] == pytest.approx(0.01)
+    assert sum(weights[name] for name in described.below("lf_upper_leg")) == pytest.approx(0.1)
+    assert sum(weights.values()) == pytest.approx(0.9)
+    before = Description((robot.ASSETS / "tigrillo" / "tigrillo.urdf").read_text())
+    factor = weights["front_body"] / before.mass_of("front_body")
+    scaled = factor * before.inertia_of("front_body")
+    assert described.inertia_of("front_body") == pytest.approx(scaled)
+
+
+def test_joints_can_be_given_damping_and_armature():
+    plain = robot.load("servo_pendulum")
+    changed = robot.load(
+        "servo_pendulum", {"dynamics.pivot.damping": 0.1, "dynamics.*.armature": 0.01}
+    )
+    before, after = Description(plain.urdf), Description(changed.urdf)
+    assert (before.damping("pivot"), after.damping("pivot")) == (0.002, 0.1)
+    more = after.inertia_of("rod") - before.inertia_of("rod")
+    assert more[1, 1] == pytest.approx(0.01)
+    assert robot.load("servo_pendulum", {"dynamics.pivot.armature": 0.0}).driven == plain.driven
+    with pytest.raises(LocoError, match="elbow"):
+        robot.load("servo_pendulum", {"dynamics.elbow.damping": 0.1})
+
+
+def test_a_body_takes_with_it_what_is_fixed_to_it():
+    described = Description(ARM)
+    inertia = described.inertia_of("tool")[0, 0]
+    equipment.set_bodies(described, {"arm": BodyParams(mass=2.0, inertia=0.5, x=0.1)})
+    assert described.fixed_to("arm") == ["arm", "tool"]
+    assert [described.mass_of(link) for link in ("arm", "tool", "hand")] == [4.0, 1.0, 0.3]
+    assert described.inertia_of("tool")[0, 0] == pytest.approx(inertia)  # twice the mass, half
+    (arm, *_) = described.elements("link")
+    at = [float(v) for v in arm.find("inertial/origin").get("xyz").split()]
+    assert at == pytest.approx([0.3, 0.0, 0.0])
+
+
+def test_uncertain_values_are_named_by_patterns_in_their_own_units():
+    values = {
+        "drives": {"j1": {"kind": "torque"}, "j2": {"kind": "torque"}},
+        "springs": {},
+        "uncertain": {"bodies.arm.[xyz]": 0.02, "drives.*.bias": 0.3},
+    }
+    found = equipment.uncertain(values, ["arm", "hand"], PATH)
+    assert found == {
+        **dict.fromkeys(("bodies.arm.x", "bodies.arm.y", "bodies.arm.z"), 0.02),
+        **dict.fromkeys(("drives.j1.bias", "drives.j2.bias"), 0.3),
+    }
+    for wrong in ({"drives.*.colour": 1.0}, {"drives.*.bias": 0.0}, {"drives.*.bias": "much"}):
+        with pytest.raises(LocoError, match=next(iter(wrong)).replace("*", ".")):
+            equipment.uncertain({**values, "uncertain": wrong}, ["arm"], PATH)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots are read from their folders and checked against their URDF."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+import yaml
+
+from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.legs.kinematics import LegGeometry, foot_position, joint_limits
+from loco_control.names import FEET, JOINTS
+from loco_sim.make_urdf import hyq as hyq_urdf
+from loco_sim.robot import robot
+from loco_sim.robot.description import Description
+
+ONE_JOINT = """<robot name="bench"><link name="world_link"/>
+<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="elbow" type="revolute"><parent link="world_link"/><child link="arm"/>
+<axis xyz="0 1 0"/><limit effort="3" velocity="9" lower="-1" upper="1"/></joint></robot>"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Function that writes a robot folder and gives its path."""
+
+    def make(urdf=ONE_JOINT, text=None, **values):
+        (tmp_path / "bench.urdf").write_text(urdf)
+        listed = {"urdf": "bench.urdf", "joints": ["elbow"], "fixed_base": True, **values}
+        (tmp_path / "robot.yaml").write_text(text or yaml.safe_dump(listed))
+        return tmp_path
+
+    return make
+
+
+def test_hyq_has_the_joints_and_feet_of_the_controllers(hyq):
+    assert hyq.joints == JOINTS
+    assert hyq.feet == FEET
+    assert set(hyq.effort) == {150.0}
+    assert "hyq" in robot.names()
+
+
+def test_hyq_weighs_what_the_model_of_its_makers_weighs(hyq):
+    assert Description(hyq.urdf).mass() == pytest.approx(84.756, abs=1e-9)
+
+
+def test_hyq_stands_on_the_foot_centres_of_the_gait(hyq):
+    feet = np.array([[x, y, -0.6] for x in (0.375, -0.375) for y in (0.28, -0.28)])
+    np.testing.assert_allclose(foot_position(hyq.standing), feet, atol=1e-6)
+
+
+def test_the_joint_limits_of_hyq_are_those_of_the_kinematics(hyq):
+    import xml.etree.ElementTree as ET
+
+    limits = {
+        j.get("name"): (float(j.find("limit").get("lower")), float(j.find("limit").get("upper")))
+        for j in ET.fromstring(hyq.urdf).findall("joint")
+        if j.find("limit") is not None
+    }
+    low, high = joint_limits(LegGeometry())
+    np.testing.assert_allclose([limits[j] for j in JOINTS], np.stack([low, high], axis=1))
+
+
+def test_the_urdfs_of_hyq_are_those_that_their_module_writes():
+    assets = resources.files("loco_sim") / "assets"
+    for name, written in (("hyq", hyq_urdf.write()), ("hyq_leg", hyq_urdf.write_leg())):
+        file = assets / name / f"{name}.urdf"
+        assert file.read_text() == written, "run python -m loco_sim.make_urdf.hyq"
+
+
+def test_the_urdf_follows_the_leg_geometry():
+    longer = LegGeometry(thigh_length=0.4)
+    assert hyq_urdf.write(longer) != hyq_urdf.write()
+    assert 'xyz="0.4 0 0"' in hyq_urdf.write(longer)
+
+
+def test_any_robot_can_be_read_from_a_folder(folder):
+    bench = robot.load(folder(fixed_base=True, height=0.2, fall={"roll": 1.0}))
+    assert bench.joints == ("elbow",)
+    assert bench.feet == ()
+    assert bench.fixed_base
+    assert bench.height == 0.2
+    assert bench.fall.roll == 1.0
+    np.testing.assert_array_equal(bench.standing, [0.0])
+    np.testing.assert_array_equal(bench.effort, [3.0])
+
+
+def test_an_unknown_robot_lists_those_that_exist():
+    with pytest.raises(NameUnknownError, match="available: hyq"):
+        robot.load("hyqq")
+
+
+def test_a_folder_without_a_robot_is_missing(tmp_path):
+    with pytest.raises(MissingFileError, match="robot.yaml"):
+        robot.load(tmp_path)
+
+
+def test_a_missing_urdf_is_named(folder):
+    with pytest.raises(MissingFileError, match="nowhere.urdf"):
+        robot.load(folder(urdf=ONE_JOINT, text="urdf: nowhere.urdf\njoints: [elbow]\n"))
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"joints": ["knee"]}, "knee"),
+        ({"feet": ["toe"]}, "toe"),
+        ({"colour": "red"}, "colour"),
+        ({"fall": {"yaw": 1.0}}, "yaw"),
+    ],
+)
+def test_names_that_do_not_exist_are_refused(folder, values, message):
+    with pytest.raises(NameUnknownError, match=message):
+        robot.load(folder(**values))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"standing": [0.0, 1.0]}, {"text": "urdf: [\n"}, {"text": "- a\n"}, {"fall": {"roll": -1.0}}],
+)
+def test_values_that_do_not_fit_are_refused(folder, change):
+    with pytest.raises(ParameterError):
+        robot.load(folder(**change))

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A URDF that the engine would crash on or misread is refused in one line that names it."""
+
+import re
+import xml.etree.ElementTree as ET
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from loco_control.exceptions import ParameterError
+from loco_control.types import MotionCommand
+from loco_sim.params import SimParams
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot, urdf_check
+from loco_sim.world.world import make_world
+
+BOX = '<box size="0.1 0.1 0.1"/>'
+BODY = (
+    '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial><collision><geometry>" + BOX + "</geometry></collision>"
+)
+GOOD = f"""<robot name="two">
+<link name="trunk">{BODY}</link>
+<link name="arm">{BODY}</link>
+<joint name="elbow" type="revolute"><parent link="trunk"/><child link="arm"/>
+<origin xyz="0 0 -0.2" rpy="0 0 0"/><axis xyz="0 1 0"/>
+<limit effort="3" velocity="9" lower="-1" upper="1"/></joint>
+</robot>"""
+BARE = '<link name="tip"/><joint name="end" type="fixed"><parent link="arm"/><child link="tip"/>'
+WITH_TIP = GOOD.replace("</robot>", f"{BARE}</joint></robot>")
+SECOND = '<joint name="wrist" type="{}"><parent link="{}"/><child link="{}"/></joint></robot>'
+
+
+def added(text):
+    return "</robot>", f"{text}</robot>"
+
+
+HOSTILE = {  # what is replaced by what, and words of the message
+    "not XML": ("</link>", "", "is not XML"),
+    "not a robot": (GOOD, "<sdf/>", "starts with <robot>"),
+    "no link": (GOOD, "<robot/>", "no <link>"),
+    "link named twice": ('"arm"', '"trunk"', "2 links are named 'trunk'"),
+    "joint named twice": (
+        *added('<joint name="elbow" type="fixed"><parent link="arm"/></joint>'),
+        "2 joints are named 'elbow'",
+    ),
+    "link without a name": ('<link name="arm">', "<link>", "a <link> has no name"),
+    "unknown parent": ('parent link="trunk"', 'parent link="torso"', "'elbow'.*parent 'torso'"),
+    "unknown child": ('child link="arm"', 'child link="hand"', "'elbow'.*child 'hand'"),
+    "no child": ('<child link="arm"/>', "", "'elbow' has no <child"),
+    "its own parent": ('parent link="trunk"', 'parent link="arm"', "'elbow'.*'arm' its own parent"),
+    "two parents": ("</robot>", SECOND.format("fixed", "trunk", "arm"), "'arm' has two parents"),
+    "ring": ("</robot>", SECOND.format("fixed", "arm", "trunk"), "'trunk', 'arm' carry each other"),
+    "two roots": (*added(f'<link name="far">{BODY}</link>'), "'trunk', 'far' hang on nothing"),
+    "floating joint": ("revolute", "floating", "'elbow' is of type 'floating'"),
+    "no type": (' type="revolute"', "", "'elbow' is of type None"),
+    "mass NaN": ('mass value="1"', 'mass value="nan"', "'trunk': its mass .* 'nan'"),
+    "mass negative": ('mass value="1"', 'mass value="-1"', "'trunk': its mass .* '-1'"),
+    "mass infinite": ('mass value="1"', 'mass value="inf"', "'trunk': its mass .* 'inf'"),
+    "mass a word": ('mass value="1"', 'mass value="heavy"', "'trunk': its mass .* 'heavy'"),
+    "inertia NaN": ('ixx="0.1"', 'ixx="nan"', "'trunk': ixx of its inertia"),
+    "inertia negative": ('iyy="0.1"', 'iyy="-0.1"', "'trunk': its inertia is not positive"),
+    "inertia of no body": ('izz="0.1"', 'izz="0.3"', "exceeds the sum of the others"),
+    "off-diagonal too large": ('ixy="0"', 'ixy="0.2"', "'trunk': its inertia is not positive"),
+    "moves without mass": (f'"arm">{BODY}', '"arm">', "'arm' moves but has no mass"),
+    "floats without mass": (f'"trunk">{BODY}', '"trunk">', "'trunk' is the root"),
+    "effort a word": ('effort="3"', 'effort="strong"', "'elbow': effort .* 'strong'"),
+    "effort negative": ('effort="3"', 'effort="-3"', "'elbow': effort .* '-3'"),
+    "velocity NaN": ('velocity="9"', 'velocity="nan"', "'elbow': velocity"),
+    "limits no numbers": ('lower="-1"', 'lower="low"', "'elbow': its limits 'low'"),
+    "limits crossed": ('lower="-1"', 'lower="2"', "lower limit 2 is above its upper limit 1"),
+    "axis of no length": ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', "'elbow': an axis of length 0"),
+    "axis of two numbers": ('axis xyz="0 1 0"', 'axis xyz="0 1"', "'elbow': the axis '0 1'"),
+    "origin NaN": ('xyz="0 0 -0.2"', 'xyz="0 0 nan"', "'elbow': xyz '0 0 nan'"),
+    "box of no size": ("0.1 0.1 0.1", "0.1 0 0.1", "'trunk': size of its box"),
+    "no geometry": (BOX, "", "'trunk': its <collision> needs a <geometry>"),
+    "missing mesh": (BOX, '<mesh filename="a.stl"/>', "no mesh file 'a.stl'"),
+    "unknown mesh": (BOX, '<mesh filename="r.urdf"/>', "no mesh of kind"),
+    "cut mesh": (BOX, '<mesh filename="cut.stl"/>', "cut.stl is cut off"),
+    "missing package": (
+        BOX, '<mesh filename="package://p/a.stl"/>', "package://p/a.stl"
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Function that writes a robot folder with a URDF and gives its path."""
+    (tmp_path / "cut.stl").write_bytes(bytes(80) + (9).to_bytes(4, "little") + bytes(50))
+
+    def make(urdf):
+        (tmp_path / "r.urdf").write_text(urdf)
+        (tmp_path / "robot.yaml").write_text(
+            yaml.safe_dump({"urdf": "r.urdf", "joints": ["elbow"]})
+        )
+        return tmp_path
+
+    return make
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_urdf_is_refused_in_one_line_that_names_it(folder, name):
+    old, new, words = HOSTILE[name]
+    assert old in GOOD
+    with pytest.raises(ParameterError) as caught:
+        robot.load(folder(GOOD.replace(old, new, 1)))
+    message = str(caught.value)
+    assert re.search(words, message)
+    assert "r.urdf" in message
+    assert "\n" not in message
+
+
+def test_the_good_one_is_simulated(folder):
+    path = folder(GOOD)
+    (path / "robot.yaml").write_text(
+        yaml.safe_dump({"urdf": "r.urdf", "joints": ["elbow"], "drives": {"*": {"kind": "torque"}}})
+    )
+    with Simulation(robot=str(path)) as plant:
+        assert plant.step(MotionCommand(0, 0.0, np.zeros(1), np.zeros(1))).t > 0.0
+
+
+def test_how_many_more_problems_there_are_is_said(folder):
+    with pytest.raises(ParameterError, match=r"\(and 1 more\)"):
+        robot.load(folder(GOOD.replace('mass value="1"', 'mass value="-1"')))
+
+
+def test_links_fixed_to_others_need_neither_mass_nor_inertia(folder):
+    made = robot.load(folder(WITH_TIP))
+    assert made.joints == ("elbow",)
+
+
+def test_a_link_without_inertia_weighs_nothing_in_the_engine(folder):
+    """The engine alone would give it 1 kg and 1 kg m²."""
+    felt = []
+    for urdf in (GOOD, WITH_TIP):
+        world = make_world(robot.load(folder(urdf)), SimParams(), 0.001)
+        world.rebuild([0.0], height=1.0)
+        felt.append(float(world.joint_inertia([0.0])[0, 0]))
+        world.close()
+    assert felt[0] == pytest.approx(felt[1], rel=1e-9)
+
+
+def test_a_mesh_of_a_package_is_found_above_the_urdf(tmp_path, monkeypatch):
+    mesh = tmp_path / "ant_description" / "meshes" / "leg.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_bytes(b"")
+    (tmp_path / "ant_description" / "package.xml").write_text("<package/>")
+    (tmp_path / "ant_description" / "urdf").mkdir()
+    inside = tmp_path / "ant_description" / "urdf"
+    assert urdf_check.mesh_path("package://ant_description/meshes/leg.stl", inside) == mesh
+    assert urdf_check.mesh_path("package://another_name/meshes/leg.stl", inside) == mesh
+    assert urdf_check.mesh_path("package://ant_description/meshes/arm.stl", inside) is None
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    assert urdf_check.mesh_path("package://ant_description/meshes/leg.stl", Path("/")) == mesh
+
+
+@pytest.mark.parametrize(
+    ("tensor", "words"),
+    [
+        ([1.0, 0.0, 0.0, 1.0, 0.0, 2.0], ""),  # a thin plate: the limit of what a body can have
+        ([1.0, 0.0, 0.0, 1.0, 0.0, 2.1], "exceeds the sum"),
+        ([0.0, 0.0, 0.0, 1.0, 0.0, 1.0], ""),  # a rod
+        ([0.0] * 6, "no inertia"),
+        ([-1.0, 0.0, 0.0, -1.0, 0.0, -1.0], "negative"),
+    ],
+)
+def test_what_a_tensor_lacks_to_be_that_of_a_body(tensor, words):
+    fault = urdf_check.inertia_fault(tensor)
+    assert (words in fault) if words else fault == ""
+
+
+@pytest.mark.skipif(find_spec("pybullet_data") is None, reason="needs pybullet_data")
+@pytest.mark.parametrize("name", ["a1/a1", "aliengo/aliengo", "r2d2", "franka_panda/panda"])
+def test_robots_of_others_pass(name):
+    path = Path(find_spec("pybullet_data").origin).parent / f"{name}.urdf"
+    assert list(urdf_check.problems(ET.parse(path).getroot(), path.parent)) == []

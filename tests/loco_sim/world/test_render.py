@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Animations show the robot, standing on the floor, and are files that play."""
+
+from dataclasses import replace
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from loco_control.exceptions import ParameterError
+from loco_sim.make_urdf import hyq as hyq_urdf
+from loco_sim.robot import robot as robots
+from loco_sim.world.figure import Figure
+from loco_sim.world.render import frames, render_gif
+from loco_sim.world.stage import Stage, look_at, perspective
+
+SIZE = (180, 120)
+
+
+@pytest.fixture
+def recorded(hyq):
+    """A second of a robot gliding forward: t, position, orientation, q."""
+    t = np.arange(251) * 0.004
+    position = np.column_stack([0.25 * t, 0.0 * t, np.full_like(t, 0.6217)])
+    return t, position, np.tile([0.0, 0.0, 0.0, 1.0], (251, 1)), np.tile(hyq.standing, (251, 1))
+
+
+def hues(picture):
+    """Which legs' colours are in a picture."""
+    pixels = np.asarray(picture).reshape(-1, 3) / 255.0
+    pixels = pixels[np.ptp(pixels, axis=1) > 0.25]  # floor, sky and trunk are grey
+    directions = pixels / np.linalg.norm(pixels, axis=1, keepdims=True)
+    found = set()
+    for leg, colour in hyq_urdf.COLOURS.items():
+        aim = np.array(colour) / np.linalg.norm(colour)
+        if (directions @ aim > 0.99).sum() > 5:
+            found.add(leg)
+    return found
+
+
+def test_the_camera_comes_closer_to_a_small_robot():
+    robot = robots.load("tigrillo")  # a quarter of the size of HyQ
+    pose = np.zeros(1), np.array([[0.0, 0.0, 0.14]]), np.array([[0.0, 0.0, 0.0, 1.0]])
+    picture = next(frames(*pose, robot.standing[None], size=SIZE, robot=robot))
+    assert hues(picture) == set(hyq_urdf.COLOURS)  # both robots' legs have the same colours
+
+
+def test_a_gif_plays_for_the_time_of_the_run(tmp_path, recorded):
+    file = tmp_path / "run.gif"
+    data = render_gif(file, *recorded, fps=5.0, size=SIZE)
+    assert file.read_bytes() == data
+    with Image.open(BytesIO(data)) as gif:
+        assert gif.size == SIZE
+        assert gif.n_frames == 6
+        assert gif.info["duration"] == 200
+        assert gif.info["loop"] == 0
+
+
+def test_slow_motion_has_more_frames(recorded):
+    assert len(list(frames(*recorded, fps=4.0, size=SIZE, speed=0.5))) == 9
+
+
+def test_all_four_legs_are_seen(recorded):
+    picture = next(frames(*recorded, size=SIZE))
+    assert hues(picture) == set(hyq_urdf.COLOURS)
+
+
+def test_the_camera_follows_and_the_floor_passes(recorded):
+    first, *_, last = frames(*recorded, fps=2.0, size=SIZE)
+    assert hues(last) == set(hyq_urdf.COLOURS)
+    floor = (slice(90, 105), slice(100, 180))  # right of the feet, above the label's line
+    change = np.asarray(first, float)[floor] - np.asarray(last, float)[floor]
+    assert np.abs(change).max() > 10.0
+
+
+def test_the_shadow_lies_under_the_robot(hyq):
+    stage, target = Stage(SIZE), np.array([0.0, 0.0, 0.4])
+    ground = stage._ground + target[:2]
+    figure = Figure(hyq)
+    figure.pose((0.0, 0.0, 0.62), (0.0, 0.0, 0.0, 1.0), hyq.standing)
+    silhouette, lens = stage._shadow(figure, target)
+    clip = np.column_stack([ground, np.zeros(len(ground)), np.ones(len(ground))]) @ lens.T
+    place = (0.5 + 0.5 * clip[:, :2] / clip[:, 2:] * [1.0, -1.0]) * len(silhouette)
+    column, row = place.astype(int).clip(0, len(silhouette) - 1).T
+    dark = silhouette[row, column] / 255.0
+    under = np.linalg.norm(ground, axis=1) < 0.3
+    far = np.linalg.norm(ground, axis=1) > 1.5
+    assert dark[under].mean() > 0.3
+    assert dark[far].max() == 0.0
+
+
+def test_a_run_is_drawn_the_same_every_time(recorded):
+    short = [x[:30] for x in recorded]
+    assert render_gif(None, *short, size=SIZE) == render_gif(None, *short, size=SIZE)
+
+
+def test_the_camera_looks_at_its_target():
+    eye, target = np.array([1.0, -2.0, 0.7]), np.array([0.2, 0.1, 0.4])
+    seen = perspective(0.6, 1.5) @ look_at(eye, target) @ [*target, 1.0]
+    np.testing.assert_allclose(seen[:2], 0.0, atol=1e-12)
+    assert seen[3] == pytest.approx(np.linalg.norm(eye - target))
+    above = perspective(0.6, 1.5) @ look_at(eye, target) @ [*(target + [0, 0, 0.1]), 1.0]
+    assert above[1] > 0.0
+    assert above[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_robot_out_of_sight_leaves_the_floor(recorded):
+    t, position, orientation, q = recorded
+    away = position[:1] + [[0.0, 0.0, 40.0]]
+    (picture,) = frames(t[:1], away, orientation[:1], q[:1], size=SIZE)
+    assert hues(picture) == set()
+
+
+@pytest.mark.parametrize("which", [1, 2, 3])
+def test_arrays_that_do_not_fit_together_are_refused(recorded, which):
+    arrays = list(recorded)
+    arrays[which] = arrays[which][:-1]
+    with pytest.raises(ParameterError, match="must have shape"):
+        render_gif(None, *arrays)
+
+
+def test_an_empty_run_is_refused():
+    with pytest.raises(ParameterError):
+        render_gif(None, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 12)))
+
+
+# --- the figure itself -----------------------------------------------------------
+
+
+def silhouette(figure, size=(60, 60)):
+    """Which pixels a camera sees of a figure from a metre away, and their colours."""
+    view = look_at(np.array([0.0, -1.0, 0.0]), np.zeros(3))
+    colours, seen = figure.picture(view, perspective(0.6, 1.0), size, (0.0, -1.0, 0.0))
+    return colours, seen
+
+
+def shape_robot(hyq, tmp_path, geometry, colour="1 0 0 1"):
+    """HyQ's record with a single shape for a body."""
+    urdf = (
+        f'<robot name="one"><link name="base"><visual><geometry>{geometry}</geometry>'
+        f'<material name="m"><color rgba="{colour}"/></material></visual></link></robot>'
+    )
+    return replace(hyq, urdf=urdf, joints=(), feet=(), standing=np.zeros(0), folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "area"),  # seen from the side [m²]
+    [
+        ('<box size="0.2 0.1 0.3"/>', 0.2 * 0.3),
+        ('<sphere radius="0.1"/>', np.pi * 0.01),
+        ('<cylinder radius="0.1" length="0.3"/>', 0.2 * 0.3),
+        ('<capsule radius="0.1" length="0.2"/>', 0.2 * 0.2 + np.pi * 0.01),
+    ],
+)
+def test_a_shape_covers_its_own_area(hyq, tmp_path, geometry, area):
+    _, seen = silhouette(Figure(shape_robot(hyq, tmp_path, geometry)), (400, 400))
+    pixel = (2.0 * np.tan(0.3) / 400) ** 2
+    # Things nearer than the middle look larger: by half the depth of 0.1 m at 1 m.
+    assert area * 0.97 < seen.sum() * pixel < area * 1.25
+
+
+def test_what_is_in_front_hides_what_is_behind(hyq, tmp_path):
+    robot = shape_robot(hyq, tmp_path, '<box size="0.2 0.2 0.2"/>')
+    behind = (
+        '<visual><origin xyz="0 0.3 0"/><geometry><box size="0.2 0.2 0.2"/></geometry>'
+        '<material name="n"><color rgba="0 1 0 1"/></material></visual>'
+    )
+    both = replace(robot, urdf=robot.urdf.replace("</link>", behind + "</link>"))
+    colours, seen = silhouette(Figure(both))
+    assert seen.any()
+    assert (colours[seen][:, 0] > 0.5).all()  # all red
+
+
+def test_a_mesh_file_is_drawn_and_a_missing_one_left_out(hyq, tmp_path, caplog):
+    (tmp_path / "box.obj").write_text("v 0 0 0\nv 0.2 0 0\nv 0 0 0.2\nf 1 2 3\n")
+    _, seen = silhouette(Figure(shape_robot(hyq, tmp_path, '<mesh filename="box.obj"/>')))
+    assert seen.any()
+    _, nothing = silhouette(Figure(shape_robot(hyq, tmp_path, '<mesh filename="no.obj"/>')))
+    assert not nothing.any()
+    assert "no.obj" in caplog.text

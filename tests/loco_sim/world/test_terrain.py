@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rough ground: what its heights are like, and that engines put it where they say."""
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import LocoError
+from loco_sim import effects
+from loco_sim.engines import installed
+from loco_sim.plant.simulation import Simulation
+from loco_sim.robot import robot
+from loco_sim.world.terrain import BEHIND, CELL, SIDE, Terrain
+
+HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)
+
+
+def height_at(terrain, x, y):
+    """Height between four neighbours [m]."""
+    column, row = (x + BEHIND) / CELL, (y + SIDE) / CELL
+    j, i = int(column), int(row)
+    a, b = column - j, row - i
+    h = terrain.heights
+    low = (1 - a) * h[i, j] + a * h[i, j + 1]
+    return (1 - b) * low + b * ((1 - a) * h[i + 1, j] + a * h[i + 1, j + 1])
+
+
+@pytest.mark.parametrize("kind", ["uneven", "steps"])
+def test_heights_have_the_roughness_asked_for_and_a_flat_start(kind):
+    terrain = Terrain(kind, 0.03, 0.4, 3, 0.8)
+    assert terrain.heights.std() == pytest.approx(0.03, rel=0.1)
+    assert abs(terrain.heights.mean()) < 0.005
+    for x, y in ((0.0, 0.0), (0.5, 0.5), (-0.7, 0.0)):
+        assert height_at(terrain, x, y) == 0.0
+    np.testing.assert_array_equal(terrain.heights, Terrain(kind, 0.03, 0.4, 3, 0.8).heights)
+    assert not np.array_equal(terrain.heights, Terrain(kind, 0.03, 0.4, 4, 0.8).heights)
+
+
+def test_hills_forget_each_other_over_their_length():
+    h = HILLS.heights[:, 120:]  # beyond the flat start
+
+    def likeness(cells):
+        return float(np.mean(h[:, cells:] * h[:, :-cells]) / np.mean(h * h))
+
+    assert likeness(round(0.4 / CELL)) == pytest.approx(np.exp(-1.0), abs=0.12)
+    assert abs(likeness(round(1.2 / CELL))) < 0.15
+
+
+@pytest.mark.parametrize("engine", installed())
+def test_feet_stand_on_the_heights(engine):
+    """A HyQ that is dropped somewhere rests on three feet at least, each on the ground there."""
+    listed = [effects.make("terrain", roughness=0.03, length=0.4, flat=0.0)]
+    terrain, hyq = Terrain("uneven", 0.03, 0.4, 0, 0.0), robot.load("hyq", {"sim.engine": engine})
+    with Simulation(effects=listed, robot=hyq) as sim:
+        sim.reset()
+        world, gaps = sim._world, []
+        for x, y in ((3.0, 1.0), (7.4, -2.0), (12.1, 0.3)):
+            world.put(hyq.standing, np.zeros(12), (x, y, 0.75))
+            for _ in range(900):
+                q, dq = world.joint_states()
+                world.step([400.0 * (a - b) - 20.0 * c for a, b, c in
+                            zip(hyq.standing, q, dq, strict=True)])  # fmt: skip
+            feet = [world.place(foot) for foot in hyq.feet]
+            gaps.append(sorted(z - height_at(terrain, x, y) - 0.02175 for x, y, z in feet))
+    assert np.all(np.abs(np.array(gaps)[:, :3]) < 1e-3)  # [m]
+    assert np.all(np.array(gaps)[:, 3] > -1e-3)
+
+
+def test_mistakes_are_one_line():
+    with pytest.raises(LocoError, match="kind .*'bumpy'"):
+        effects.make("terrain", roughness=0.1, kind="bumpy")
+    with pytest.raises(LocoError, match="does not apply to robot 'pendulum'"):
+        Simulation(effects=[effects.make("terrain", roughness=0.1)],
+                   robot=robot.load("pendulum")).reset()  # fmt: skip
