@@ -41,6 +41,7 @@ class Graph:
 
     def __init__(self):
         self.heard: dict[str, list] = {}
+        self._servers: list[ActionServer] = []
         self.context = rclpy.Context()
         rclpy.init(args=[], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = node = rclpy.create_node("target_generator", context=self.context)
@@ -52,9 +53,10 @@ class Graph:
         self._listen(TOPICS["robot_description"].type, "/replayer/control", 10)
         node.create_service(SetBool, "/set_estop", self._answer)
         for kind, name in ((Calibrate, "/calibrate"), (FindGap, "/find_gap")):
-            ActionServer(
+            server = ActionServer(
                 node, kind, name, self._run, cancel_callback=lambda _: CancelResponse.ACCEPT
             )
+            self._servers.append(server)
         row = TOPICS["robot_description"]
         self.latched = node.create_publisher(row.type, "/robot_description", row.qos.writer())
         self.latched.publish(row.type(data="<robot/>"))
@@ -88,6 +90,9 @@ class Graph:
     def close(self):
         self._open = False
         self._thread.join()
+        for server in self._servers:
+            server.destroy()
+        self.executor.shutdown()  # holds every endpoint of the node until then
         self.node.destroy_node()
         self.context.try_shutdown()
 
