@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands as our pages print them: each parses, and what it names is there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from loco_bringup.cli.table import parse
+from loco_learning.runs import experiment
+from loco_learning.study import study
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "bags").rglob("*.md")),
+    *sorted((ROOT / "tests").rglob("*.md")),
+]
+PLACEHOLDER = re.compile(r"\b[A-Z][A-Z_]+\b|…|\.\.\.|\$\w")  # NAME, bags/…, $set
+BLOCK = re.compile(r"^```sh\n(.*?)^```", re.MULTILINE | re.DOTALL)
+CELL = re.compile(r"^\|.*?`(\./loco [^`]+)`", re.MULTILINE)  # first command of a row
+
+
+def printed(page: Path) -> list[str]:
+    """Commands of a page's blocks and tables that begin with ``./loco``, without it."""
+    text = page.read_text().replace("\\\n", " ")
+    commands = []
+    for part in [*CELL.findall(text), *BLOCK.findall(text)]:
+        for command in re.split(r"\n(?=\S)|&&", part):  # an argument may go on, indented
+            words = shlex.split(command, comments=True)
+            if words[:1] == ["./loco"]:
+                commands.append(shlex.join(words[1:]))
+    return commands
+
+
+LINES = sorted({line for page in PAGES for line in printed(page) if not PLACEHOLDER.search(line)})
+
+
+def test_commands_are_read_as_a_shell_would(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "```sh\n./loco run a \\\n  --set 'b={\n  c: 1}'   # note\ncd x && ./loco top\n```\n"
+        "`./loco gap` is\n| a | `./loco list` | `b` |\n"
+    )
+    assert printed(page) == ["list", "run a --set 'b={\n  c: 1}'", "top"]
+    assert len(LINES) > 120
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_printed_command_parses(line):
+    if line.startswith("colcon"):
+        return  # `./loco` itself runs it
+    name, options = parse(shlex.split(line))
+    if name == "test":
+        paths = [word for word in options if word.startswith("tests/")]
+        assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def names(command: str) -> list[str]:
+    """First arguments of a printed command that are no path."""
+    words = [shlex.split(line) for line in LINES]
+    first = {w[1] for w in words if w[0] == command and len(w) > 1}
+    return sorted(n for n in first if not n.startswith("-") and "/" not in n)
+
+
+def test_what_printed_commands_name_is_there():
+    assert set(names("run")) <= set(experiment.names())
+    assert set(names("study")) <= set(study.names())
