@@ -22,7 +22,7 @@ GAIT = [  # a network's reflex node ends when its gait does not fit its links
     for name in ("amplitude", "phase", "stiffness")
     for word in ("-p", f"gait.{name}:=[{', '.join(['1.0'] * 54)}]")
 ]
-ARGUMENTS = {"loco": ["top"], "replayer": [str(BAG), "--speed", "0.2"], "faults": []}
+ARGUMENTS = {"loco": ["top"], "replayer": [str(BAG), "--loop"], "faults": []}
 
 
 def executables():
