@@ -31,14 +31,15 @@ def test_a_picture_can_be_drawn_again(tmp_path):
 
 
 def test_the_page_tells_what_is_known():
-    text = "\n".join(page())
     for name in effects.names():
         known = EFFECTS[name].identity
-        assert f"### {name}" in text
+        text = "\n".join(page(known.site))
+        assert f"## {name}" in text
         assert known.equation in text
         assert known.source in text
         for other in known.look_alikes:
-            assert f"[{other.name}](#{other.name}): {other.experiment}" in text
+            site = EFFECTS[other.name].identity.site
+            assert f"[{other.name}](effects_{site}.md#{other.name}): {other.experiment}" in text
 
 
 def test_the_bench_has_a_row_per_robot(monkeypatch):

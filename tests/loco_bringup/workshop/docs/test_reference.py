@@ -18,6 +18,8 @@ def test_pages_name_everything():
     for name in TOPICS:
         assert f"`{name}`" in made["topics.md"]
     for name in effects.names():
-        assert f"## {name}" in made["effects.md"]
+        page = f"effects_{effects.EFFECTS[name].identity.site}.md"
+        assert f"({page}#{name})" in made["effects.md"]
+        assert f"## {name}" in made[page]
     assert "`gait.speed`" in made["parameters.md"]
     assert "| `q` | `float64[12]` | rad | joint position |" in made["messages.md"]

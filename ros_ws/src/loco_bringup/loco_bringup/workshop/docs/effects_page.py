@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page about effects, printed from their registry."""
+"""Pages about effects, printed from their registry: all in a table, then one page per site."""
 
 from __future__ import annotations
 
@@ -30,25 +30,38 @@ Friction is a budget of torque to stop a joint. Below it a joint at rest stays a
 the last bit; a sliding joint is slowed by budget / inertia and never pushed back."""
 
 
-def page() -> list[str]:
-    """Parts of the page, top down."""
-    parts = [INTRO, _overview()]
+def overview() -> list[str]:
+    """Parts of the page that lists all effects, top down."""
+    parts = [INTRO]
     for site in SITES:
-        parts.append(f"## {site.capitalize()}")
-        parts += [_entry(name) for name in effects.names() if _known(name).site == site]
+        rows = "\n".join(f"| {_link(n)} | {_first_sentence(n)} |" for n in _names(site))
+        parts.append(f"## {site.capitalize()}\n\n| effect | what it does |\n| --- | --- |\n{rows}")
     return parts
+
+
+def page(site: str) -> list[str]:
+    """Parts of the page about the effects of a site, top down."""
+    return ["What the words mean stands in [effects](effects.md).", *map(_entry, _names(site))]
+
+
+def _names(site: str) -> list[str]:
+    return [name for name in effects.names() if _known(name).site == site]
 
 
 def _known(name: str) -> Any:
     return effects.EFFECTS[name].identity
 
 
-def _overview() -> str:
-    rows = ["| site | effects |", "| --- | --- |"]
-    for site in SITES:
-        listed = [f"[{n}](#{n})" for n in effects.names() if _known(n).site == site]
-        rows.append(f"| {site} | {', '.join(listed)} |")
-    return "\n".join(rows)
+def _link(name: str) -> str:
+    return f"[{name}](effects_{_known(name).site}.md#{name})"
+
+
+def _first_sentence(name: str) -> str:
+    return (
+        inspect.cleandoc(effects.EFFECTS[name].__doc__ or "")
+        .partition("\n\n")[0]
+        .replace("\n", " ")
+    )
 
 
 def _entry(name: str) -> str:
@@ -57,22 +70,20 @@ def _entry(name: str) -> str:
         f"Enters {', '.join(f'`{t}`' for t in identity.touches)}; "
         f"{'passive' if identity.passive else 'not passive'}, "
         f"{'smooth' if identity.smooth else 'not smooth'}"
-        f"{', from start to end' if cls.lasting else ''}."
+        f"{', from start to end' if cls.lasting else ''}. "
+        f"Source: {identity.source}."
     )
     similar = "\n".join(
-        f"- looks like [{other.name}](#{other.name}): {other.experiment}"
-        for other in identity.look_alikes
+        f"- looks like {_link(other.name)}: {other.experiment}" for other in identity.look_alikes
     )
     return "\n\n".join(
         (
-            f"### {name}",
+            f"## {name}",
             f"![fingerprint of {name}](pictures/effects/{name}.png)",
             inspect.cleandoc(cls.__doc__ or ""),
-            f"`{identity.equation}`",
+            f"`{identity.equation}`. {facts}",
             _table(name),
-            facts,
             similar,
-            f"Source: {identity.source}.",
         )
     )
 

@@ -19,12 +19,13 @@ from loco_control.ros.messages.topics import LOST_TICK, WRITER_DEPTH, faulty
 from loco_learning.params import JointLearnerParams
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.network_experiment import NetworkExperiment
+from loco_sim.effects.identity import SITES
 from loco_sim.params import SimParams, TickParams
 from loco_sim.plant.safety import SafetyParams
 
 from ...terminal import console
 from .effects_figures import draw_all
-from .effects_page import page
+from .effects_page import overview, page
 
 _NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
 
@@ -56,7 +57,8 @@ def pages() -> dict[str, str]:
         "topics.md": _topics(),
         "messages.md": _messages(),
         "parameters.md": _parameters(),
-        "effects.md": _effects(),
+        "effects.md": _page("Effects", *overview()),
+        **{f"effects_{site}.md": _page(f"Effects: {site}", *page(site)) for site in SITES},
     }
 
 
@@ -147,10 +149,6 @@ def _parameters() -> str:
         "## Faults\n\nOf `loco run --fault TOPIC:KIND:KEY=VALUE`, [more](faults.md).\n\n"
         + _table(("kind", *head), faults),
     )
-
-
-def _effects() -> str:
-    return _page("Effects", *page())
 
 
 def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
