@@ -47,6 +47,7 @@ DOORS = {
     Path("loco_sim/world/mujoco.py"): {"mujoco"},
     # The blind battery must not make its robots with the code that is judged on them.
     Path("loco_bringup/workshop/battery/physics/engine.py"): {"mujoco"},
+    Path("loco_bringup/workshop/docs/site_hooks.py"): {"mkdocs"},
 }
 TERMINAL = ("loco_bringup/cli/",)
 MOST_MODULES = 12  # in one folder, beside its __init__

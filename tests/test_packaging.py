@@ -138,6 +138,7 @@ ROSDEP = {
 ONLY_PIP = {
     "trimesh",
     "mujoco",
+    "mkdocs",
     *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),
     *("pybullet_data", "rosbags", "zstandard"),  # lz4 and zstandard come with mcap
 }
@@ -185,7 +186,7 @@ def test_every_locked_requirement_has_a_version_and_a_hash():
         assert "--hash=sha256:" in block, block.splitlines()[0]
 
 
-FILES = ["runtime.in", "ros.in", "cluster.in", "build.in", "test.in", "colcon.in"]
+FILES = ["runtime.in", "ros.in", "cluster.in", "build.in", "test.in", "colcon.in", "docs.in"]
 
 
 @pytest.mark.parametrize("file", FILES)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """loco in a notebook or a script: bags, robots, rollouts, gaps and reports, without ROS.
 
-::
+For example:
 
     import loco
 

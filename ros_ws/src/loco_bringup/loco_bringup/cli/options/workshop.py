@@ -90,3 +90,5 @@ def docs(p: ArgumentParser) -> None:
     """Options of `loco docs`."""
     p.add_argument("--write", action="store_true", help="write them into docs/")
     p.add_argument("--figures", action="store_true", help="draw the pictures of the effects anew")
+    p.add_argument("--site", action="store_true", help="build all pages as a site")
+    p.add_argument("--out", default="site", help="folder of the site (default: site)")

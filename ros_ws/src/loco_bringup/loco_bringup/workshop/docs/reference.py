@@ -26,12 +26,17 @@ from loco_sim.plant.safety import SafetyParams
 from ...terminal import console
 from .effects_figures import draw_all
 from .effects_page import overview, page
+from .site import build
 
 _NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
 
 
 def show_docs(a: argparse.Namespace) -> int:
     """`loco docs`: print the pages, or write them, or the pictures, into ``docs/``."""
+    if a.site:
+        build(root(), Path(a.out))
+        console.print(f"{a.out}/index.html; `python -m http.server -d {a.out}` serves it")
+        return 0
     if a.figures:
         for path in draw_all(root() / "docs" / "pictures" / "effects"):
             console.print(f"wrote {path}")

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tutorials run as they are printed, in a folder with nothing but what they write down."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from loco_bringup.graph.processes import _environment
+
+pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
+
+# A file that the text names, with its block, or commands; in the order of the page.
+BLOCK = re.compile(r"[Aa]s `([\w./]+)`:\n\n```\w+\n(.*?)^```|^```sh\n(.*?)^```", re.S | re.M)
+
+
+def follow(page, folder, changes=None):
+    """Type a page into a folder; yields what each block of commands said."""
+    text = page.read_text()
+    for old, new in (changes or {}).items():
+        text = text.replace(old, new)
+    (folder / "loco").write_text(
+        f'#!/bin/sh\nexec {sys.executable} -m loco_bringup.cli.main "$@"\n'
+    )
+    (folder / "loco").chmod(0o755)
+    for name, content, commands in BLOCK.findall(text):
+        if name:
+            (folder / name).write_text(content)
+            continue
+        done = subprocess.run(
+            ["bash", "-ec", commands], cwd=folder, capture_output=True, text=True,
+            env=_environment(), timeout=280,
+        )  # fmt: skip
+        assert done.returncode == 0, commands + done.stdout + done.stderr
+        yield done.stdout
+
+
+def test_own_robot_and_controller(repository, tmp_path):
+    said = list(follow(repository / "docs/tutorial_own.md", tmp_path))
+    assert "my_door/picture.png" in said[0]
+    assert (tmp_path / "bags/door/report.html").exists()
+    assert "my_door: done, 5.0 s simulated" in said[1]
+
+
+def test_walking_by_reflex(repository, tmp_path):
+    """With the short training of the tests, which is good for a few steps only."""
+    short = {"hyq_trot_reflex": "hyq_short", "--duration 12": "--duration 4",
+             "start: 6, stop: 6.5": "start: 2, stop: 2.5"}  # fmt: skip
+    said = list(follow(repository / "docs/tutorial_walk.md", tmp_path, short))
+    assert (tmp_path / "bags/first/report.html").exists()
+    assert (tmp_path / "bags/first_csv/motion_command.csv").exists()
+    assert said[2].count("done, 4.0 s simulated") == said[3].count("done, 4.0 s simulated") == 1
+    assert "identical" in said[-1]
