@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from loco_control.files import write_whole
+from loco_control.files import whole_folder, write_whole
 
 DIES = """
 import os, sys
@@ -60,3 +60,28 @@ def test_an_existing_file_is_replaced_and_readable_by_others(tmp_path):
         os.umask(before)
     assert path.read_bytes() == b"new"
     assert path.stat().st_mode & 0o777 == 0o644
+
+
+def test_a_folder_appears_whole_and_replaces_files_of_its_names(tmp_path):
+    path = tmp_path / "a" / "b"
+    with whole_folder(path) as work:
+        (work / "one").write_text("1")
+        assert not path.exists()
+    with whole_folder(path) as work:
+        (work / "two").write_text("2")
+    assert sorted(os.listdir(path)) == ["one", "two"]
+    assert os.listdir(path.parent) == ["b"]
+    assert path.stat().st_mode & 0o777 == (tmp_path / "a").stat().st_mode & 0o777
+
+
+def test_after_an_error_no_folder_is_left_not_even_above(tmp_path):
+    def fail(path):
+        with whole_folder(path) as work:
+            (work / "one").write_text("1")
+            raise ValueError("no")
+
+    (tmp_path / "old").mkdir()
+    for name in ("a/b/c", "old"):
+        with pytest.raises(ValueError, match="no"):
+            fail(tmp_path / name)
+    assert [path.name for path in tmp_path.rglob("*")] == ["old"]

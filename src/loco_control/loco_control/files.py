@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that exist whole or not at all."""
+"""Files and folders that exist whole or not at all."""
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -41,3 +43,37 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
         part.unlink(missing_ok=True)
         raise
     return path
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """A folder whose content appears at once, when the block ends without an error.
+
+    The block writes into an empty folder of the same name elsewhere on the same disk. If the folder
+    exists, the new files replace those of their names. After an error everything is as before,
+    folders above included.
+
+    Args:
+        path: The folder.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    path = Path(path).absolute()
+    above = [folder for folder in path.parents if not folder.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryDirectory(prefix=".loco-", dir=path.parent) as place:
+            work = Path(place) / path.name
+            work.mkdir()
+            yield work
+            if path.exists():
+                for file in work.iterdir():
+                    file.replace(path / file.name)
+            else:
+                work.rename(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            for folder in above:
+                folder.rmdir()
+        raise

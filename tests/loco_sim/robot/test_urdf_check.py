@@ -15,7 +15,7 @@ from loco_control.types import MotionCommand
 from loco_sim.params import SimParams
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot, urdf_check
-from loco_sim.world.world import make_world
+from loco_sim.world.world import World, make_world
 
 BOX = '<box size="0.1 0.1 0.1"/>'
 BODY = (
@@ -61,6 +61,12 @@ HOSTILE = {  # what is replaced by what, and words of the message
     "mass negative": ('mass value="1"', 'mass value="-1"', "'trunk': its mass .* '-1'"),
     "mass infinite": ('mass value="1"', 'mass value="inf"', "'trunk': its mass .* 'inf'"),
     "mass a word": ('mass value="1"', 'mass value="heavy"', "'trunk': its mass .* 'heavy'"),
+    "mass of a star": ('mass value="1"', 'mass value="1e300"', "'trunk': its mass .* '1e300'"),
+    "mass that only Python reads": ('mass value="1"', 'mass value="1_0"', "its mass .* '1_0'"),
+    "no inertia": (BODY, BODY[: BODY.index("<inertia ")] + BODY[BODY.index("</inertial>") :],
+                   "'trunk': its <inertial> has no <inertia>"),
+    "no axis": ('axis xyz="0 1 0"', 'axis x="0 1 0"', "'elbow': the axis None"),
+    "damping infinite": ("<limit", '<dynamics damping="inf"/><limit', "'elbow': damping .* 'inf'"),
     "inertia NaN": ('ixx="0.1"', 'ixx="nan"', "'trunk': ixx of its inertia"),
     "inertia negative": ('iyy="0.1"', 'iyy="-0.1"', "'trunk': its inertia is not positive"),
     "inertia of no body": ('izz="0.1"', 'izz="0.3"', "exceeds the sum of the others"),
@@ -71,6 +77,8 @@ HOSTILE = {  # what is replaced by what, and words of the message
     "effort negative": ('effort="3"', 'effort="-3"', "'elbow': effort .* '-3'"),
     "velocity NaN": ('velocity="9"', 'velocity="nan"', "'elbow': velocity"),
     "limits no numbers": ('lower="-1"', 'lower="low"', "'elbow': its limits 'low'"),
+    "no limits": ('<limit effort="3" velocity="9" lower="-1" upper="1"/>', "",
+                  "'elbow' is of type 'revolute' and needs a <limit>"),
     "limits crossed": ('lower="-1"', 'lower="2"', "lower limit 2 is above its upper limit 1"),
     "axis of no length": ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', "'elbow': an axis of length 0"),
     "axis of two numbers": ('axis xyz="0 1 0"', 'axis xyz="0 1"', "'elbow': the axis '0 1'"),
@@ -120,6 +128,15 @@ def test_the_good_one_is_simulated(folder):
     )
     with Simulation(robot=str(path)) as plant:
         assert plant.step(MotionCommand(0, 0.0, np.zeros(1), np.zeros(1))).t > 0.0
+
+
+def test_a_mass_matrix_without_inverse_is_one_error_of_ours(folder, monkeypatch):
+    monkeypatch.setattr(World, "joint_inertia", lambda self, q: np.zeros((1, 1)))
+    path = folder(GOOD)
+    values = {"urdf": "r.urdf", "joints": ["elbow"], "drives": {"*": {"kind": "torque"}}}
+    (path / "robot.yaml").write_text(yaml.safe_dump(values))
+    with pytest.raises(ParameterError, match="masses and inertias too far apart"):
+        Simulation(robot=str(path))
 
 
 def test_how_many_more_problems_there_are_is_said(folder):

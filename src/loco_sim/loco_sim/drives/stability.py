@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 
@@ -64,6 +64,11 @@ def plan(
 
 def _parts(damping: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams) -> int:
     ratio = stability_ratio(damping, dt, inertia)
+    if not isfinite(ratio):
+        raise ParameterError(
+            f"damping of up to {damping.max():.3g} N·m·s/rad is beyond what can be simulated; "
+            "lower it, or correct the inertias of the robot"
+        )
     return max(1, ceil(ratio / params.damping_limit - 1e-9))
 
 

@@ -14,8 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from loco_control.reading import read_bytes
+
 from ..bolted.tree import pose
 from ..robot.urdf_check import (
+    MOST,
     MOVING,
     SIZES,
     TENSOR,
@@ -47,7 +50,7 @@ class Tidied:
             ParameterError: The file is not XML or not a robot.
         """
         self._folder, self._notes = path.resolve().parent, {}
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = read_bytes(path, "URDF", MOST).decode(errors="replace")
         left = re.compile(r"\$\(optenv \S+ ?([^)]*)\)")
         if left.search(text):
             self._note("$(optenv ...) is read as its default")

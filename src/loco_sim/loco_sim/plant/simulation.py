@@ -114,13 +114,19 @@ class Simulation:
         """Choose how damping is made stable (`stability.plan`)."""
         world = self._world
         world.rebuild(self._standing, self._functions("configure"), self.robot.height)
-        inertia = world.joint_inertia(self._standing)
         hooks = ("on_torque", "on_motor", "on_brake")
         acting = [effect for effect in self._effects if not effect.absent()]
         solve = not any(overrides(effect, hook) for effect in acting for hook in hooks)
-        count, world.damped = plan(
-            self.robot, self._own_damping(), inertia, world.dt, self._params, solve
-        )
+        try:
+            inertia = world.joint_inertia(self._standing)
+            count, world.damped = plan(
+                self.robot, self._own_damping(), inertia, world.dt, self._params, solve
+            )
+        except np.linalg.LinAlgError:
+            raise ParameterError(
+                f"robot {self.robot.name!r} has masses and inertias too far apart for its mass "
+                "matrix to be inverted; correct them in its URDF"
+            ) from None
         if count > 1:
             log.info("every physics step is divided by %d: the damping gains need it", count)
         if world.damped:

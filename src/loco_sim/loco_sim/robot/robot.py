@@ -22,7 +22,7 @@ from loco_control.gait.generator import standing_pose
 from loco_control.legs import similarity
 from loco_control.names import JOINT_KINDS
 from loco_control.params import Params, from_dict, parameter, to_dict
-from loco_control.reading import read_yaml, shown, understood
+from loco_control.reading import read_bytes, read_yaml, shown, understood
 
 from ..params import SimParams
 from . import equipment, urdf_check
@@ -197,7 +197,12 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
 
 def _text(urdf: Path) -> str:
     """Text of a URDF, without what stands around it in some files and no parser takes."""
-    return urdf.read_text(encoding="utf-8", errors="replace").strip("\0\ufeff").lstrip()
+    return (
+        read_bytes(urdf, "URDF", urdf_check.MOST)
+        .decode(errors="replace")
+        .strip("\0\ufeff")
+        .lstrip()
+    )
 
 
 @lru_cache(maxsize=64)  # a robot is loaded many times, and its meshes are read

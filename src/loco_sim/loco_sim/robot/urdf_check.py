@@ -23,6 +23,9 @@ MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
 MESHES = (".stl", ".obj", ".dae")
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOST = 64 * 2**20  # bytes of a URDF
+LARGEST = 1e9  # mass [kg], inertia [kg·m²] or length [m] beyond which no engine can count
+SMALLEST = 1e-12  # mass that is not 0 [kg]
 ROUNDING = 1e-6  # share of the largest moment by which the triangle inequality may be broken
 SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"),
          "capsule": ("radius", "length"), "mesh": ()}  # fmt: skip
@@ -168,7 +171,7 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
         return
     axis = joint.find("axis")
     if axis is not None:
-        values = _numbers(axis.get("xyz", "1 0 0"), 3)
+        values = _numbers(axis.get("xyz", ""), 3)
         if values is None:
             yield f"{what}: the axis {axis.get('xyz')!r} is not three numbers"
         elif not np.linalg.norm(values) > 1e-9:
@@ -178,10 +181,12 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
         for key in () if element is None else keys:
             text = element.get(key)
             value = 0.0 if text is None else _number(text)
-            if math.isnan(value) or value < 0.0:
+            if not 0.0 <= value <= (LARGEST if tag == "dynamics" else math.inf):
                 yield f"{what}: {key} must be a number of at least 0, got {text!r}"
     limit = joint.find("limit")
-    if limit is not None and kind != "continuous":
+    if limit is None and kind != "continuous":
+        yield f"{what} is of type {kind!r} and needs a <limit>; `loco robot new` gives it one"
+    elif kind != "continuous":
         low, high = (_number(limit.get(key, "0")) for key in ("lower", "upper"))
         if math.isnan(low) or math.isnan(high):
             said = " and ".join(repr(limit.get(key)) for key in ("lower", "upper"))
@@ -197,15 +202,21 @@ def _inertial(link: ET.Element, free: bool) -> Iterator[str]:
         return
     yield from _origin(inertial.find("origin"), what)
     weight, tensor = inertial.find("mass"), inertial.find("inertia")
-    mass = 0.0 if weight is None else _number(weight.get("value", "0"))
-    if not 0.0 <= mass < math.inf:
-        yield f"{what}: its mass must be a number of at least 0, got {weight.get('value')!r}"
+    if weight is None or tensor is None:
+        missing = "mass" if weight is None else "inertia"
+        yield f"{what}: its <inertial> has no <{missing}>"
         return
-    values = {} if tensor is None else {key: _number(tensor.get(key, "0")) for key in TENSOR}
-    if not all(map(math.isfinite, values.values())):
-        bad = next(key for key, value in values.items() if not math.isfinite(value))
-        yield f"{what}: {bad} of its inertia must be a number, got {tensor.get(bad)!r}"
+    mass = _number(weight.get("value", "0"))
+    if not (mass == 0.0 or SMALLEST <= mass <= LARGEST):
+        allowed = f"0, or in {SMALLEST:g} to {LARGEST:g} kg"
+        yield f"{what}: its mass must be {allowed}, got {weight.get('value')!r}"
         return
+    values = {key: _number(tensor.get(key, "0")) for key in TENSOR}
+    for key, value in values.items():
+        if not abs(value) <= LARGEST:
+            allowed = f"a number of at most {LARGEST:g}"
+            yield f"{what}: {key} of its inertia must be {allowed}, got {tensor.get(key)!r}"
+            return
     if mass == 0.0 or (not any(values.values()) and not free):
         return
     fault = inertia_fault([values.get(key, 0.0) for key in TENSOR])
@@ -340,14 +351,14 @@ def _origin(origin: ET.Element | None, what: str) -> Iterator[str]:
 
 
 def _number(text: str) -> float:
-    """A number, NaN if the text is none."""
+    """A number, NaN if the text is none, or one to Python only, such as ``1_0``."""
     try:
-        return float(text)
+        return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         return math.nan
 
 
 def _numbers(text: str, count: int) -> np.ndarray | None:
-    """Finite numbers of an attribute, None unless there are `count`."""
+    """Numbers of an attribute, None unless there are `count` of at most `LARGEST`."""
     values = np.array([_number(word) for word in text.split()])
-    return values if len(values) == count and np.all(np.isfinite(values)) else None
+    return values if len(values) == count and np.all(np.abs(values) <= LARGEST) else None

@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from loco_control.exceptions import ParameterError
+
 from ..geometry import Rotation, Triple, multiply, rotate, rotate_back, rotation_matrix
 from ..params import SimParams
 from ..robot.robot import Robot
@@ -115,9 +117,15 @@ class World(world.World):
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "robot.urdf"
             file.write_text(self._text(), encoding="utf-8")
-            self._body = c.loadURDF(
-                str(file), [0.0, 0.0, height], useFixedBase=self.robot.fixed_base, flags=self._flags
-            )
+            try:
+                self._body = c.loadURDF(
+                    str(file), [0.0, 0.0, height],
+                    useFixedBase=self.robot.fixed_base, flags=self._flags,
+                )  # fmt: skip
+            except pybullet.error as error:
+                raise ParameterError(
+                    f"PyBullet cannot build robot {self.robot.name!r}: {error}"
+                ) from None
         self._index()
         self._set_contacts()
 

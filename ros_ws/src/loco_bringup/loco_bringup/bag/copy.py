@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from loco_control.exceptions import BagError, ParameterError
-from loco_control.reading import parse_yaml
+from loco_control.files import whole_folder
+from loco_control.reading import as_text, parse_yaml
 
 from .reader import Bag
 from .writer import BagWriter
@@ -41,17 +42,23 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
         times, data = bag.raw(name)
         rows = zip(times.tolist(), data, strict=True)
         messages += [(t, name, d) for i, (t, d) in enumerate(rows) if i % every == 0]
-    writer = BagWriter(out, bag.metadata)
+    if any(out.glob("*.mcap")):
+        raise BagError(f"{out} holds a bag already; choose another folder")
     try:
-        _announce(bag, writer, periods)
-        for t, name, data in sorted(messages, key=lambda m: m[0]):
-            writer.write(name, data, t)
-        for name, data in files.items():
-            writer.attach(name, data)
-    finally:
-        writer.close()
-    if writer.failed:
-        raise BagError(f"the new bag is not complete: {writer.failed}")
+        with whole_folder(out) as folder:
+            writer = BagWriter(folder, bag.metadata)
+            try:
+                _announce(bag, writer, periods)
+                for t, name, data in sorted(messages, key=lambda m: m[0]):
+                    writer.write(name, data, t)
+                for name, data in files.items():
+                    writer.attach(name, data)
+            finally:
+                writer.close()
+            if writer.failed:
+                raise BagError(f"the new bag is not complete: {writer.failed}")
+    except OSError as error:
+        raise BagError(f"no bag can be written at {out}: {error.strerror or error}") from None
     return out
 
 
@@ -65,7 +72,13 @@ def _parsed(text: str) -> tuple[str, int]:
 def _announce(bag: Bag, writer: BagWriter, names: Sequence[str] | dict[str, int]) -> None:
     for channel in bag.summary.channels.values():
         if channel.topic in names:
-            schema = bag.summary.schemas[channel.schema_id]
-            qos = parse_yaml(channel.metadata.get("offered_qos_profiles", "[]"), bag.path)
+            schema = bag.summary.schemas.get(channel.schema_id)
+            if schema is None or channel.message_encoding != "cdr":
+                raise BagError(
+                    f"{bag.path.name}: {channel.topic} is no topic of ROS 2 "
+                    f"({channel.message_encoding or 'no encoding'}); leave it out with --topics"
+                )
+            source = f"type of {channel.topic} in {bag.path}"
+            qos = parse_yaml(channel.metadata.get("offered_qos_profiles", "[]"), source)
             hash_ = channel.metadata.get("topic_type_hash", "")
-            writer.add_topic(channel.topic, schema.name, schema.data.decode(), hash_, qos)
+            writer.add_topic(channel.topic, schema.name, as_text(schema.data, source), hash_, qos)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import BagError, ParameterError
+from loco_control.files import whole_folder
 from loco_control.reading import within
 
 from .reader import Bag
@@ -31,7 +32,7 @@ def export(
     form: str = "npz",
     topics: Sequence[str] | None = None,
 ) -> list[Path]:
-    """Write a file per topic that has messages.
+    """Write a file per topic that has messages; after an error none is there.
 
     Args:
         bag: The recording.
@@ -56,8 +57,9 @@ def export(
     if not names:
         raise BagError(f"{bag.path} has no messages to export")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return [_export_one(bag, name, folder, form) for name in names]
+        with whole_folder(folder) as new:
+            files = [_export_one(bag, name, new, form) for name in names]
+        return [folder / file.name for file in files]
     except OSError as error:
         raise BagError(f"{folder} cannot be written: {error}") from None
 

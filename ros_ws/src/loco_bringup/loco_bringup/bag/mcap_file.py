@@ -20,6 +20,8 @@ from loco_control.exceptions import BagError
 from .mcap_chunk import Records, unpack
 from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
 
+_FOREVER = 1 << 63  # [ns], beyond the clocks of ROS
+
 
 @dataclass
 class Summary:
@@ -119,6 +121,8 @@ class McapFile(Mcap):
         count, there = summary.statistics.chunk_count, len(self.chunks)
         if count != there:
             raise BagError(f"{there} chunks of {count} are there")
+        if summary.statistics.message_end_time >= _FOREVER:
+            raise BagError("its messages have stamps of 2^63 ns or more")
         missing = {c.schema_id for c in channels} - set(summary.schemas) - {0}
         if missing:
             raise BagError(f"schema {min(missing)} is missing")
@@ -158,7 +162,7 @@ class McapFile(Mcap):
         """
         chunks = self.chunks
         if not chunks and self.kind(Opcode.MESSAGE):
-            yield self.loose()
+            yield self._dated(self.loose())
         with ThreadPoolExecutor(1) as pool:
             ahead = [pool.submit(unpack, self.data, chunk) for chunk in chunks[:1]]
             for i in range(len(chunks)):
@@ -167,7 +171,12 @@ class McapFile(Mcap):
                     records = Records(ahead.pop(0).result())
                 except BagError as error:
                     raise self._error(str(error)) from None
-                yield records
+                yield self._dated(records)
+
+    def _dated(self, records: Records) -> Records:
+        if (records.times < 0).any():
+            raise self._error("a message has a stamp of 2^63 ns or more")
+        return records
 
 
 def attachment_whole(data: bytes, piece: Piece) -> bool:

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import BagError, LocoError, ParameterError
+from loco_control.files import whole_folder
 from loco_control.reading import parse_yaml, read_yaml
 
 from . import progress as bag_progress
@@ -112,16 +110,10 @@ class _Copy:
     def run(self) -> Recovery:
         """Write beside the target, then put it in place."""
         try:
-            self._target.parent.mkdir(parents=True, exist_ok=True)
-            work = tempfile.mkdtemp(prefix=".recover-", dir=self._target.parent)
+            with whole_folder(self._target) as folder:
+                self._write(folder)
         except OSError as error:
             raise BagError(f"no bag can be written at {self._target}: {error}") from None
-        try:
-            folder = Path(work) / self._target.name
-            self._write(folder)
-            os.rename(folder, self._target)
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
         return self._recovery()
 
     def _write(self, folder: Path) -> None:
@@ -162,12 +154,16 @@ class _Copy:
     def _copy(self, records: Records, topics: dict[int, str], writer: BagWriter) -> None:
         heads = records.heads
         if len(heads):
-            self._spans.append((int(heads["time"].min()), int(heads["time"].max())))
+            times = heads["time"].clip(0)
+            self._spans.append((int(times.min()), int(times.max())))
         rows = zip(heads.tolist(), records.starts.tolist(), records.stops.tolist(), strict=True)
         for (channel, sequence, time, publish), start, stop in rows:
+            if time < 0:  # told by the salvager
+                continue
             if channel in topics:
                 data = records.data[start:stop]
-                writer.write(topics[channel], data, time, sequence, publish)
+                sent = publish if publish >= 0 else time
+                writer.write(topics[channel], data, time, sequence, sent)
                 self._written += 1
             else:
                 self._foreign[channel] += 1

@@ -118,6 +118,9 @@ class Salvager(Mcap):
             self.found.lost.append(Lost(piece.start, piece.stop, _short(error), times, count))
         else:
             self.found.blocks.append(piece)
+            if late := int((records.times < 0).sum()):
+                why = "messages with a stamp of 2^63 ns or more"
+                self.found.lost.append(Lost(piece.start, piece.stop, why, messages=late))
 
     def _take_record(self, piece: Piece) -> None:
         for kind, opcode in _OPCODE.items():

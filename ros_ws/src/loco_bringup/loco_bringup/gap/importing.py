@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
+from loco_control.reading import understood
 from loco_learning.gap.recordings import align, importing, mapping, tables
 from loco_learning.gap.recordings.mapping import Mapping
 from loco_learning.gap.recordings.record import Record
@@ -20,6 +21,7 @@ from .fields import FieldSource
 _KNOWN = ("fixed_base", "height")  # what a run's experiment may say of the robot that ran
 
 
+@understood("whole recording")
 def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None) -> list[Record]:
     """Records of a bag, a table, or a folder of tables.
 

@@ -48,12 +48,19 @@ def fuzz(p: ArgumentParser) -> None:
     """Options of `loco fuzz`."""
     p.description += (
         "\n\nA find is an input whose answer is not one error of ours: a traceback, an end of the"
-        "\nprocess, or none within 10 s of processor time. Each is kept as a file with what it did."
+        "\nprocess, or none within 10 s of processor time. Each is kept as a file with what it did,"
+        "\nand damaged further by the next run with the same --out."
+        "\n  loco fuzz --damage flip --inputs 10000"
     )
     p.add_argument("target", nargs="?", default="all",
-                   help="experiment, robot, model, gait, study, node_set, mapping, csv, json, npz, "
-                   "messages or all (default)")  # fmt: skip
+                   help="experiment, robot, model, gait, study, node_set, mapping, csv, json, gz, "
+                   "npz, urdf, bag, mcap, messages or all (default)")  # fmt: skip
     p.add_argument("--minutes", type=float, default=2.0, help="wall time in all (default 2)")
+    p.add_argument("--inputs", type=int, default=0, metavar="N",
+                   help="as many inputs instead, in equal shares")  # fmt: skip
+    p.add_argument("--damage", default="any",
+                   help="any (default), cut (truncations) or flip (one byte each)")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="targets at a time (default 2)")
     p.add_argument("--seed", type=int, default=0, help="seed of all damage")
     p.add_argument("--out", type=Path, default=Path("results/fuzz"), help="folder of the finds")
 

@@ -16,20 +16,21 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import LocoError
+from loco_control.exceptions import LocoError, NameUnknownError
 
-from .mutation import damaged
-from .targets import Target, target
+from . import mutation
+from .targets import TARGETS, Target, target
 
 LIMIT = 10  # processor time of one input [s]
 BATCH = 200  # inputs of a child process
-_CURRENT = "current"
+_CURRENT, _ROW = "current", "row"
 KINDS = ("traceback", "no end", "crash")
 
 
@@ -42,39 +43,55 @@ def fuzz(
     seconds: float,
     folder: Path,
     seed: int = 0,
-    on_progress: Callable[[str, dict[str, Any]], Any] = lambda name, row: None,
+    count: int = 0,
+    damage: str = "any",
+    workers: int = 1,
 ) -> dict[str, dict[str, Any]]:
     """Damage the inputs of targets for a while; a row of counts for each.
 
+    What earlier runs found lies in the folder and is damaged further, so the corpus grows.
+
     Args:
         names: Names of the targets.
-        seconds: Wall time for all of them together [s].
+        seconds: Wall time for all of them together [s]; not looked at if there is a `count`.
         folder: Folder that gets each find as a file in a folder of its target.
         seed: Seed of all damage.
-        on_progress: Function that is called with a target and its row after each batch.
+        count: Inputs of all targets together, each an equal share; 0 for as many as there is time.
+        damage: Kind of damage, one of `mutation.KINDS`.
+        workers: Targets at a time, each in a process of its own.
 
     Raises:
-        NameUnknownError: There is no target of a name.
+        NameUnknownError: There is no target of a name, or no such damage.
     """
     for name in names:
         target(name)
-    rows = {name: {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)} for name in names}
-    for number, name in enumerate(names):
-        end, batch = time.monotonic() + seconds / len(names), 0
-        while batch == 0 or time.monotonic() < end:
-            found = run_batch(name, [seed, number, batch], BATCH, folder / name)
-            for key in rows[name]:
-                rows[name][key] += found.get(key, 0)
+    if damage not in mutation.KINDS:
+        raise NameUnknownError("damage", damage, mutation.KINDS)
+    share, end = -(-count // len(names)), time.monotonic() + seconds
+
+    def one(name: str) -> tuple[str, dict[str, Any]]:
+        row = {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
+        until = time.monotonic() + seconds * workers / len(names)
+        batch = 0
+        while row["inputs"] < share if count else not batch or time.monotonic() < min(end, until):
+            size = min(BATCH, share - row["inputs"]) if count else BATCH
+            job = [seed, list(TARGETS).index(name), batch]
+            found = run_batch(name, job, size, folder / name, damage)
+            row = {key: row[key] + found.get(key, 0) for key in row}
             batch += 1
-            on_progress(name, rows[name])
-    return rows
+        return name, row
+
+    with ThreadPoolExecutor(workers) as pool:
+        return dict(pool.map(one, names))
 
 
-def run_batch(name: str, seed: list[int], count: int, folder: Path) -> dict[str, int]:
+def run_batch(
+    name: str, seed: list[int], count: int, folder: Path, damage: str = "any"
+) -> dict[str, int]:
     """One child process with many inputs; counts of what they did."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
-        job = json.dumps([name, seed, count, place, str(folder)])
+        job = json.dumps([name, seed, count, place, str(folder), damage])
         child = subprocess.Popen(
             [sys.executable, "-m", "loco_bringup.workshop.fuzz.fuzz", job],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -84,17 +101,18 @@ def run_batch(name: str, seed: list[int], count: int, folder: Path) -> dict[str,
         except subprocess.TimeoutExpired:  # a compiled loop does not hear the signal
             child.kill()
             child.communicate()
-            return {"inputs": count, "no end": keep(Path(place), folder, "no end")}
+            return keep(Path(place), folder, "no end", "no end")
         if child.returncode:
-            return {"inputs": count, "crash": keep(Path(place), folder, f"{child.returncode}")}
+            return keep(Path(place), folder, "crash", f"{child.returncode}")
         return json.loads(said.splitlines()[-1])
 
 
-def keep(place: Path, folder: Path, why: str) -> int:
-    """Keep the input that a child was at; returns 1."""
-    current = place / _CURRENT
+def keep(place: Path, folder: Path, kind: str, why: str) -> dict[str, int]:
+    """Keep the input that a child was at; the counts of the child with it."""
+    current, row = place / _CURRENT, place / _ROW
     save(current.read_bytes() if current.is_file() else b"", folder, why)
-    return 1
+    before = json.loads(row.read_text()) if row.is_file() else {"inputs": 0}
+    return {**before, "inputs": before["inputs"] + 1, kind: before.get(kind, 0) + 1}
 
 
 def save(data: bytes, folder: Path, why: str) -> None:
@@ -104,11 +122,14 @@ def save(data: bytes, folder: Path, why: str) -> None:
     (folder / f"{stem}.txt").write_text(why)
 
 
-def inputs(chosen: Target, seed: list[int], count: int) -> Iterator[bytes]:
-    """Damaged inputs of a target; the same for the same seed."""
-    rng, seeds = np.random.default_rng(seed), chosen.seeds()
+def inputs(
+    chosen: Target, seed: list[int], count: int, damage: str = "any", corpus: Sequence[bytes] = ()
+) -> Iterator[bytes]:
+    """Damaged inputs of a target; the same for the same seed and corpus."""
+    rng, seeds = np.random.default_rng(seed), [*chosen.seeds(), *corpus]
     for _ in range(count):
-        yield damaged(seeds[int(rng.integers(len(seeds)))], rng, seeds, chosen.structured)
+        data = seeds[int(rng.integers(len(seeds)))]
+        yield mutation.damaged(data, rng, seeds, chosen.structured, damage)
 
 
 def outcome(chosen: Target, data: bytes) -> tuple[str, str]:
@@ -139,19 +160,22 @@ def outcome(chosen: Target, data: bytes) -> tuple[str, str]:
 def main() -> None:
     """Run a batch, as JSON says, and write its counts."""
     warnings.simplefilter("ignore")
-    name, seed, count, place, folder = json.loads(sys.argv[1])
+    name, seed, count, place, folder, damage = json.loads(sys.argv[1])
     chosen, found = target(name), {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
-    current = os.path.join(place, _CURRENT)
-    for data in inputs(chosen, seed, count):
-        with open(current, "wb") as file:
-            file.write(data)
+    corpus = [path.read_bytes() for path in sorted(Path(folder).glob("*.bin"))]
+    with tempfile.TemporaryDirectory() as first:  # compiles and loads, which has its time
+        chosen.run(chosen.seeds()[0], Path(first))
+    current, row = os.path.join(place, _CURRENT), os.path.join(place, _ROW)
+    for data in inputs(chosen, seed, count, damage, corpus):
+        Path(row).write_text(json.dumps(found))
+        Path(current).write_bytes(data)
         kind, why = outcome(chosen, data)
         found["inputs"] += 1
         if kind:
             found[kind] += 1
         if kind in KINDS:
             save(data, Path(folder), why)
-    sys.stdout.write(json.dumps(found) + "\n")
+    sys.stdout.write("\n" + json.dumps(found) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damage to files and texts: bytes of any kind, and values of YAML and JSON in their structure."""
+"""Damage to files and texts: to bytes, and to values in the structure of YAML, JSON and XML."""
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Sequence
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -24,8 +26,15 @@ VALUES: tuple[Any, ...] = (
 )  # fmt: skip
 
 
+KINDS = ("any", "cut", "flip")
+
+
 def damaged(
-    data: bytes, rng: np.random.Generator, seeds: Sequence[bytes], structured: str
+    data: bytes,
+    rng: np.random.Generator,
+    seeds: Sequence[bytes],
+    structured: str,
+    damage: str = "any",
 ) -> bytes:
     """One input made of another.
 
@@ -33,8 +42,15 @@ def damaged(
         data: The input to damage.
         rng: Source of all choices.
         seeds: Other inputs, of which parts may be taken.
-        structured: ``yaml`` or ``json`` to damage values, too; empty for bytes alone.
+        structured: ``yaml``, ``json`` or ``xml`` to damage values, too; empty for bytes alone.
+        damage: ``cut`` for a truncation, ``flip`` for another value of one byte, ``any``
+            for one to three of all kinds.
     """
+    if damage == "cut":
+        return data[: int(rng.integers(0, len(data)))]
+    if damage == "flip":
+        at = int(rng.integers(0, len(data)))
+        return data[:at] + bytes([data[at] ^ int(rng.integers(1, 256))]) + data[at + 1 :]
     if structured and rng.random() < 0.6:
         return _structure(data, rng, structured)
     for _ in range(int(rng.integers(1, 4))):
@@ -67,6 +83,8 @@ def _bytes(data: bytes, rng: np.random.Generator, seeds: Sequence[bytes]) -> byt
 
 
 def _structure(data: bytes, rng: np.random.Generator, kind: str) -> bytes:
+    if kind == "xml":
+        return _elements(data, rng)
     try:
         values = yaml.safe_load(data) if kind == "yaml" else json.loads(data)
     except Exception:  # it was damaged before
@@ -90,14 +108,47 @@ def _replaced(values: Any, rng: np.random.Generator) -> Any:
     if not len(keys) or rng.random() < 0.15:
         return new
     key = list(keys)[int(rng.integers(len(keys)))]
-    copy = dict(values) if isinstance(values, dict) else list(values)
+    changed = dict(values) if isinstance(values, dict) else list(values)
     how = rng.random()
     if how < 0.1:
-        del copy[key]
-    elif how < 0.2 and isinstance(copy, dict):
-        copy["x" if rng.random() < 0.5 else 3] = copy.pop(key)
-    elif how < 0.3 and isinstance(copy, list):
-        copy.append(copy[key])
+        del changed[key]
+    elif how < 0.2 and isinstance(changed, dict):
+        changed["x" if rng.random() < 0.5 else 3] = changed.pop(key)
+    elif how < 0.3 and isinstance(changed, list):
+        changed.append(changed[key])
     else:
-        copy[key] = _replaced(copy[key], rng)
-    return copy
+        changed[key] = _replaced(changed[key], rng)
+    return changed
+
+
+def _elements(data: bytes, rng: np.random.Generator) -> bytes:
+    """XML with some of its elements moved, copied, removed, or of other attributes."""
+    try:
+        root = ElementTree.fromstring(data)
+    except Exception:  # it was damaged before
+        return data[: len(data) // 2]
+    names = sorted({e.get("name") or "x" for e in root}) + [f"{v}"[:500] for v in VALUES]
+    for _ in range(int(rng.integers(1, 4))):
+        parents = [(parent, child) for parent in root.iter() for child in parent]
+        if not parents:
+            break
+        parent, child = parents[int(rng.integers(len(parents)))]
+        how = rng.random()
+        if how < 0.15:
+            parent.remove(child)
+        elif how < 0.3:
+            parent.append(copy.deepcopy(child))
+        elif how < 0.4:
+            root.append(copy.deepcopy(child))
+        elif child.attrib:
+            key = sorted(child.attrib)[int(rng.integers(len(child.attrib)))]
+            value = names[int(rng.integers(len(names)))]
+            if how < 0.6:  # one number among others
+                words = child.attrib[key].split() or [""]
+                words[int(rng.integers(len(words)))] = value
+                value = " ".join(words)
+            elif how < 0.65:
+                child.attrib["x"] = child.attrib.pop(key)
+                continue
+            child.attrib[key] = value
+    return ElementTree.tostring(root)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import gzip
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -28,7 +29,7 @@ class Target(NamedTuple):
     Attributes:
         seeds: Function that returns inputs that are right.
         run: Function that takes an input and an empty folder.
-        structured: ``yaml`` or ``json`` for inputs that are; else empty.
+        structured: ``yaml``, ``json`` or ``xml`` for inputs that are; else empty.
     """
 
     seeds: Callable[[], list[bytes]]
@@ -141,6 +142,48 @@ def _npz_seeds() -> list[bytes]:
         return [path.read_bytes()]
 
 
+def _gz(data: bytes, folder: Path) -> None:
+    from loco_learning.gap.recordings import tables
+
+    tables.read(_file(data, folder, "t.csv.gz"))
+
+
+def _urdf(data: bytes, folder: Path) -> None:
+    from . import bodies
+
+    bodies.build(data, folder)
+
+
+def _urdf_seeds() -> list[bytes]:
+    from . import bodies
+
+    return bodies.seeds()
+
+
+def _bag(data: bytes, folder: Path) -> None:
+    from . import bags
+
+    bags.read_recipe(data, folder)
+
+
+def _bag_seeds() -> list[bytes]:
+    from . import bags
+
+    return bags.recipes()
+
+
+def _mcap(data: bytes, folder: Path) -> None:
+    from . import bags
+
+    bags.read_file(data, folder)
+
+
+def _mcap_seeds() -> list[bytes]:
+    from . import bags
+
+    return bags.files()
+
+
 def _messages(data: bytes, folder: Path) -> None:
     """Bytes as each topic of the graphs, through the readers of our nodes."""
     for read, finite in _readers():
@@ -190,6 +233,10 @@ TARGETS = {
     "mapping": Target(lambda: [MAPPING], _mapping, "yaml"),
     "csv": Target(lambda: [TABLE], _csv),
     "json": Target(lambda: [JSON], _json, "json"),
+    "gz": Target(lambda: [gzip.compress(TABLE, mtime=0), gzip.compress(TABLE, 1, mtime=0)], _gz),
     "npz": Target(_npz_seeds, _npz),
+    "urdf": Target(_urdf_seeds, _urdf, "xml"),
+    "bag": Target(_bag_seeds, _bag, "json"),
+    "mcap": Target(_mcap_seeds, _mcap),
     "messages": Target(_message_seeds, _messages),
 }
