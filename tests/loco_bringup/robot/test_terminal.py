@@ -2,7 +2,6 @@
 """`loco robot new` from the command line: the page's commands, and robots of others in a graph."""
 
 import re
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,8 @@ from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import rollout
 from loco_sim.robot import robot as robots
 
-DATA = Path(find_spec("pybullet_data").origin).parent
+from ...quadrupeds import DATA
+
 PAGE = (Path(__file__).parents[3] / "docs" / "robots.md").read_text()
 
 

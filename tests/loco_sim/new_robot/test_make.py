@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots that nobody here drew become folders: they stand, or swing where they are bolted."""
 
-from importlib.util import find_spec
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -17,10 +14,9 @@ from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot as robots
 from loco_sim.robot.equipment import GRAVITY
 
-from ...quadrupeds import legs_of
+from ...quadrupeds import DATA, legs_of
 from ..robot.test_urdf_check import GOOD, HOSTILE
 
-DATA = Path(find_spec("pybullet_data").origin).parent
 QUADRUPEDS = {  # and how many of their feet carry them
     "laikago/laikago_toes_limits": 4,
     "a1/a1": 4,

@@ -3,7 +3,6 @@
 
 import re
 import xml.etree.ElementTree as ET
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,8 @@ from loco_sim.params import SimParams
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot, urdf_check
 from loco_sim.world.world import World, make_world
+
+from ...quadrupeds import DATA
 
 BOX = '<box size="0.1 0.1 0.1"/>'
 BODY = (
@@ -189,8 +190,7 @@ def test_what_a_tensor_lacks_to_be_that_of_a_body(tensor, words):
     assert (words in fault) if words else fault == ""
 
 
-@pytest.mark.skipif(find_spec("pybullet_data") is None, reason="needs pybullet_data")
 @pytest.mark.parametrize("name", ["a1/a1", "aliengo/aliengo", "r2d2", "franka_panda/panda"])
 def test_robots_of_others_pass(name):
-    path = Path(find_spec("pybullet_data").origin).parent / f"{name}.urdf"
+    path = DATA / f"{name}.urdf"
     assert list(urdf_check.problems(ET.parse(path).getroot(), path.parent)) == []
