@@ -8,6 +8,7 @@ import pytest
 
 from loco_control.gait.oscillators import CpgParams
 from loco_control.orientation import quaternion
+from loco_learning.metrics import quantities
 from loco_learning.metrics import registry as metrics
 from loco_learning.metrics.registry import METRICS
 from loco_learning.params import CriterionParams, JointLearnerParams
@@ -25,7 +26,7 @@ def table(short_log):
 def shifted(log, strides=0.0, scale=1.0, fall=""):
     """The run with another prediction in closing and test: late, or smaller."""
     ticks = round(strides / 1.7 / log.dt)
-    wanted = metrics.outputs_wanted(log)
+    wanted = quantities.outputs_wanted(log)
     late = np.roll(wanted, ticks, axis=0)
     middle = wanted.mean(axis=0)
     changed = log.changed(prediction=middle + scale * (late - middle))
@@ -127,7 +128,7 @@ def test_a_slow_rhythm_slips_a_stride(short_log):
     start = short_log.phase_of("closing").start
     slow = np.arange(n, dtype=float)
     slow[start:] = start + 0.3 * (slow[start:] - start)
-    wanted = metrics.outputs_wanted(short_log)
+    wanted = quantities.outputs_wanted(short_log)
     late = np.stack([np.interp(slow, np.arange(n), column) for column in wanted.T], axis=1)
     verdict = trial.judge(short_log.changed(prediction=late))
     assert "phase_slip" in verdict.failed

@@ -18,11 +18,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from loco_sim.robot.description import Description
-from loco_sim.robot.frames import feet_in_base
-
 from ..runs.log import Log
 from . import signals
+from .quantities import (
+    columns,
+    drives,
+    feet,
+    has_feet,
+    has_passive_joints,
+    heading_speed,
+    lag,
+    mass,
+    moves,
+    outputs_wanted,
+    passive,
+    period,
+    progress,
+    target_and_prediction,
+    walks,
+)
 
 MAWE_SHIFT = 0.05  # largest shift of eq. (3.40) [s]
 REFERENCE_POWER = 100.0  # P_ref of eq. (3.32) [W], about the power of a slow trot
@@ -93,168 +107,60 @@ def table(log: Log) -> dict[str, dict[str, float]]:
     }
 
 
-# ---- what metrics are computed from ----------------------------------------------------
-
-
-def walks(log: Log) -> bool:
-    """The robot has a gait clock and a trunk controller that holds its heading."""
-    return log.experiment.gait is not None
-
-
-def target_and_prediction(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the joints that the network moves [rad], wanted and predicted, each (T, k)."""
-    outputs = log.experiment.outputs
-    return _columns(log.target, outputs), log.prediction[:, : len(outputs)]
-
-
-def outputs_wanted(log: Log) -> np.ndarray:
-    """Targets of the outputs: positions [rad] and velocities [rad/s], (T, 2k)."""
-    outputs = log.experiment.outputs
-    return np.concatenate((_columns(log.target, outputs), _columns(log.target_dq, outputs)), axis=1)
-
-
-def outputs_commanded(log: Log) -> np.ndarray:
-    """Commands of the joints of the outputs, positions and velocities, (T, 2k)."""
-    outputs = log.experiment.outputs
-    parts = _columns(log.command, outputs), _columns(log.command_dq, outputs)
-    return np.concatenate(parts, axis=1)
-
-
-def _columns(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    return values if len(chosen) == values.shape[1] else values[:, chosen]
-
-
-def period(log: Log) -> int:
-    """Ticks of one stride at the frequency asked for, at least 1."""
-    asked = float(np.mean(log.target_frequency)) if walks(log) else log.experiment.target.frequency
-    return max(1, round(1.0 / (asked * log.dt)))
-
-
-def stride_angle(log: Log) -> np.ndarray:
-    """Stride phase of the target [strides], (T,)."""
-    if walks(log):
-        return log.stride_phase[:, 0]
-    return log.experiment.target.frequency * log.t
-
-
-def lag(log: Log) -> np.ndarray:
-    """Lag of the prediction behind the target [strides], (T,)."""
-    return signals.phase_lag(*target_and_prediction(log), stride_angle(log), period(log))
-
-
-def progress(log: Log) -> np.ndarray:
-    """Displacement along and across the way forward at the first tick [m], (T, 2)."""
-    if walks(log):
-        return log.position[:, :2] - log.position[0, :2]
-    yaw = signals.roll_pitch_yaw(log.orientation[:1])[0, 2]
-    x, y = (log.position[:, :2] - log.position[0, :2]).T
-    return np.stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x], axis=1)
-
-
-def heading_speed(log: Log) -> np.ndarray:
-    """Speed of the base along its heading of the moment [m/s], (T,)."""
-    yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
-    if len(log) < 2:
-        return np.full(len(log), np.nan)
-    dx, dy = (np.gradient(log.position[:, i]) / log.dt for i in (0, 1))
-    return np.cos(yaw) * dx + np.sin(yaw) * dy
-
-
-def mass(log: Log) -> float:
-    """Mass of the robot [kg]."""
-    if walks(log):
-        return log.experiment.trunk.mass
-    return Description(log.experiment.plant.urdf).mass()
-
-
-def drives(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity [rad/s] and torque [N·m] of the driven joints, each (T, m)."""
-    driven = log.experiment.plant.driven
-    return _columns(log.dq, driven), _columns(log.tau, driven)
-
-
-def feet(log: Log, column: str = "q") -> np.ndarray:
-    """Foot positions in the base frame [m], (T, f, 3), of joint positions in a column."""
-    if walks(log):
-        from loco_control.legs.kinematics import feet_and_jacobians  # loads numba
-
-        legs, rows = log.experiment.plant.legs, log.columns[column].reshape(-1, 4, 3)
-        return np.array([feet_and_jacobians(row, legs)[0] for row in rows])
-    return feet_in_base(log.experiment.plant, log.columns[column])
-
-
-def _has_feet(log: Log) -> bool:
-    return bool(log.experiment.plant.feet)
-
-
-def passive(log: Log) -> np.ndarray:
-    """Indices of the joints that no drive moves, (p,)."""
-    plant = log.experiment.plant
-    return np.setdiff1d(np.arange(len(plant.joints)), plant.driven)
-
-
-def _has_passive_joints(log: Log) -> bool:
-    return len(passive(log)) > 0
-
-
-def _moves(log: Log) -> bool:
-    return not log.experiment.plant.fixed_base
-
-
 # ---- behaviour, thesis section 3.6.2 ---------------------------------------------------
 
 
-@metric("m", "ours", "position", "orientation", applies=_moves)
+@metric("m", "ours", "position", "orientation", applies=moves)
 def distance(log: Log) -> float:
     """Displacement along the way forward at the start of the phase."""
     return float(progress(log)[-1, 0])
 
 
-@metric("m/s", "3.30", "position", "orientation", applies=_moves)
+@metric("m/s", "3.30", "position", "orientation", applies=moves)
 def speed(log: Log) -> float:
     """Distance over time."""
     return signals.mean_speed(progress(log)[:, 0], log.dt)
 
 
-@metric("m/s", "ours", "position", "orientation", applies=_moves)
+@metric("m/s", "ours", "position", "orientation", applies=moves)
 def forward_speed(log: Log) -> float:
     """Mean speed along the heading of the moment: that of a robot that may turn."""
     return float(np.mean(heading_speed(log)))
 
 
-@metric("-", "ours", "position", "target_speed", applies=_moves)
+@metric("-", "ours", "position", "target_speed", applies=moves)
 def speed_ratio(log: Log) -> float:
     """Speed over the speed asked for."""
     asked = float(np.mean(log.target_speed))
     return speed(log) / asked if abs(asked) > 1e-6 else float("nan")
 
 
-@metric("m", "ours", "position", "orientation", applies=_moves)
+@metric("m", "ours", "position", "orientation", applies=moves)
 def lateral_drift(log: Log) -> float:
     """Displacement across the way forward at the start of the phase; left is positive."""
     return float(progress(log)[-1, 1])
 
 
-@metric("rad", "ours", "orientation", applies=_moves)
+@metric("rad", "ours", "orientation", applies=moves)
 def heading_drift(log: Log) -> float:
     """Yaw at the end minus yaw at the start."""
     yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
     return float(yaw[-1] - yaw[0])
 
 
-@metric("m", "3.27", "position", applies=_moves)
+@metric("m", "3.27", "position", applies=moves)
 def stability(log: Log) -> float:
     """Range of the height of the base; lower is steadier."""
     return signals.excursion(log.position[:, 2])
 
 
-@metric("rad", "ours", "orientation", applies=_moves)
+@metric("rad", "ours", "orientation", applies=moves)
 def roll_range(log: Log) -> float:
     """Range of the roll of the base."""
     return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 0])
 
 
-@metric("rad", "ours", "orientation", applies=_moves)
+@metric("rad", "ours", "orientation", applies=moves)
 def pitch_range(log: Log) -> float:
     """Range of the pitch of the base (the author's pitch range is really that of yaw)."""
     return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 1])
@@ -279,13 +185,13 @@ def _spent(log: Log) -> tuple[float, float, float]:
     return positive_power(log), forward_speed(log), mass(log)
 
 
-@metric("-", "3.31", "position", "orientation", "dq", "tau", applies=_moves)
+@metric("-", "3.31", "position", "orientation", "dq", "tau", applies=moves)
 def cost_of_transport(log: Log) -> float:
     """P / (m g V), lower is better; of servos P is the positive power. The thesis inverts it."""
     return signals.cost_of_transport(*_spent(log))
 
 
-@metric("m/(s·kg)", "3.32", "position", "orientation", "dq", "tau", applies=_moves)
+@metric("m/(s·kg)", "3.32", "position", "orientation", "dq", "tau", applies=moves)
 def saturated_score(log: Log) -> float:
     """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better."""
     return signals.saturated_score(*_spent(log), REFERENCE_POWER)
@@ -297,31 +203,31 @@ def torque_max(log: Log) -> float:
     return float(np.max(np.abs(drives(log)[1]), initial=0.0))
 
 
-@metric("N", "3.33", "grf", applies=_has_feet)
+@metric("N", "3.33", "grf", applies=has_feet)
 def grf_max(log: Log) -> float:
     """Largest normal force on any foot."""
     return signals.peak_force(log.grf)
 
 
-@metric("-", "ours", "grf", applies=_has_feet)
+@metric("-", "ours", "grf", applies=has_feet)
 def grf_snr(log: Log) -> float:
     """|mean| over standard deviation of the normal forces, mean over feet."""
     return signals.snr(log.grf[..., 2])
 
 
-@metric("-", "ours", "contact", applies=_has_feet)
+@metric("-", "ours", "contact", applies=has_feet)
 def duty_factor(log: Log) -> float:
     """Share of the time that a foot touches the ground, mean over feet."""
     return float(np.mean(log.contact))
 
 
-@metric("m", "3.6.2.6", "q", applies=_has_feet)
+@metric("m", "3.6.2.6", "q", applies=has_feet)
 def step_length(log: Log) -> float:
     """Range of the measured foot position along x in the base frame, mean over feet."""
     return float(np.mean(np.ptp(feet(log)[..., 0], axis=0)))
 
 
-@metric("m", "3.6.2.6", "q", applies=_has_feet)
+@metric("m", "3.6.2.6", "q", applies=has_feet)
 def step_height(log: Log) -> float:
     """Range of the measured foot position along z in the base frame, mean over feet."""
     return float(np.mean(np.ptp(feet(log)[..., 2], axis=0)))
@@ -333,7 +239,7 @@ def stride_frequency(log: Log) -> float:
     return signals.stride_frequency(log.grf[..., 2] if walks(log) else log.command, log.dt)
 
 
-@metric("rad", "ours", "q", applies=_has_passive_joints)
+@metric("rad", "ours", "q", applies=has_passive_joints)
 def passive_range(log: Log) -> float:
     """Range of the passive joints, mean over them."""
     return float(np.mean(np.ptp(log.q[:, passive(log)], axis=0)))
@@ -342,7 +248,7 @@ def passive_range(log: Log) -> float:
 @metric("rad", "ours", "command", "q")
 def tracking_error(log: Log) -> float:
     """Rms of commanded minus measured position of the driven joints."""
-    return float(np.sqrt(signals.mse(log.command, _columns(log.q, log.experiment.plant.driven))))
+    return float(np.sqrt(signals.mse(log.command, columns(log.q, log.experiment.plant.driven))))
 
 
 # ---- learning, thesis section 3.6.3 ----------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-GRAVITY = 9.81  # [m/s²]
+from loco_sim.robot.equipment import GRAVITY
 
 
 def excursion(x: np.ndarray) -> float:

@@ -15,8 +15,8 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import to_dict
 
 from .. import archive
+from ..metrics import quantities, signals
 from ..metrics import registry as metrics
-from ..metrics import signals
 from ..runs.experiment import Experiment, override
 from ..runs.log import Log
 from . import trial
@@ -114,10 +114,10 @@ def reduce(log: Log, name: str, variant: str, curves: bool = True) -> CaseResult
 def _error(log: Log) -> dict[str, np.ndarray]:
     """Smoothed NRMSE after standing, and the lag while the prediction drives."""
     moving = log.cut(slice(log.phase_of("stand").stop, None))
-    if not log.experiment.learner.enabled or len(moving) < metrics.period(log):
+    if not log.experiment.learner.enabled or len(moving) < quantities.period(log):
         return {}
-    target, prediction = metrics.target_and_prediction(moving)
-    smooth = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    target, prediction = quantities.target_and_prediction(moving)
+    smooth = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     curves = {"error_t": moving.t[::COARSE], "error": smooth[::COARSE]}
     found = trial.course(log)
     if found:
@@ -134,23 +134,23 @@ def _feet(log: Log) -> dict[str, np.ndarray]:
     return {
         "feet_t": end.t,
         "feet_target": end.target_feet[:, :2, 2] - ground,
-        "feet": metrics.feet(end, "command")[:, :2, 2] - ground,
+        "feet": quantities.feet(end, "command")[:, :2, 2] - ground,
     }
 
 
 def _cycle(log: Log) -> dict[str, np.ndarray]:
     """Limit cycle of the test phase in the two principal components of the target [-]."""
     test = log.cut(log.phase_of("test"))
-    if not log.experiment.learner.enabled or len(test) < metrics.period(log):
+    if not log.experiment.learner.enabled or len(test) < quantities.period(log):
         return {}
-    wanted, commanded = metrics.outputs_wanted(test), metrics.outputs_commanded(test)
+    wanted, commanded = quantities.outputs_wanted(test), quantities.outputs_commanded(test)
     target, actual = signals.limit_cycle(wanted, commanded)
     return {"cycle_t": test.t, "cycle_target": target, "cycle": actual}
 
 
 def _traces(log: Log) -> dict[str, np.ndarray]:
     """Commands and passive joints at the end of each phase, by its name."""
-    width, passive = round(TRACE * metrics.period(log)), metrics.passive(log)
+    width, passive = round(TRACE * quantities.period(log)), quantities.passive(log)
     if not len(passive):
         return {}
     curves = {}

@@ -155,13 +155,13 @@ def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> Map
     for name in (x, y):
         if name not in names:
             raise NameUnknownError(f"axis of {where}", name, names)
-    legal = _ranges(values.get("legal", {}), f"{where}.map.legal")
+    legal = ranges(values.get("legal", {}), f"{where}.map.legal")
     metrics = tuple(values.get("metrics", legal))
     for name in (*metrics, *legal):
         if name not in known and name != "survived":
             raise NameUnknownError("metric", str(name), known)
     regions = {
-        str(name): {part: _ranges(dict(rule).get(part, {}), f"{where}.map.regions.{name}.{part}")
+        str(name): {part: ranges(dict(rule).get(part, {}), f"{where}.map.regions.{name}.{part}")
                     for part in ("where", "what")}
         for name, rule in dict(values.get("regions", {})).items()
     }  # fmt: skip
@@ -169,7 +169,7 @@ def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> Map
     return MapSpec(x, y, metrics, legal, damping, regions)
 
 
-def _ranges(values: Any, where: str) -> dict[str, tuple[float, float]]:
+def ranges(values: Any, where: str) -> dict[str, tuple[float, float]]:
     """Ranges by name; null leaves an end open.
 
     Raises:

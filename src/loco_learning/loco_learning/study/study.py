@@ -154,7 +154,7 @@ def load(
 
     Args:
         name_or_path: One of `names()`, or a path that ends in ``.yaml``.
-        seeds: Instead of those of the file.
+        seeds: Seeds that replace those of the file.
         overrides: Values by dotted name for every variant, such as ``{"learner.test": 5}``.
 
     Raises:

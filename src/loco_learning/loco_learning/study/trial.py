@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..metrics import registry as metrics
-from ..metrics import signals
+from ..metrics import quantities, signals
 from ..params import CriterionParams
 from ..reflex.schedule import CLOSING
 from ..runs.log import Log
@@ -57,15 +56,15 @@ def driven(log: Log) -> Log:
 def course(log: Log) -> Course | None:
     """Course of a run, None if the prediction drove for less than two strides."""
     log = driven(log)
-    if not len(log) or len(log) < 2 * metrics.period(log):
+    if not len(log) or len(log) < 2 * quantities.period(log):
         return None
-    stride = metrics.period(log)
-    target, prediction = metrics.target_and_prediction(log)
+    stride = quantities.period(log)
+    target, prediction = quantities.target_and_prediction(log)
     wanted = np.nanmedian(signals.stride_amplitude(target, 2 * stride))
     return Course(
         log.t,
         signals.smoothed_nrmse(target, prediction, stride),
-        metrics.lag(log),
+        quantities.lag(log),
         signals.stride_amplitude(prediction, 2 * stride) / wanted,
     )
 
@@ -92,7 +91,7 @@ def judge(log: Log, criterion: CriterionParams | None = None) -> Verdict:
 def _numbers(log: Log, found: Course) -> dict[str, float]:
     tail = driven(log)
     tail = tail.cut(slice(max(0, len(tail) - round(TAIL / log.dt)), None))
-    target, prediction = metrics.target_and_prediction(tail)
+    target, prediction = quantities.target_and_prediction(tail)
     return {
         "nrmse": float(np.max(found.nrmse)),
         "amplitude": float(np.nanmin(found.amplitude)),

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import importlib.resources
 import math
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import LocoError, ParameterError
+from loco_control.exceptions import LocoError
 
 from ..plain import read_yaml
+from ..study.grid import ranges
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "not decided"
 Numbers = Mapping[str, float]
@@ -101,7 +103,7 @@ def claims() -> list[Claim]:
     """
     made = []
     for number, row in read_yaml(file("claims.yaml")).items():
-        rule = {str(name): _ends(number, ends) for name, ends in row.get("rule", {}).items()}
+        rule = ranges(row.get("rule", {}), f"claim {number}")
         evidence = row["from"] if isinstance(row["from"], list) else [row["from"]]
         made.append(
             Claim(str(number), row.get("item", ""), row.get("says", ""), tuple(evidence),
@@ -110,11 +112,10 @@ def claims() -> list[Claim]:
     return made
 
 
-def _ends(number: Any, ends: Any) -> tuple[float, float]:
-    if not isinstance(ends, list) or len(ends) != 2:
-        raise ParameterError(f"claim {number}: a range is [low, high], got {ends!r}")
-    low, high = ends
-    return (-math.inf if low is None else float(low), math.inf if high is None else float(high))
+def tally(verdicts: Iterable[str]) -> str:
+    """Count each verdict, as a sentence: "13 agrees, 11 disagrees, 23 not decided"."""
+    counts = Counter(verdicts)
+    return ", ".join(f"{counts[word]} {word}" for word in (AGREES, DISAGREES, OPEN))
 
 
 def judge(claim: Claim, evidence: Any) -> Verdict:

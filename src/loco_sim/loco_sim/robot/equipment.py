@@ -24,7 +24,7 @@ BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "b
 NESTED = ("sensors", "sim", "fall")
 UNCERTAIN = "uncertain"
 SCALARS = ("control_rate", "height", "fixed_base")
-GRAVITY = 9.81  # [m/s²], for the static load of a foot
+GRAVITY = 9.81  # [m/s²], where no `sim.gravity` is at hand: weights, load of a standing foot
 
 
 @dataclass(frozen=True)

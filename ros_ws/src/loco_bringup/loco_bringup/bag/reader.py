@@ -250,3 +250,14 @@ def mcap_path(path: Path) -> Path:
     if not path.is_file():
         raise MissingFileError(f"no bag at {path}; `loco list bags` shows those that are there")
     return path
+
+
+def seconds(records: np.ndarray, path: str) -> np.ndarray:
+    """Times of a stamp field of records [s], shape (n,).
+
+    Args:
+        records: Records of a topic, as `Bag.records` gives them.
+        path: Name of the stamp, such as ``header.stamp``.
+    """
+    whole = records[f"{path}.sec"].astype(np.int64) * 1_000_000_000
+    return (whole + records[f"{path}.nanosec"]) / 1e9

@@ -11,11 +11,10 @@ from loco_control.exceptions import BagError, NameUnknownError
 from loco_learning.calibration.recording import Recording, align
 from loco_sim.robot.robot import Robot
 
-from ..bag.reader import Bag
+from ..bag.reader import Bag, seconds
+from ..gap.topics import COMMAND, MOTION, ROBOT_STATE, STATES, TRUNK
 
-STATES, COMMANDS = "joint_states", "joint_command"
 TYPE = "sensor_msgs/msg/JointState"
-OWN_STATE, OWN_COMMAND, TRUNK = "robot_state", "motion_command", "trunk_torque"
 
 
 def read_recording(
@@ -24,8 +23,8 @@ def read_recording(
     """Commands and joint angles of a recorded robot.
 
     Args:
-        bag: Bag folder or ``.mcap`` file with `STATES` and `COMMANDS`, or with `OWN_STATE` and
-            `OWN_COMMAND` of the HyQ graph.
+        bag: Bag folder or ``.mcap`` file with `STATES` and `COMMAND`, or with `ROBOT_STATE` and
+            `MOTION` of the HyQ graph.
         rate: Samples per second of the result.
         namespace: Namespace of the robot, where the bag holds several.
         robot: Robot that was measured; the messages of the HyQ graph do not name its joints.
@@ -37,7 +36,7 @@ def read_recording(
     """
     bag = bag if isinstance(bag, Bag) else Bag(bag)
     prefix = f"/{namespace.strip('/')}/" if namespace else "/"
-    if robot is not None and {prefix + OWN_STATE, prefix + OWN_COMMAND} <= bag.topics.keys():
+    if robot is not None and {prefix + ROBOT_STATE, prefix + MOTION} <= bag.topics.keys():
         return _own(bag, prefix, robot, rate)
     names = _topics(bag, namespace)
     return align(bag.folder.name, *(_joints(bag, name) for name in names), rate)
@@ -47,7 +46,7 @@ def _topics(bag: Bag, namespace: str) -> list[str]:
     """Recorded names of the two topics."""
     prefix = f"/{namespace.strip('/')}/" if namespace else ""
     names, missing = [], []
-    for topic in (STATES, COMMANDS):
+    for topic in (STATES, COMMAND):
         try:
             names.append(bag.resolve(prefix + topic))
         except NameUnknownError:
@@ -57,7 +56,7 @@ def _topics(bag: Bag, namespace: str) -> list[str]:
         hint = " (name one robot by its namespace)" if len(several) > 1 else ""
         raise BagError(
             f"{bag.path.name} has no topic {' and no topic '.join(missing)}{hint}; a calibration "
-            f"needs {STATES} and {COMMANDS}; it has {', '.join(sorted(bag.topics)) or 'none'}"
+            f"needs {STATES} and {COMMAND}; it has {', '.join(sorted(bag.topics)) or 'none'}"
         )
     for name in names:
         info = bag.topics[name]
@@ -84,27 +83,23 @@ def _joints(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 def _own(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
     """Joints in the robot's order; the trunk controller's torque and stance go with the command."""
-    state, command = bag.records(prefix + OWN_STATE), bag.records(prefix + OWN_COMMAND)
+    state, command = bag.records(prefix + ROBOT_STATE), bag.records(prefix + MOTION)
     count = len(robot.joints)
     if state["q"].shape[1] != count:
         raise BagError(
-            f"{bag.path.name} has {state['q'].shape[1]} joints on {prefix}{OWN_STATE}, the robot "
+            f"{bag.path.name} has {state['q'].shape[1]} joints on {prefix}{ROBOT_STATE}, the robot "
             f"has {count}: another robot was measured (choose it with --robot)"
         )
     others = {"velocity": command["dq"]}
     if prefix + TRUNK in bag.topics:
         trunk = bag.records(prefix + TRUNK)
-        row = np.searchsorted(_stamps(trunk), _stamps(command), side="right") - 1
+        row = np.searchsorted(seconds(trunk, "stamp"), seconds(command, "stamp"), side="right") - 1
         others |= {"torque": trunk["tau"][np.maximum(row, 0)]}
         others |= {"stance": trunk["stance"][np.maximum(row, 0)]}
     return align(
         bag.folder.name,
-        (_stamps(state), state["q"], robot.joints),
-        (_stamps(command), command["q"], robot.joints),
+        (seconds(state, "stamp"), state["q"], robot.joints),
+        (seconds(command, "stamp"), command["q"], robot.joints),
         rate,
         others,
     )
-
-
-def _stamps(records: np.ndarray) -> np.ndarray:
-    return records["stamp.sec"] + 1e-9 * records["stamp.nanosec"]

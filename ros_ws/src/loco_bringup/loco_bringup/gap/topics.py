@@ -12,7 +12,7 @@ from loco_control.ros.messages.joint_codec import JointCodec
 from loco_learning.gap.recordings.tracks import AXES, Track
 from loco_sim.robot.robot import Robot
 
-from ..bag.reader import Bag
+from ..bag.reader import Bag, seconds
 
 STATES, COMMAND = "joint_states", "joint_command"
 ROBOT_STATE, MOTION, TRUNK = "robot_state", "motion_command", "trunk_torque"
@@ -152,17 +152,12 @@ def _pose(bag: Bag, topic: str) -> list[Track]:
 
 def _blocks(records: np.ndarray, topic: str, fields: dict[str, str]) -> list[Track]:
     """Tracks of vectors and quaternions, by role and path."""
-    t = _seconds(records, "header.stamp")
+    t = seconds(records, "header.stamp")
     return [
         Track(role, axis, t, records[f"{path}.{axis}"].astype(float), topic)
         for role, path in fields.items()
         for axis in AXES[role]
     ]
-
-
-def _seconds(records: np.ndarray, path: str) -> np.ndarray:
-    whole = records[f"{path}.sec"].astype(np.int64) * 1_000_000_000
-    return (whole + records[f"{path}.nanosec"]) / 1e9
 
 
 def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
@@ -185,13 +180,13 @@ def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
         if name == TRUNK and not bag.topics.get(prefix + TRUNK):
             continue
         records = bag.records(prefix + name)
-        t = _seconds(records, "stamp")
+        t = seconds(records, "stamp")
         for role, field in roles.items():
             found += _side_by_side(role, robot.joints, t, records[field], prefix + name)
         if name == TRUNK:
             found += _side_by_side("stance", robot.feet, t, records["stance"], prefix + name)
     records = bag.records(prefix + ROBOT_STATE)
-    t = _seconds(records, "stamp")
+    t = seconds(records, "stamp")
     force = records["grf"].reshape(len(t), -1, 3)[:, :, 2]
     found += _side_by_side("grf", robot.feet, t, force, prefix + ROBOT_STATE)
     imu = {"orientation": "orientation", "gyro": "angular_velocity"}

@@ -17,7 +17,7 @@ from loco_learning.reflex.schedule import CLOSING, TRAIN, Schedule
 from loco_learning.runs.experiment import Experiment, from_values
 from loco_learning.runs.log import Log, columns_of, empty
 
-from ..bag.reader import Bag
+from ..bag.reader import Bag, seconds
 
 TOPIC_OF = {  # messages of a robot with legs by the parts of a log, in the order of a tick
     "state": "robot_state",
@@ -93,12 +93,6 @@ def _chosen(records: np.ndarray, ticks: set[int]) -> np.ndarray:
     _, first = np.unique(records["tick"], return_index=True)
     records = records[first]
     return records[np.isin(records["tick"], list(ticks))]
-
-
-def seconds(records: np.ndarray, path: str) -> np.ndarray:
-    """Times of a stamp field [s], shape (n,)."""
-    whole = records[path + ".sec"].astype(np.int64) * 1_000_000_000
-    return (whole + records[path + ".nanosec"]) / 1e9
 
 
 def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
 from loco_control.stance.controller import ESTIMATORS
-from loco_learning.metrics import registry as metrics
-from loco_learning.metrics import signals
+from loco_learning.metrics import quantities, signals
 from loco_learning.runs.log import Log
 
 from ..page.style import (
@@ -48,13 +47,13 @@ def tail(log: Log, length: float) -> slice:
 
 def whole_strides(log: Log) -> slice:
     """The last few whole strides of a log."""
-    return tail(log, STRIDES * metrics.period(log) * log.dt)
+    return tail(log, STRIDES * quantities.period(log) * log.dt)
 
 
 def moving(log: Log) -> Log:
     """The log from the end of standing on."""
     stand = log.phase_of("stand")
-    if len(log) - stand.stop < metrics.period(log):
+    if len(log) - stand.stop < quantities.period(log):
         raise BagError("the run ended before the robot had made a stride")
     return log.cut(slice(stand.stop, len(log)))
 
@@ -70,17 +69,17 @@ def motion_of_base(log: Log, height: float) -> Figure:
         BagError: The run has no ground truth.
     """
     log = posed(log)
-    window = metrics.period(log)
+    window = quantities.period(log)
     angles = signals.roll_pitch_yaw(log.orientation)
     rows = (
         ("height [m]", log.position[:, 2]),
         ("roll [rad]", angles[:, 0]),
         ("pitch [rad]", angles[:, 1]),
         ("yaw [rad]", angles[:, 2]),
-        ("forward speed [m/s]", metrics.heading_speed(log)),
+        ("forward speed [m/s]", quantities.heading_speed(log)),
     )
     figure, axes = canvas(5, 1, height, sharex=True)
-    if metrics.walks(log):
+    if quantities.walks(log):
         axes[-1, 0].plot(*thin(log.t, log.target_speed), label="target", **TARGET)
     for ax, (label, y) in zip(axes[:, 0], rows, strict=True):
         times, low, high = envelope(log.t, y, window)
@@ -153,8 +152,8 @@ def timeline(log: Log) -> Figure:
 
 def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
     """Times at which the target, and at which the readout, drives HFE and KFE, each (T,)."""
-    command = metrics.outputs_commanded(log)
-    by_target = np.all(command == metrics.outputs_wanted(log), axis=1)
+    command = quantities.outputs_commanded(log)
+    by_target = np.all(command == quantities.outputs_wanted(log), axis=1)
     return by_target, np.all(command == log.prediction, axis=1) & ~by_target
 
 
@@ -220,8 +219,8 @@ def _windows(log: Log) -> list[tuple[str, slice]]:
 def prediction_error(log: Log) -> Figure:
     """Smoothed NRMSE, lag and weight norm through time."""
     criterion, log = log.experiment.criterion, learned(log)
-    target, prediction = metrics.target_and_prediction(log)
-    error = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    target, prediction = quantities.target_and_prediction(log)
+    error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     figure, axes = canvas(3, 1, 4.9, sharex=True, height_ratios=(2, 1, 1))
     top, middle, bottom = axes[:, 0]
     times, low, high = envelope(log.t, error, max(1, len(log) // 450))
@@ -231,7 +230,7 @@ def prediction_error(log: Log) -> Figure:
     usual = float(np.quantile(error, 0.02))
     top.set(yscale="log", ylabel="smoothed NRMSE [-]", ylim=(max(usual / 2.0, 1e-6), None))
     top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    middle.plot(*thin(log.t, metrics.lag(log)), **COMMAND)
+    middle.plot(*thin(log.t, quantities.lag(log)), **COMMAND)
     middle.axhline(0.0, color="#999999", linewidth=0.6)
     middle.set_ylabel("lag [stride]")
     low, high = middle.get_ylim()
@@ -258,10 +257,10 @@ def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def limit_cycle(log: Log) -> Figure:
     """Target, command and measured joints in the target's PCA plane, by phase."""
     log = moving(log)
-    target, outputs = metrics.outputs_wanted(log), log.experiment.outputs
+    target, outputs = quantities.outputs_wanted(log), log.experiment.outputs
     tracks = (
         (target, TARGET, "target"),
-        (metrics.outputs_commanded(log), COMMAND, "command"),
+        (quantities.outputs_commanded(log), COMMAND, "command"),
         (np.concatenate((log.q[:, outputs], log.dq[:, outputs]), axis=1), MEASURED, "measured"),
     )
     planes = [(signals.limit_cycle(target, x)[1], look, label) for x, look, label in tracks]
@@ -270,7 +269,7 @@ def limit_cycle(log: Log) -> Figure:
     for ax in axes[0, len(reached) :]:
         ax.set_axis_off()
     for ax, (name, ticks) in zip(axes[0], reached.items(), strict=False):
-        first = max(ticks.start, ticks.stop - STRIDES * metrics.period(log))
+        first = max(ticks.start, ticks.stop - STRIDES * quantities.period(log))
         for plane, look, label in planes:
             ax.plot(*plane[first : ticks.stop].T, label=label, **look)
         ax.set_title(name)

@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
-from loco_learning.metrics import registry as metrics
-from loco_learning.metrics import signals
+from loco_learning.metrics import quantities, signals
 from loco_learning.reflex.joint_sensors import passive_joints
 from loco_learning.runs.log import Log
 from loco_learning.study.trial import driven
@@ -43,12 +42,12 @@ CHAPTERS, chapter = chapters()
 
 def tail(log: Log, strides: float) -> slice:
     """The last strides of a log."""
-    return slice(max(0, len(log) - round(strides * metrics.period(log))), len(log))
+    return slice(max(0, len(log) - round(strides * quantities.period(log))), len(log))
 
 
 def windows(log: Log) -> list[tuple[str, slice]]:
     """Titles and ticks of close looks: where the readout takes over, and the end."""
-    found, width = [], round(WINDOW * metrics.period(log))
+    found, width = [], round(WINDOW * quantities.period(log))
     for name in ("closing", "test"):
         ticks = log.phases().get(name)
         if ticks and ticks.start + width // 2 < len(log):
@@ -61,7 +60,7 @@ def learned(log: Log) -> Log:
     """The log, if a readout drove for two strides."""
     if not log.experiment.learner.enabled:
         raise BagError("open loop: this run has no network")
-    if len(driven(log)) < 2 * metrics.period(log):
+    if len(driven(log)) < 2 * quantities.period(log):
         raise BagError("the run ended before the readout had driven for two strides")
     return log
 
@@ -148,15 +147,15 @@ def prediction_error(log: Log) -> Figure:
     if not known.any():
         raise BagError("the bag has no joint_prediction")
     shown = log.cut(slice(int(np.argmax(known)), None))
-    target, prediction = metrics.target_and_prediction(shown)
-    error = signals.smoothed_nrmse(target, prediction, metrics.period(log))
+    target, prediction = quantities.target_and_prediction(shown)
+    error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     times, low, high = envelope(shown.t, error, max(1, len(shown) // 450))
     top.fill_between(times, low, high, color=COMMAND["color"], alpha=0.35, linewidth=0)
     top.plot(times, high, **COMMAND)
     top.axhline(bounds.nrmse, **BOUND)
     top.set(yscale="log", ylabel="smoothed NRMSE [-]")
     alone = driven(log)
-    bottom.plot(*thin(alone.t, metrics.lag(alone)), **COMMAND)
+    bottom.plot(*thin(alone.t, quantities.lag(alone)), **COMMAND)
     bottom.axhline(0.0, color="#999999", linewidth=0.6)
     bottom.set(ylabel="lag [stride]", xlabel="time [s]")
     low, high = bottom.get_ylim()
@@ -174,7 +173,7 @@ def prediction_error(log: Log) -> Figure:
 )
 def limit_cycle(log: Log) -> Figure:
     """Commands and passive joints in a common PCA plane, by phase."""
-    stride, whole = metrics.period(log), log.phases().items()
+    stride, whole = quantities.period(log), log.phases().items()
     found = {k: v for k, v in whole if v.stop - v.start > stride and k != "stand"}
     if not found:
         raise BagError("the run ended before the robot had made a stride")
@@ -199,7 +198,7 @@ def path(log: Log) -> Figure:
     """Position of the base in the plane, one colour per phase."""
     log = posed(log)
     figure, axes = canvas(1, 1, 2.9)
-    ax, step = axes[0, 0], 5 * metrics.period(log)
+    ax, step = axes[0, 0], 5 * quantities.period(log)
     for i, (name, ticks) in enumerate(log.phases().items()):
         xy = log.position[slice(ticks.start, ticks.stop + 1), :2][every(log.t[ticks])]
         ax.plot(*xy.T, color=PALETTE[i], linewidth=1.3, label=name)
@@ -239,7 +238,7 @@ def feet(log: Log) -> Figure:
     left, right = axes[0]
     height = np.einsum("ti,tfi->tf", _down(log.orientation), places) + log.position[:, 2:]
     lowest = float(height.min())
-    rows = slice(-2 * metrics.period(log), None)
+    rows = slice(-2 * quantities.period(log), None)
     for i, name in enumerate(names):
         look = {"color": PALETTE[i % len(PALETTE)], "linewidth": 1.0}
         left.plot(*places[:, i, ::2].T, label=name.replace("_foot", ""), **look)
@@ -269,7 +268,7 @@ def torque_and_power(log: Log) -> Figure:
     plant = log.experiment.plant
     figure, axes = canvas(2, 1, 4.0)
     top, bottom = axes[:, 0]
-    rows, window = tail(log, WINDOW), 2 * metrics.period(log)
+    rows, window = tail(log, WINDOW), 2 * quantities.period(log)
     for i, joint in enumerate(plant.driven[: len(PALETTE)]):
         label = short(plant.joints[joint])
         top.plot(log.t[rows], log.tau[rows, joint], color=PALETTE[i], linewidth=0.9, label=label)

@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from loco_control.names import LEGS
-from loco_learning.metrics import registry as metrics
-from loco_learning.metrics import signals
+from loco_learning.metrics import quantities, signals
 from loco_learning.runs.log import Log
 
 from ..page.style import (
@@ -103,8 +102,8 @@ def foot_cycles(log: Log) -> Figure:
     log = log.cut(whole_strides(log))
     paths = (
         (log.target_feet, TARGET, "target"),
-        (metrics.feet(log, "command"), COMMAND, "command"),
-        (metrics.feet(log), MEASURED, "measured"),
+        (quantities.feet(log, "command"), COMMAND, "command"),
+        (quantities.feet(log), MEASURED, "measured"),
     )
     figure, axes = canvas(2, 2, 4.6)
     for leg, place in enumerate(((0, 1), (1, 1), (0, 0), (1, 0))):  # front is right, left on top
@@ -141,11 +140,11 @@ def trunk_motion(log: Log) -> Figure:
 def power_and_cost(log: Log) -> Figure:
     """Power, speed and cost of transport through time."""
     log = moving(posed(log))
-    window = 2 * metrics.period(log)
+    window = 2 * quantities.period(log)
     each = log.dq * log.tau
     signed = signals.moving_mean(each.sum(axis=1), window)
     positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
-    speed = signals.moving_mean(metrics.heading_speed(log), window)
+    speed = signals.moving_mean(quantities.heading_speed(log), window)
     weight = log.experiment.trunk.mass * signals.GRAVITY
     fast = np.where(np.abs(speed) > SLOW, np.abs(speed), np.nan)
     figure, axes = canvas(3, 1, 4.8, sharex=True)

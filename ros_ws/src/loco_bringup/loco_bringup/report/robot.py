@@ -9,6 +9,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from loco_control.exceptions import BagError, LocoError
+from loco_learning.metrics import quantities
 from loco_learning.metrics import registry as metrics
 from loco_learning.runs.log import Log
 from loco_learning.study.trial import judge
@@ -85,7 +86,7 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
     name, robot = log.experiment.name, log.experiment.plant.name
     if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
         return f"{robot} ran {name} for {len(log) * log.dt:.1f} s."
-    far, length = metrics.progress(log)[-1], len(log) * log.dt
+    far, length = quantities.progress(log)[-1], len(log) * log.dt
     text = (
         f"{robot} got {math.hypot(*far):.2f} m away in {length:.1f} s: {far[0]:.2f} m along its "
         f"first heading and {abs(far[1]):.2f} m to the {'left' if far[1] > 0 else 'right'}, "
@@ -122,7 +123,7 @@ def animation(log: Log, path: Path | None) -> Markup:
         raise BagError("the animation was left out on request")
     strides, speed = SHOWN if log.experiment.gait else SHOWN_SMALL
     log = figures.posed(log)
-    log = log.cut(figures.tail(log, strides * metrics.period(log) * log.dt))
+    log = log.cut(figures.tail(log, strides * quantities.period(log) * log.dt))
     data = render_gif(
         path,
         log.t,

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
 from pathlib import Path
 
 from loco_control.files import write_whole
@@ -24,14 +23,12 @@ def write(
 ) -> Path:
     """Write ``README.md``, ``verdicts.csv`` and the figures; returns the path of the page."""
     drawn = figures.write(found, folder)
-    counts = Counter(v.verdict for v in verdicts)
     lines = [
         f"# Claims of the thesis, {plan} plan",
         "",
         f"Made by `loco reproduce {what} --plan {plan}`. The rules stand in "
         "`loco_learning/thesis/claims.yaml`; docs/thesis.md says which came before the runs.",
-        ", ".join(f"{counts[word]} {word}" for word in
-                  (registry.AGREES, registry.DISAGREES, registry.OPEN)) + ".",
+        f"{registry.tally(v.verdict for v in verdicts)}.",
         "",
         "| claim | thesis | says | wanted | found | verdict | runs |",
         "| --- | --- | --- | --- | --- | --- | --- |",

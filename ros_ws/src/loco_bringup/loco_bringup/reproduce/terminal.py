@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -128,11 +127,11 @@ def judge(claims: Iterable[Claim], found: Evidence) -> list[Verdict]:
 def show(verdicts: list[Verdict], written: Path) -> int:
     """Print verdicts and where their page is; returns 0."""
     for v in verdicts:
-        console.print(f"{v.claim:>5}  {v.verdict:<12} {v.says}\n       {v.wanted}\n"
-                      f"       found: {v.found}")  # fmt: skip
-    counts = Counter(v.verdict for v in verdicts)
-    words = (registry.AGREES, registry.DISAGREES, registry.OPEN)
-    console.print(f"{', '.join(f'{counts[word]} {word}' for word in words)}; page: {written}")
+        says = getattr(v, "says", "")  # those of chapter 6 say it in what they want
+        lines = (f"{v.claim:>5}  {v.verdict:<12} {says or v.wanted}", says and f"       {v.wanted}",
+                 f"       found: {v.found}")  # fmt: skip
+        console.print("\n".join(filter(None, lines)))
+    console.print(f"{registry.tally(v.verdict for v in verdicts)}; page: {written}")
     return 0
 
 
@@ -144,14 +143,7 @@ def reproduce_msd(
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     _run_msd(plan, preset, folder, workers, scheduler)
     written, verdicts = msd_page.write(plan, preset, folder / "runs", folder)
-    for v in verdicts:
-        console.print(f"{v.claim:>5}  {v.verdict:<12} {v.wanted}\n       found: {v.found}")
-    counts = [
-        f"{sum(v.verdict == word for v in verdicts)} {word}"
-        for word in ("agrees", "disagrees", "not decided")
-    ]
-    console.print(f"{', '.join(counts)}; page: {written}")
-    return 0
+    return show(verdicts, written)
 
 
 def _run_msd(plan: str, preset: str, folder: Path, workers: int, scheduler: str) -> None:

@@ -26,7 +26,7 @@ from loco_sim.effects.identity import READ_AS
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 
-from ..recordings.record import Record
+from ..recordings.record import Record, bridged
 from ..statistics import noise
 from . import odometry, running, windows
 from .channels import SIGNALS, Channel, measured, of
@@ -364,10 +364,5 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     """Rows read `samples` earlier, between two of them by cubic interpolation; ends are held."""
     from scipy.ndimage import shift as moved
 
-    finite, rows = np.isfinite(values), np.arange(len(values))
-    filled = np.zeros(values.shape)
-    for column in np.flatnonzero(finite.any(axis=0)):
-        known = finite[:, column]
-        filled[:, column] = np.interp(rows, rows[known], values[known, column])
-    out = moved(filled, (samples, 0.0), order=3, mode="nearest")
-    return np.where(finite, out, np.nan)
+    out = moved(bridged(values), (samples, 0.0), order=3, mode="nearest")
+    return np.where(np.isfinite(values), out, np.nan)

@@ -26,7 +26,7 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
 
-from ..recordings.record import Record
+from ..recordings.record import Record, bridged
 from . import running
 from .channels import Channel
 from .forward import Forward, ForwardParams
@@ -217,8 +217,8 @@ def _led(record: Record, robot: Robot) -> Record:
     measured, torque = record.joints_of(robot, "q"), record.command_of(robot, "torque")
     if "torque" not in record.ramps:  # held from its stamp on: half of each acts before the next
         torque = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
-    known, rows, dt = np.isfinite(measured).all(axis=1), np.arange(len(record.t)), record.dt
-    whole = np.stack([np.interp(rows, rows[known], x[known]) for x in measured.T], axis=1)
+    known, dt = np.isfinite(measured).all(axis=1), record.dt
+    whole = bridged(np.where(known[:, None], measured, np.nan))
     q, dq = smoothed(whole, dt), smoothed(whole, dt, order=1)
     every = max(1, round(COARSE / dt))
     kept = slice(0, len(record.t) // every * every, every)

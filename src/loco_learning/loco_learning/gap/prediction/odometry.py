@@ -17,10 +17,11 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from loco_sim.geometry import multiply
+from loco_sim.robot.equipment import GRAVITY
 from loco_sim.robot.frames import link_frames, numbers
 from loco_sim.robot.robot import Robot
 
-from ..recordings.record import Record
+from ..recordings.record import Record, bridged
 from ..statistics import evidence, noise
 from .channels import heading
 from .phases import LOADED
@@ -34,7 +35,6 @@ BIAS = 0.2  # error of an accelerometer, its tilt included [m/s²]
 BLIND = 5.0  # the same of a robot without one: how usual accelerations of a base are
 DRIFT = 0.1  # error of the vertical speed [m/s]
 REST = 0.03  # of gravity: a base that turns [rad/s] and is accelerated less is at rest at first
-GRAVITY = 9.81
 
 
 class Legs(NamedTuple):
@@ -231,16 +231,6 @@ def loads(record: Record, robot: Robot, stands: np.ndarray) -> np.ndarray:
     share = robot.mass * GRAVITY / np.maximum(stands.sum(axis=1, keepdims=True), 1)
     force = record.feet_of(robot.feet)
     return np.where(np.isfinite(force), np.maximum(force, 0.0), share)
-
-
-def bridged(values: np.ndarray) -> np.ndarray:
-    """Columns with their gaps filled straight, (T, k); all 0 where nothing was measured."""
-    rows, out = np.arange(len(values)), np.zeros(values.shape)
-    for k, column in enumerate(values.T):
-        seen = np.isfinite(column)
-        if seen.any():
-            out[:, k] = np.interp(rows, rows[seen], column[seen])
-    return out
 
 
 def at_home(turn: np.ndarray, yaw: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from ..recordings.record import Record
+from ..recordings.record import Record, bridged
 
 STRIDE_PHASES = ("swing", "touchdown", "stance", "lift-off")
 MOTION = ("moving", "reversal", "rest")
@@ -53,7 +53,7 @@ def position(record: Record, joint: str) -> np.ndarray:
     values = record.signals.get("q")
     if values is None:
         return np.zeros(len(record.t))
-    return _filled(values[:, record.joints.index(joint)])
+    return bridged(values[:, record.joints.index(joint)])
 
 
 def speed(record: Record, joint: str) -> np.ndarray:
@@ -61,18 +61,13 @@ def speed(record: Record, joint: str) -> np.ndarray:
     if record.has("dq"):
         values = record.signals["dq"][:, record.joints.index(joint)]
         if np.isfinite(values).any():
-            return _filled(values)
+            return bridged(values)
     q = gaussian_filter1d(position(record, joint), max(SPEED_TIME / record.dt, 1.0), mode="nearest")
     return np.gradient(q, record.dt)
 
 
-def _filled(x: np.ndarray) -> np.ndarray:
-    known = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(len(x)), known, x[known]) if len(known) else np.zeros(len(x))
-
-
 def _steps(force: np.ndarray, dt: float) -> np.ndarray:
-    force = _filled(force)
+    force = bridged(force)
     down = force > LOADED * np.quantile(force, 0.95)
     near = max(1, round(AROUND / dt))
     index = np.where(down, 2, 0)

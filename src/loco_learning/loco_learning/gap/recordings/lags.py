@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .record import Record
+from .record import Record, bridged
 
 LONGEST_LAG = 0.3  # [s]
 FOLLOWS = 0.3  # correlation of a motion with its command below which it does not follow
@@ -76,9 +76,8 @@ def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
     known = np.isfinite(q) & np.isfinite(command)
     if known.sum() < 20 or np.ptp(command[known]) < 1e-9:
         return 1.0
-    rows = np.arange(len(q))
     a = command - np.mean(command[known])
-    b = np.interp(rows, rows[known], q[known]) - np.mean(q[known])
+    b = bridged(np.where(known, q, np.nan)) - np.mean(q[known])
     return float(np.max(_correlation(a, b, max(1, min(int(LONGEST_LAG / dt), len(a) // 3)))))
 
 

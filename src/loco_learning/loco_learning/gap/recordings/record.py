@@ -219,3 +219,21 @@ def _known(name: str, what: str, found: Mapping | tuple, legal: Sequence[str]) -
 def _shape(name: str, what: str, values: np.ndarray, wanted: tuple[int, ...]) -> None:
     if np.shape(values) != wanted:
         raise ParameterError(f"{name}: {what} has the shape {np.shape(values)}, wanted {wanted}")
+
+
+def bridged(values: np.ndarray) -> np.ndarray:
+    """Signals with what was not measured filled straight between its neighbours; ends are held.
+
+    Args:
+        values: A signal, (T,), or one per column, (T, k); NaN where it was not measured.
+
+    Returns:
+        The same shape; a signal that was never measured is 0.
+    """
+    columns = values.reshape(len(values), -1)
+    rows, out = np.arange(len(values)), np.zeros(columns.shape)
+    for k, column in enumerate(columns.T):
+        seen = np.isfinite(column)
+        if seen.any():
+            out[:, k] = np.interp(rows, rows[seen], column[seen])
+    return out.reshape(values.shape)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from math import cos, sin
@@ -34,10 +34,14 @@ def feet(robot: Any, pattern: str) -> list[str]:
     Raises:
         NameUnknownError: The name or pattern fits no foot.
     """
-    found = [foot for foot in robot.feet if not pattern or fnmatchcase(foot, pattern)]
-    if not found:
+    if not (known := named(robot.feet, pattern)):
         raise NameUnknownError("foot", pattern, robot.feet)
-    return found
+    return known
+
+
+def named(feet: Iterable[str], pattern: str) -> list[str]:
+    """Those of some feet that a name or pattern fits; empty fits all."""
+    return [foot for foot in feet if not pattern or fnmatchcase(foot, pattern)]
 
 
 def under_feet(whole: Offer, robot: Any) -> list[Offer]:
@@ -176,11 +180,10 @@ class GroundCompliance(Effect, name="ground_compliance"):
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         found = {}
-        for foot, force in load.items():
-            if fnmatchcase(foot, self.foot or "*"):
-                slow = 1.0 - np.exp(-dt / max(self.compliance * self.damping, 1e-9))
-                depth = reading_laws.followed(self.compliance * force, slow)
-                found[foot] = np.where(force > 0.0, depth, 0.0)
+        slow = 1.0 - np.exp(-dt / max(self.compliance * self.damping, 1e-9))
+        for foot in named(load, self.foot):
+            depth = reading_laws.followed(self.compliance * load[foot], slow)
+            found[foot] = np.where(load[foot] > 0.0, depth, 0.0)
         return found
 
     def configure(self, world: Any) -> None:
@@ -261,8 +264,8 @@ class GroundHeight(Effect, name="ground_height"):
         return under_feet(plain(cls, ""), robot)[1:]
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
-        named = [foot for foot in load if fnmatchcase(foot, self.foot or "*")]
-        return {foot: np.where(load[foot] > 0.0, -self.height, 0.0) for foot in named}
+        feet = named(load, self.foot)
+        return {foot: np.where(load[foot] > 0.0, -self.height, 0.0) for foot in feet}
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
