@@ -34,12 +34,13 @@ from loco_sim.robot.robot import Robot
 # Compiled kernels and figures take seconds to load: only what is used is.
 _gap = lazy.module("loco_bringup.gap.run")
 _text = lazy.module("loco_bringup.gap.text")
+_export = lazy.module("loco_bringup.export_model.write")
 _report = lazy.module("loco_bringup.report.report")
 _rollout = lazy.module("loco_learning.runs.rollout")
 
 __all__ = [
     "Bag", "Experiment", "Gap", "Log", "LocoError", "Model", "Page", "Robot", "__version__",
-    "find_gap", "load_bag", "report", "robot", "rollout",
+    "export_model", "find_gap", "load_bag", "report", "robot", "rollout",
 ]  # fmt: skip
 
 
@@ -199,6 +200,30 @@ def find_gap(
     )  # fmt: skip
     folder = Path(out) if out is not None else job.default_folder()
     return Gap(folder, _gap.run(job, folder, on_progress))
+
+
+def export_model(
+    model: str | Path | Gap,
+    to: str,
+    out: str | Path | None = None,
+    *,
+    replay: Sequence[str | Path] = (),
+    mapping: str | Path | None = None,
+) -> Any:
+    """Write a model for another simulator; ``.lost`` of the result says what it cannot say there.
+
+    Args:
+        model: Result of `find_gap`, its folder, a ``model.yaml`` or a robot.
+        to: ``mjcf``, ``urdf``, ``isaac`` or ``pace``.
+        out: Folder; default below ``exports``.
+        replay: Recordings to play in MuJoCo alone, for ``.compared``; default those held out.
+        mapping: Mapping of the recordings.
+
+    Raises:
+        LocoError: There is no such model or target, or a recording is of no use.
+    """
+    given = model.folder if isinstance(model, Gap) else model
+    return _export.export_model(given, to, out, replay, mapping)
 
 
 def report(bag: str | Path | Bag, out: str | Path | None = None, *, gif: bool = True) -> Page:

@@ -74,11 +74,12 @@ class World(world.World):
             )
         text = self._text()
         root = "" if self.robot.fixed_base else self.description.root_link()
+        self._asked = (
+            text, _dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
+            self.params.solver_iterations, self.terrain,
+        )  # fmt: skip
         try:
-            model = _compiled(
-                text, _dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
-                self.params.solver_iterations, self.terrain,
-            )  # fmt: skip
+            model = _compiled(*self._asked)
         except ValueError as error:
             raise ParameterError(
                 f"MuJoCo cannot build robot {self.robot.name!r}: {' '.join(str(error).split())}"
@@ -341,6 +342,22 @@ class World(world.World):
 
     # ---- questions asked rarely --------------------------------------------------
 
+    def mjcf(self) -> str:
+        """The world as MJCF, as `rebuild` left it; meshes by their absolute paths."""
+        m, spec = self._model, _spec(*self._asked)
+        for name, body in self._bodies.items():
+            here = spec.body(name)
+            at = np.flatnonzero(m.geom_bodyid == body)
+            for geom, i in zip(here.geoms, at, strict=True):
+                geom.friction, geom.condim = m.geom_friction[i], int(m.geom_condim[i])
+                geom.solref, geom.solimp = m.geom_solref[i], m.geom_solimp[i]
+            for joint in here.joints:
+                joint.solref_limit = joint.solref_friction = 2.0 * self.dt, 1.0
+                joint.solimp_limit = joint.solimp_friction = STOP
+        spec.body(self.description.root_link()).pos = m.body_pos[self._root]
+        spec.add_key(name="standing", qpos=self._data.qpos.tolist())
+        return spec.to_xml()
+
     def energy(self) -> tuple[float, float]:
         m, data = self._model, self._data
         mass = self._mass(data)
@@ -381,7 +398,12 @@ def _address(library: str, name: str) -> int:
 
 
 @lru_cache(maxsize=64)
-def _compiled(
+def _compiled(*asked: Any) -> mujoco.MjModel:
+    """Model of a URDF on the ground; kept, as reading takes longer than many a run."""
+    return _spec(*asked).compile()
+
+
+def _spec(
     text: str,
     dates: tuple[int, ...],
     root: str,
@@ -390,8 +412,8 @@ def _compiled(
     gravity: Triple,
     iterations: int,
     terrain: Terrain | None,
-) -> mujoco.MjModel:
-    """Model of a URDF on the ground; kept, as reading takes longer than many a run.
+) -> mujoco.MjSpec:
+    """Plan of a URDF on the ground, before it is compiled.
 
     Args:
         text: The URDF.
@@ -428,7 +450,7 @@ def _compiled(
             objtype=mujoco.mjtObj.mjOBJ_GEOM, objname="loco_ground",
             reftype=mujoco.mjtObj.mjOBJ_BODY, refname=foot, intprm=NET_FORCE,
         )  # fmt: skip
-    return spec.compile()
+    return spec
 
 
 def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:

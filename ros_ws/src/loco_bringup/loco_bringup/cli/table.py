@@ -66,6 +66,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "write experiments that excite a robot, within its limits",
             "cli.options.gap:experiments", "gap.terminal:show_library",
         ),
+        "export-model": Command(
+            "write a model for MuJoCo, URDF readers, Isaac Lab or PACE, and say what is lost",
+            "cli.options.gap:export_model", "export_model.terminal:show_export",
+        ),
         "calibrate": Command(
             "fit a robot's body to a recorded bag (thesis chapter 5, resumable)",
             "cli.options.fit:calibrate", "calibrate.terminal:show_calibration",

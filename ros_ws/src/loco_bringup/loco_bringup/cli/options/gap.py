@@ -88,6 +88,21 @@ def experiments(p: ArgumentParser) -> None:
     add_out(p, "folder of the experiments (default experiments/ROBOT)")
 
 
+def export_model(p: ArgumentParser) -> None:
+    """Options of `loco export-model`."""
+    p.description += """
+
+Armature, damping, friction, delays, gains, masses and contact, as far as the target knows them;
+what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
+recordings that were held out are replayed in MuJoCo alone."""
+    p.add_argument("model", type=Path, help="robot, model.yaml, or folder of results of loco gap")
+    p.add_argument("--to", required=True, help="mjcf, urdf, isaac or pace")
+    p.add_argument("--replay", nargs="+", default=[], metavar="BAG",
+                   help="mjcf: recordings to check it with (default: those held out)")  # fmt: skip
+    p.add_argument("--mapping", type=Path, metavar="YAML", help="mapping of the recordings")
+    add_out(p, "folder (default exports/ROBOT_TARGET)")
+
+
 def battery(p: ArgumentParser) -> None:
     """Options of `loco gap battery`."""
     p.description += "\n\nMakes cases with a hidden effect, runs the workflow on their bags, " \

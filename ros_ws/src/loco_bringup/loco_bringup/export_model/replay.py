@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Replay of held-out records in the exported MJCF, in a process that has MuJoCo but not loco."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError
+from loco_control.files import write_whole
+from loco_learning.gap.prediction import running
+from loco_learning.gap.prediction.forward import Forward, turned
+from loco_learning.gap.recordings.record import Record
+from loco_sim.export import replay_mjcf
+from loco_sim.export.mjcf import mjcf
+from loco_sim.export.portable import FREE, IMPEDANCE, SERVO, Portable, portable
+from loco_sim.plant.model import Model
+
+SCRIPT = Path(replay_mjcf.__file__)
+FINER, FASTEST = (4, 2, 1), 20000.0  # parts of a physics step, and most of them in a second [Hz]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Errors on one held-out record.
+
+    Attributes:
+        name: Name of the record.
+        ours: Root mean square of measured minus predicted position by loco [rad], over all joints.
+        theirs: The same of MuJoCo with the exported file alone.
+        joints: Both by joint.
+    """
+
+    name: str
+    ours: float
+    theirs: float
+    joints: dict[str, tuple[float, float]]
+
+
+def compare(model: Model, records: Sequence[Record], folder: Path) -> tuple[list[Compared], list]:
+    """Errors on records, and sentences on those that cannot be compared.
+
+    Both run in a quarter of the model's physics step (or a half), where integrators hardly differ.
+
+    ``replay_N.xml`` and ``replay_N.npz`` stay in the folder, for ``replay.py`` there.
+
+    Raises:
+        DivergedError: MuJoCo cannot play the file.
+    """
+    found, notes = [], []
+    for number, record in enumerate(records, 1):
+        one = Model(model.robot, {**model.overrides, **record.overrides}, model.effects)
+        made = portable(one)
+        if not made.robot.fixed_base:
+            notes.append(f"{record.name}: not compared, its robot is not bolted")
+            continue
+        if record.inputs:
+            notes.append(f"{record.name}: {' and '.join(record.inputs)} cannot be replayed")
+        forward = Forward(one, [record])
+        columns = [i for i, channel in enumerate(forward.channels) if channel.signal == "q"]
+        if not columns:
+            notes.append(f"{record.name}: not compared, no position was measured")
+            continue
+        measured = forward.measured[0][:, columns]
+        rate = forward.robot(0).sim.physics_rate
+        finer = next(parts for parts in FINER if parts * rate <= FASTEST or parts == 1)
+        predicted = forward(step=1.0 / finer)[0][:, columns]
+        error = np.where(np.isfinite(measured), predicted - measured, np.nan)
+        path = folder / f"replay_{number}.npz"
+        path.with_suffix(".xml").write_text(mjcf(made)[0], encoding="utf-8")
+        given = _given(made, record, forward, measured, columns)
+        given["finer"] = np.array(float(finer))
+        write_whole(path, lambda file, given=given: np.savez_compressed(file, **given))
+        names = [forward.channels[i].name for i in columns]
+        played, own = _played(path), np.sqrt(np.nanmean(error**2, axis=0)).tolist()
+        joints = {name: (rms, played[name]) for name, rms in zip(names, own, strict=True)}
+        sides = np.array(list(joints.values()))
+        ours, theirs = np.sqrt(np.mean(sides**2, axis=0)).tolist()
+        found.append(Compared(record.name, ours, theirs, joints))
+    return found, notes
+
+
+def _given(
+    made: Portable, record: Record, forward: Forward, measured: np.ndarray, columns: list[int]
+) -> dict[str, np.ndarray]:
+    """Contents of ``replay.npz``: see `replay_mjcf`."""
+    robot, told = made.robot, running.orders(record, made.robot)
+    starts = turned(record, robot, forward.model.effects, forward.starts[0])
+    q, dq = (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
+    said = np.full((len(record.t), len(robot.joints)), np.nan)
+    for column, channel in enumerate(columns):
+        said[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
+    return {
+        "dt": np.array(running.period(record)),
+        "ctrl": _ctrl(made, told),
+        "ramps": np.array(float(any(told.ramps))),
+        "joints": np.array(robot.joints),
+        "q": np.asarray(q, dtype=float),
+        "dq": np.asarray(dq, dtype=float),
+        "measured": said,
+    }
+
+
+def _ctrl(made: Portable, told: running.Orders) -> np.ndarray:
+    """Commands of the actuators of `mjcf`, (T, nu)."""
+    columns = []
+    for index, joint in enumerate(made.joints):
+        q, dq, tau = (table[:, index] for table in (told.q, told.dq, told.tau))
+        if joint.kind == IMPEDANCE:
+            more = joint.kd * dq + tau
+            columns.append(q + more / joint.kp if joint.kp else more)
+        elif joint.kind != FREE:
+            columns.append(_rounded(made, joint.name, q) if joint.kind == SERVO else tau)
+    return np.stack(columns, axis=1)
+
+
+def _rounded(made: Portable, name: str, q: np.ndarray) -> np.ndarray:
+    """Positions wanted [rad], as the servo's own resolution takes them, (T,)."""
+    step = made.robot.drives[name].resolution
+    return step * np.floor(q / step + 0.5) if step else q
+
+
+def _played(path: Path) -> dict[str, float]:
+    """Root mean square error of each joint, as the script in a process of its own prints it."""
+    command = [sys.executable, "-I", SCRIPT, path.with_suffix(".xml"), path]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        raise DivergedError(f"MuJoCo cannot play {path.with_suffix('.xml').name}: {said}")
+    return {name: rms for name, rms in json.loads(done.stdout).items() if np.isfinite(rms)}

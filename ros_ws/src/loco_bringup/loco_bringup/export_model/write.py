@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of an exported model: text, meshes, ranges to randomise in, and the replay."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_control.files import write_whole
+from loco_learning.gap.recordings.record import Record
+from loco_sim.export import isaac, ranges
+from loco_sim.export.mjcf import mjcf
+from loco_sim.export.portable import Portable, portable
+from loco_sim.export.ranges import Range
+from loco_sim.export.urdf import urdf
+from loco_sim.plant import model as models
+from loco_sim.plant.model import Model
+
+from ..gap import run as gap
+from ..gap.importing import load as load_records
+from .replay import SCRIPT, Compared, compare
+
+MJCF, URDF, ISAAC, PACE = "mjcf", "urdf", "isaac", "pace"
+TARGETS = (MJCF, URDF, ISAAC, PACE)
+Texts = dict[str, tuple[str, list[str]]]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Result of an export.
+
+    Attributes:
+        folder: Folder of the files.
+        files: Names of the files.
+        lost: Sentences on what they cannot say.
+        compared: Errors on held-out records, of MJCF alone.
+        notes: Sentences on what was not done.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    lost: tuple[str, ...]
+    compared: tuple[Compared, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+
+
+def export_model(
+    model: str | Path,
+    to: str,
+    out: str | Path | None = None,
+    replay: Sequence[str | Path] = (),
+    mapping: str | Path | None = None,
+) -> Exported:
+    """Write a model for another simulator.
+
+    Args:
+        model: Robot, model.yaml, or the folder of results of `loco gap`.
+        to: One of `TARGETS`.
+        out: Folder; default ``exports/ROBOT_TARGET``.
+        replay: Recordings of the bolted robot to check the MJCF with; default those that
+            `loco gap` held out.
+        mapping: Mapping of the recordings.
+
+    Raises:
+        LocoError: There is no such model or target, or a recording is of no use.
+    """
+    if to not in TARGETS:
+        raise NameUnknownError("target of an export", to, TARGETS)
+    if replay and to != MJCF:
+        raise ParameterError(f"recordings are replayed in MuJoCo: take --to {MJCF}, not {to}")
+    path = Path(model)
+    results = path if (path / gap.RESULT).is_file() else path.parent
+    asked = models.load_any(path / gap.MODEL if results == path else path)
+    found = results / gap.RESULT if path.name == gap.MODEL or results == path else None
+    terms = gap.read_json(found)["terms"] if found is not None and found.is_file() else []
+    made = portable(asked)
+    known, unused = ranges.of(made, terms)
+    texts = WRITERS[to](made, known)
+    folder = Path(out) if out is not None else Path("exports") / f"{made.robot.name}_{to}"
+    _claim(folder)
+    records, notes = _records(asked, replay, mapping, found) if to == MJCF else ([], [])
+    if not known:
+        notes.append("no ranges to randomise in: the model is not a result of `loco gap`")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, (text, _) in texts.items():
+        write_whole(folder / name, _with_meshes(text, folder))
+    compared: list[Compared] = []
+    if to == MJCF:
+        shutil.copyfile(SCRIPT, folder / "replay.py")
+        compared, more = compare(asked, records, folder)
+        notes += more
+    lost = dict.fromkeys(text for _, missing in texts.values() for text in missing)
+    files = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
+    return Exported(folder, files, (*lost, *unused), tuple(compared), tuple(notes))
+
+
+def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
+    texts = {"model.xml": mjcf(made)}
+    return texts | ({"randomize.py": ranges.playground(made, known)} if known else {})
+
+
+def _to_isaac(made: Portable, known: Sequence[Range]) -> Texts:
+    return {"isaac_lab.py": isaac.isaac(made, known), "robot.urdf": (urdf(made)[0], [])}
+
+
+WRITERS: dict[str, Callable[[Portable, Sequence[Range]], Texts]] = {
+    MJCF: _to_mjcf,
+    URDF: lambda made, known: {"robot.urdf": urdf(made)},
+    ISAAC: _to_isaac,
+    PACE: lambda made, known: {"pace.py": isaac.pace(made, known)},
+}
+
+
+def _claim(folder: Path) -> None:
+    """Refuse a folder with files that no export wrote."""
+    if folder.exists() and not folder.is_dir():
+        raise ParameterError(f"{folder} is a file, wanted is a folder")
+    known = re.compile(r"(model|replay_\d+)\.(xml|npz)|robot\.urdf|[a-z_]+\.py|meshes")
+    strange = [p.name for p in folder.glob("*") if not known.fullmatch(p.name)]
+    if strange:
+        raise ParameterError(f"{folder} holds other files ({strange[0]}); choose another --out")
+
+
+def _records(
+    model: Model, replay: Sequence[Any], mapping: Any, found: Path | None
+) -> tuple[list[Record], list[str]]:
+    """Records to compare on, and why there are none."""
+    if replay:
+        robot = model.make_robot()
+        return [r for path in replay for r in load_records(path, robot, mapping)], []
+    if found is None or not (found.parent / gap.JOB).is_file():
+        return [], ["not replayed: name recordings with --replay"]
+    try:
+        _, _, held = gap.read_records(gap.load_job(found.parent))
+    except LocoError as error:
+        return [], [f"not replayed: {error}"]
+    return held, [] if held else ["not replayed: `loco gap` held no recording out whole"]
+
+
+def _with_meshes(text: str, folder: Path) -> str:
+    """The text with meshes named below the folder, to which they are copied."""
+    for name in sorted(set(re.findall(r'file(?:name)?="(/[^"]+)"', text))):
+        mesh = Path(name)
+        if mesh.is_file():
+            (folder / "meshes").mkdir(exist_ok=True)
+            shutil.copyfile(mesh, folder / "meshes" / mesh.name)
+        text = text.replace(f'"{name}"', f'"meshes/{mesh.name}"')
+    return text

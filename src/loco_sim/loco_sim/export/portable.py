@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model as constants of links and joints, which is what other simulators take.
+
+Effects become numbers of the link or joint that they act on wherever they can: dry friction is
+friction loss, a wrong torque constant scales gains and limit. What cannot become a number is a
+sentence in `Portable.lost`, never silence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+
+from ..effects.base import Effect
+from ..effects.catalogue import actuator, body, compliance, contact, delay, friction
+from ..effects.catalogue.compliance import rest
+from ..effects.chain import JointEffect
+from ..effects.places import eligible
+from ..plant.model import Model
+from ..plant.simulation import periods
+from ..robot.robot import Robot
+from ..robot.servo import ImpedanceDrive, ServoParams
+from ..robot.spring import SpringParams
+from ..world.world import World, make_world
+
+IMPEDANCE, SERVO, TORQUE, FREE = "impedance", "servo", "torque", "free"
+ROTOR = "{}: the gear (stiffness {:g}, damping {:g}) is rigid here, the rotor is armature"
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Constants of one joint, in rad, N·m, kg·m² and s (m, N and kg where it slides).
+
+    Attributes:
+        name: Name of the joint.
+        kind: Law of its drive: `IMPEDANCE`, `SERVO`, `TORQUE` or `FREE`.
+        kp: Torque per position error, or torque per torque asked for.
+        kd: Torque per velocity error; of a servo the slope of its torque-speed line.
+        bias: Torque when none is asked for.
+        limit: Largest torque of the drive, at rest.
+        armature: Inertia of rotor and gear that effect or drive have, besides the link's.
+        damping: Viscous damping of the joint itself.
+        friction: Dry friction.
+        stiffness: Stiffness of the spring in the joint.
+        rest: Position where the spring gives no torque.
+        offset: True position where drive and sensor say 0.
+        delay: Time by which commands are late.
+        lag: Time constant of the torque.
+        tension: Spring of which `stiffness` is only the linear equivalent; None elsewhere.
+    """
+
+    name: str
+    kind: str = FREE
+    kp: float = 0.0
+    kd: float = 0.0
+    bias: float = 0.0
+    limit: float = math.inf
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    offset: float = 0.0
+    delay: float = 0.0
+    lag: float = 0.0
+    tension: SpringParams | None = None
+
+    def sprung(self, stiffness: float, rest: float) -> Joint:
+        """The joint with one more linear spring."""
+        total = self.stiffness + stiffness
+        middle = (self.stiffness * self.rest + stiffness * rest) / total if total else rest
+        return replace(self, stiffness=total, rest=middle)
+
+
+@dataclass
+class Portable:
+    """A model without hooks: links in a URDF, joints as constants, and what was lost.
+
+    Attributes:
+        robot: The robot with its overrides.
+        world: The world of MuJoCo in which the robot stands as the model has it.
+        joints: Constants of the robot's joints, in its order.
+        lost: Sentences on what the constants cannot say.
+    """
+
+    robot: Robot
+    world: World
+    joints: list[Joint]
+    lost: list[str] = field(default_factory=list)
+
+
+def portable(model: Model) -> Portable:
+    """Constants of a model.
+
+    Raises:
+        LocoError: The model does not fit its robot, or MuJoCo cannot build it.
+    """
+    robot, effects = model.make_robot(), model.make_effects()
+    lost: list[str] = []
+    built = [e for e in effects if not e.absent() and not _timed(e, lost)]
+    inside = [e for e in built if isinstance(e, BUILT_IN)]
+    steps = periods(1.0 / robot.control_rate, robot.sim.physics_rate)
+    dt = 1.0 / robot.control_rate / steps
+    world = make_world(robot, robot.sim.replace(engine="mujoco"), dt)
+    world.rebuild(robot.standing, [e.configure for e in inside], robot.height)
+    joints = {name: _joint(robot, world, name, lost) for name in robot.joints}
+    for effect in built:
+        _apply(effect, robot, joints, lost)
+    if robot.sensors:
+        lost.append("sensors: resolution, noise and rate stay behind")
+    return Portable(robot, world, list(joints.values()), grouped(lost, robot.joints))
+
+
+def grouped(lost: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Sentences with those of several joints as one."""
+    found: dict[str, list[str]] = {}
+    for text in lost:
+        name, mark, rest = text.partition(": ")
+        own = bool(mark) and name in joints
+        found.setdefault(rest if own else text, []).extend([name] if own else [])
+    return [f"{', '.join(names)}: {text}" if names else text for text, names in found.items()]
+
+
+def _timed(effect: Effect, lost: list[str]) -> bool:
+    timed = effect.start > 0.0 or effect.stop != math.inf
+    if timed:
+        lost.append(f"{effect.name} acts from {effect.start:g} s to {effect.stop:g} s only")
+    return timed
+
+
+def _joint(robot: Robot, world: World, name: str, lost: list[str]) -> Joint:
+    """A joint with drive and spring, before any effect."""
+    limit = float(robot.effort[robot.joints.index(name)])
+    made = Joint(name, damping=world.description.damping(name))
+    drive, spring = robot.drives.get(name), robot.springs.get(name)
+    if isinstance(drive, ServoParams):
+        slope = drive.stall_torque / drive.no_load_speed
+        made = replace(made, kind=SERVO, kp=drive.kp * drive.stall_torque, kd=slope,
+                       limit=drive.stall_torque, armature=drive.rotor_inertia)  # fmt: skip
+        if drive.rotor_inertia > 0.0:
+            lost.append(ROTOR.format(name, drive.gear_stiffness, drive.gear_damping))
+        if drive.resolution > 0.0:
+            lost.append(f"{name}: its drive no longer rounds to {drive.resolution:g} rad")
+        if limit < drive.stall_torque:
+            lost.append(f"{name}: the limit of {limit:g} is below the stall torque and left out")
+    elif isinstance(drive, ImpedanceDrive):
+        made = replace(made, kind=IMPEDANCE, kp=drive.kp, kd=drive.kd, limit=limit)
+        if drive.swing != (drive.kp, drive.kd):
+            lost.append(f"{name}: gains of swing ({drive.swing[0]:g}, {drive.swing[1]:g})")
+    elif drive is not None:
+        made = replace(made, kind=TORQUE, kp=drive.gain, bias=drive.bias, limit=limit)
+    if spring is not None:
+        made = replace(made, damping=made.damping + spring.damping)
+        if spring.kind == "pretension":
+            made = replace(made, tension=spring)
+        else:
+            made = made.sprung(spring.rate, spring.slack)
+    return made
+
+
+def _apply(effect: Effect, robot: Robot, joints: dict, lost: list[str]) -> None:
+    """Put an effect into the joints that it acts on, or say that it is lost."""
+    if isinstance(effect, delay.CommandDelay):
+        for name, joint in joints.items():
+            joints[name] = replace(joint, delay=joint.delay + effect.delay)
+        return
+    law = LAWS.get(type(effect))
+    if law is None and not isinstance(effect, BUILT_IN):
+        place = getattr(effect, "joint", "") or getattr(effect, "foot", "")
+        lost.append(f"{effect.name}{place and f' of {place}'}: {effect.identity.equation}")
+    if law is None:
+        return
+    for index in robot_joints(effect, robot):
+        name = robot.joints[index]
+        changed = law(effect, joints[name], float(rest(robot, [index])[0]))
+        if changed is None:
+            lost.append(f"{effect.name} of {name}: {effect.identity.equation}")
+        else:
+            joints[name] = changed
+
+
+def robot_joints(effect: JointEffect, robot: Robot) -> list[int]:
+    """Indices of the joints that an effect acts on."""
+    able = eligible(robot, effect.among).tolist()
+    return [i for i in able if fnmatchcase(robot.joints[i], effect.joint or "*")]
+
+
+def _scaled(effect: actuator.TorqueConstantError, joint: Joint, _: float) -> Joint | None:
+    by = 1.0 + effect.error
+    if joint.stiffness or joint.tension:
+        return None
+    return replace(joint, kp=by * joint.kp, kd=by * joint.kd, bias=by * joint.bias,
+                   limit=by * joint.limit)  # fmt: skip
+
+
+def _limited(effect: actuator.TorqueLimit, joint: Joint, _: float) -> Joint | None:
+    less = (1.0 - effect.reduction) * joint.limit
+    return None if joint.kind == SERVO else replace(joint, limit=less)
+
+
+def _stiffer(effect: compliance.StiffnessError, joint: Joint, _: float) -> Joint:
+    by, spring = 1.0 + effect.error, joint.tension
+    if spring is None:
+        return replace(joint, stiffness=by * joint.stiffness)
+    return replace(joint, tension=spring.replace(stiffness=by * spring.stiffness))
+
+
+def _turned(effect: compliance.RestAngleError, joint: Joint, _: float) -> Joint | None:
+    return None if joint.tension else replace(joint, rest=joint.rest + effect.offset)
+
+
+# Effects that are built into links and contacts before a run, and are nothing else.
+BUILT_IN = (
+    body.Payload, body.ComOffset, body.TrunkFlex, contact.FootFriction, contact.GroundCompliance,
+    contact.GroundHeight, contact.Slope,
+)  # fmt: skip
+LAWS: dict[type, Callable[..., Joint | None]] = {
+    friction.CoulombFriction: lambda e, j, _: replace(j, friction=j.friction + e.torque),
+    friction.ViscousFriction: lambda e, j, _: replace(j, damping=j.damping + e.damping),
+    body.Armature: lambda e, j, _: replace(j, armature=j.armature + e.inertia),
+    actuator.JointOffset: lambda e, j, _: replace(j, offset=j.offset + e.offset),
+    actuator.ActuatorLag: lambda e, j, _: replace(j, lag=e.time) if j.kind == TORQUE else None,
+    actuator.TorqueConstantError: _scaled,
+    actuator.TorqueLimit: _limited,
+    compliance.StiffnessError: _stiffer,
+    compliance.RestAngleError: _turned,
+    compliance.AddedStiffness: lambda e, j, slack: j.sprung(e.stiffness, slack + e.rest),
+}

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ranges to randomise in, from the intervals of ``gap.json``, for MuJoCo Playground.
+
+`of` gives the ranges for every target; `playground` writes them as a function of the form that
+Playground's training takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+from . import comments
+from .portable import FREE, SERVO, Portable
+
+# Constant of `portable.Joint` that a parameter of an effect adds to; gain scales those of the drive
+CONSTANTS = {
+    ("armature", "inertia"): "armature",
+    ("coulomb_friction", "torque"): "friction",
+    ("viscous_friction", "damping"): "damping",
+    ("torque_constant_error", "error"): "gain",
+    ("joint_offset", "offset"): "offset",
+    ("command_delay", "delay"): "delay",
+}
+FIELDS = {"armature": "dof_armature", "friction": "dof_frictionloss", "damping": "dof_damping"}
+
+PLAYGROUND = '''
+import jax
+
+# Low, high, and what is set to a + b x: field of mjx.Model, index, a, b.
+RANGES = (
+{rows})
+
+
+def domain_randomize(model, rng):
+    """Draw each range once a world; `rng` is one key a world."""
+
+    @jax.vmap
+    def draw(key):
+        fields = {{}}
+        for (low, high, targets), one in zip(RANGES, jax.random.split(key, len(RANGES))):
+            x = jax.random.uniform(one, minval=low, maxval=high)
+            for name, index, a, b in targets:
+                before = fields.get(name, getattr(model, name))
+                fields[name] = before.at[index].set(a + b * x)
+        return fields
+
+    fields = draw(rng)
+    in_axes = jax.tree_util.tree_map(lambda leaf: None, model)
+    in_axes = in_axes.tree_replace(dict.fromkeys(fields, 0))
+    return model.tree_replace(fields), in_axes
+'''
+
+
+@dataclass(frozen=True)
+class Range:
+    """An interval of a constant.
+
+    Attributes:
+        constant: Name of the constant, a value of `CONSTANTS`.
+        joints: Joints that share it.
+        value: Estimate of what the effect adds [unit of the constant].
+        low: Lower end of the interval.
+        high: Upper end.
+    """
+
+    constant: str
+    joints: tuple[str, ...]
+    value: float
+    low: float
+    high: float
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """Of a gain: factors of the constants of the model, which have the estimate in them."""
+        return (1.0 + self.low) / (1.0 + self.value), (1.0 + self.high) / (1.0 + self.value)
+
+
+def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range], list[str]]:
+    """Ranges of the terms of a ``gap.json``, and those that no target takes, a sentence each."""
+    found, lost = [], []
+    driven = [joint.name for joint in model.joints if joint.kind != FREE]
+    for term in terms:
+        named = str(term.get("place", "")).split()
+        all_joints = [joint.name for joint in model.joints]
+        joints = tuple(j for j in all_joints if any(fnmatchcase(j, name) for name in named))
+        for name, entry in term["parameters"].items():
+            constant = CONSTANTS.get((term["effect"], name))
+            if constant is None:
+                lost.append(
+                    f"range of {term['effect']} {name}: {entry['low']:g} to {entry['high']:g} "
+                    f"{entry['unit']} around {entry['value']:g}"
+                )
+                continue
+            which = tuple(driven) if constant in ("gain", "offset", "delay") else tuple(all_joints)
+            known = joints or which
+            found.append(Range(constant, known, entry["value"], entry["low"], entry["high"]))
+    return found, lost
+
+
+def playground(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
+    """Text of a module with ``domain_randomize(model, rng)``, and what it leaves out."""
+    handles = model.world.handles()
+    names = [joint.name for joint in model.joints]
+    dof = dict(zip(names, handles.dq_at.tolist(), strict=True))
+    actuators = [joint.name for joint in model.joints if joint.kind != FREE]
+    joints = {joint.name: joint for joint in model.joints}
+    rows, lost = [], []
+    for one in ranges:
+        targets: list[tuple] = []
+        for name in one.joints:
+            if one.constant in FIELDS:
+                has = getattr(joints[name], one.constant) - one.value
+                if one.constant == "damping" and joints[name].kind == SERVO:
+                    has += joints[name].kd
+                targets.append((FIELDS[one.constant], dof[name], has, 1.0))
+            elif one.constant == "gain":
+                targets += _gains(joints[name], actuators.index(name), one.value)
+        if targets:
+            text = "".join(f"            {target!r},\n" for target in targets)
+            span = f"{one.low:.10g}, {one.high:.10g}"
+            rows.append(f"    (\n        {span},\n        (\n{text}        ),\n    ),\n")
+        else:
+            lost.append(
+                f"range of {one.constant}: {one.low:g} to {one.high:g}, for the environment"
+            )
+    text = PLAYGROUND.format(rows="".join(rows))
+    return comments.python(text, model.robot.name, lost), lost
+
+
+def _gains(joint: Any, index: int, value: float) -> list[tuple]:
+    """Gain and feedback of an actuator, in proportion to 1 + x."""
+    entries = [("actuator_gainprm", (index, 0), joint.kp)]
+    if joint.kind != FREE and joint.kd + joint.kp and joint.kind != "torque":
+        brake = 0.0 if joint.kind == SERVO else joint.kd
+        entries += [("actuator_biasprm", (index, 1), -joint.kp),
+                    ("actuator_biasprm", (index, 2), -brake)]  # fmt: skip
+    shares = [(name, at, whole / (1.0 + value)) for name, at, whole in entries if whole]
+    return [(name, at, share, share) for name, at, share in shares]

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco export-model`: its files, the replay in MuJoCo alone, and one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import loco
+from loco_bringup.cli import main as cli
+from loco_bringup.export_model.replay import compare
+from loco_learning.gap.proposals import pool
+from loco_sim.plant.model import Model
+
+from ..gap.gap_result import result
+
+MEASURED = Path(__file__).parents[3] / "bags" / "measured"
+AIR = {"fixed_base": True, "height": 2.0}
+
+
+def call(*arguments):
+    with pytest.raises(SystemExit) as end:
+        cli.main([str(a) for a in arguments])
+    return end.value.code
+
+
+def test_a_measured_slide_is_met_as_closely_in_mujoco_alone(tmp_path):
+    set_ = MEASURED / "silverbox"
+    done = loco.export_model(set_, "mjcf", tmp_path / "out", replay=[set_], mapping=set_)
+    judged = [one for one in done.compared if one.name.startswith("multisine")]
+    assert len(judged) == 4
+    assert all(one.theirs == pytest.approx(one.ours, rel=0.1) for one in judged)
+    assert {"model.xml", "replay.py", "replay_1.npz"} <= set(done.files)
+
+
+@pytest.mark.parametrize("robot", ["hyq", "tigrillo"])
+def test_a_robot_in_the_air_is_met_as_closely(robot, tmp_path):
+    joint = "*_hfe_joint"
+    effects = [{"name": "coulomb_friction", "joint": joint}, {"name": "command_delay"}]
+    size = {"hyq": (4.0, 0.012), "tigrillo": (0.06, 0.02)}[robot]
+
+    def model(by):
+        values = {"torque": by * size[0]}, {"delay": size[1]}
+        return Model(robot, AIR, [e | v for e, v in zip(effects, values, strict=True)])
+
+    chosen = pool.choose(pool.pool(Model(robot, AIR)), "chirp_large")
+    (one,), notes = compare(model(0.7), list(pool.records(model(1.0), [chosen])), tmp_path)
+    assert notes == [] and one.ours > 1e-4
+    assert one.theirs == pytest.approx(one.ours, rel=0.1)
+
+
+def test_results_of_a_search_bring_ranges(tmp_path, capsys):
+    folder = tmp_path / "gap"
+    folder.mkdir()
+    found = result()
+    (folder / "gap.json").write_text(json.dumps(found))
+    loco.Model(**found["model"]).save(folder / "model.yaml")
+    for to in ("mjcf", "isaac", "pace", "urdf"):
+        assert call("export-model", folder, "--to", to, "--out", tmp_path / to) == 0
+    assert (0.047, 0.056) == next(
+        (low, high) for low, high, _ in ranges(tmp_path / "mjcf" / "randomize.py")
+    )
+    assert "(0.047, 0.056)" in (tmp_path / "isaac" / "isaac_lab.py").read_text()
+    assert "not in it: pivot" in capsys.readouterr().out
+
+
+def ranges(path):
+    import ast
+
+    tree = ast.parse(path.read_text())
+    return ast.literal_eval(next(n.value for n in tree.body if isinstance(n, ast.Assign)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("hyq", "--to", "gazebo"), "no target of an export named 'gazebo'"),
+        (("nowhere.yaml", "--to", "mjcf"), "nowhere.yaml"),
+        (("hyq", "--to", "urdf", "--replay", "bag"), "take --to mjcf"),
+        (("hyq", "--to", "urdf", "--out", "OTHER"), "holds other files (mine.txt)"),
+    ],
+)
+def test_a_mistake_is_one_line_and_writes_nothing(arguments, words, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine")
+    arguments = [tmp_path if a == "OTHER" else a for a in arguments]
+    assert call("export-model", *arguments) == 2
+    assert words in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
