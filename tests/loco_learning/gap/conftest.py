@@ -87,7 +87,7 @@ def change():
     return replace
 
 
-def records(effects=(), noise=5e-5, seed=0, judged=1.0):
+def records(effects=(), noise=5e-5, seed=0, judged=1.0, overrides=None):
     """Three short motions of the bench, the last, as large as wanted, to judge on."""
     rng = np.random.default_rng(seed)
     t = np.arange(500) / 250.0
@@ -102,7 +102,7 @@ def records(effects=(), noise=5e-5, seed=0, judged=1.0):
         wanted = {"position": command[:, None], "velocity": np.gradient(command, t)[:, None]}
         empty.append(Record(name, t, wanted, ("slide",), {"q": wanted["position"]}, ("slide",)))
     model = Forward(SLIDE, empty)
-    coarse, fine = (model(effects, step=step) for step in (1 / 8, 1 / 16))
+    coarse, fine = (model(effects, overrides, step=step) for step in (1 / 8, 1 / 16))
     said = [2.0 * f - c for f, c in zip(fine, coarse, strict=True)]  # no step at all
     made = [
         Record(r.name, r.t, r.command, r.driven,

@@ -54,6 +54,34 @@ def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parame
     assert gap["model"]["effects"][0]["name"] == effect
 
 
+UNSURE = {"uncertain.bodies.*.mass": "3%", "uncertain.drives.*.k[pd]": "3%"}
+OFF = {"bodies.carriage.mass": 1.04, "drives.slide.kp": 1960.0}  # the drive has 2000 N/m
+
+
+def test_a_model_that_is_a_little_off_has_no_gap_and_is_put_right(slide):
+    unsure = Model(slide.model.robot, UNSURE)
+    both = slide.records(overrides=OFF)
+    assert workflow.find(slide.model, *both, QUICK)["gap"]["before"] > 2.0
+    gap = workflow.find(unsure, *both, QUICK)
+    assert (gap["verdict"], gap["alarms"]) == ("no gap", [])
+    assert gap["evidence"].startswith("The model is a little off. With bodies.carriage.mass")
+    said = gap["model"]["overrides"]
+    wanted = OFF["drives.slide.kp"] / OFF["bodies.carriage.mass"]
+    assert said["drives.slide.kp"] / said["bodies.carriage.mass"] == pytest.approx(wanted, 1e-3)
+
+
+def test_what_is_a_little_off_hides_neither_friction_nor_a_mass(slide):
+    unsure = Model(slide.model.robot, UNSURE)
+    rubs = {"name": "coulomb_friction", "torque": 3.0}
+    gap = workflow.find(
+        unsure, *slide.records([rubs], overrides={"drives.slide.kp": 1980.0}), QUICK
+    )
+    assert (gap["verdict"], gap["names"]) == ("named", ["coulomb_friction"])
+    assert gap["terms"][0]["parameters"]["torque"]["value"] == pytest.approx(3.0, rel=0.1)
+    heavy = workflow.find(unsure, *slide.records(overrides={"bodies.carriage.mass": 1.3}), QUICK)
+    assert heavy["verdict"] != "no gap"
+
+
 def test_what_does_not_show_in_what_is_held_out_is_judged_by_all_records(slide):
     fit, judge = slide.records([{"name": "coulomb_friction", "torque": 3.0}], judged=0.0)
     gap = workflow.find(slide.model, fit, judge, QUICK)

@@ -116,6 +116,13 @@ def test_uncertain_values_are_named_by_patterns_in_their_own_units():
         **dict.fromkeys(("bodies.arm.x", "bodies.arm.y", "bodies.arm.z"), 0.02),
         **dict.fromkeys(("drives.j1.bias", "drives.j2.bias"), 0.3),
     }
+    values["drives"]["j2"]["gain"] = 2.0
+    shares = {**values, "uncertain": {"drives.*.gain": "3%", "bodies.arm.mass": "5 %"}}
+    assert equipment.uncertain(shares, ["arm"], PATH) == pytest.approx(
+        {"drives.j1.gain": 0.03, "drives.j2.gain": 0.06, "bodies.arm.mass": 0.05}
+    )
+    equipment.override(values, {"uncertain.bodies.*.mass": "2%"}, ["arm"])
+    assert equipment.uncertain(values, ["arm"], PATH)["bodies.arm.mass"] == pytest.approx(0.02)
     for wrong in ({"drives.*.colour": 1.0}, {"drives.*.bias": 0.0}, {"drives.*.bias": "much"}):
         with pytest.raises(LocoError, match=next(iter(wrong)).replace("*", ".")):
             equipment.uncertain({**values, "uncertain": wrong}, ["arm"], PATH)

@@ -176,6 +176,24 @@ def test_a_soft_contact_sinks_in(hyq, engine):
     assert depth(contact_stiffness=2e4) > depth() + 0.003
 
 
+def test_soft_ground_gives_way_downwards_and_holds_a_foot_sideways(hyq, engine):
+    """A push that friction withstands tilts the robot and moves no foot that it loads less."""
+
+    def crept(**contact):
+        made = make_world(hyq, SimParams(engine=engine, **contact), 0.001)
+        made.rebuild(hyq.standing)
+        at = []
+        for _ in range(600):
+            made.push((150.0, 0.0, 0.0))
+            made.step(holding(made, hyq))
+            at.append(made.place("lf_foot")[0])
+        made.close()
+        return at[-1] - at[300]
+
+    assert abs(crept()) < 1e-3
+    assert abs(crept(contact_stiffness=3e4, contact_damping=500.0)) < 1e-3
+
+
 def test_a_pendulum_swings_with_its_own_period(pendulum):
     inertia = pendulum.joint_inertia([0.0])
     assert inertia == pytest.approx(np.array([[0.1 + 2.0 * 0.25]]))

@@ -17,6 +17,7 @@ from ..jobs import pool
 from ..jobs.base import Jobs
 from . import stages
 from .contents import add, contents, details
+from .fitting.fit import Setting, rough, specs_of
 from .fitting.search import Search, call
 from .hypotheses import hints
 from .hypotheses.bundles import bundles
@@ -34,6 +35,7 @@ from .verdict.judge import judge
 Report = Callable[[float, str, str], Any]
 
 SEARCH = 0.9  # share of the time that the search takes
+ROUGH = 3.0  # scale of the robust loss [floors] of a fit that only tells how far engines agree
 
 
 def find(
@@ -102,7 +104,7 @@ def search(
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
-    case = cases.prepare(forward, records, held_out)
+    case = cases.prepare(forward, records, held_out, refitted=not length)
     offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
     hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
     not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins
@@ -114,8 +116,13 @@ def search(
     try:
         if case.ground and has_gap(case.whitened([])):
             report(0.01, "looking for what is likely", "")
-            hypotheses, idle = likely(case, hypotheses, partial(each, tasks))
+            hypotheses, idle, first = likely(case, hypotheses, partial(each, tasks))
             not_tried += idle
+            setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
+            parts = rough(case, first, setting)[1]
+            case = cases.prepare(forward, records, held_out, specs_of(parts))
+            tasks.close()
+            tasks = pool.start(call, (case,), workers if workers > 1 else 0)
         alone = not forward.fine_steps
         bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=alone)
         seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)

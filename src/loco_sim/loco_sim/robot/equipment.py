@@ -7,6 +7,7 @@ and wins over an earlier one. `override` changes single values by dotted name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -127,6 +128,8 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
             known = free.get(section, values.get(section))
             for name in matches(known, rest[0], what):
                 values[section][name] = {**values[section].get(name, {}), rest[1]: value}
+        elif section == UNCERTAIN and rest:
+            values[UNCERTAIN] = {**(values.get(UNCERTAIN) or {}), ".".join(rest): value}
         elif section in NESTED and rest:
             _set(values[section], rest, value)
         else:
@@ -214,13 +217,33 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
     dotted = [f"{section}.{name}" for section, names in known.items() for name in names]
     found: dict[str, float] = {}
     for pattern, size in _mapping(values.get(UNCERTAIN) or {}, f"{path}: {UNCERTAIN}").items():
-        if isinstance(size, bool) or not isinstance(size, (int, float)) or not 0.0 < size < 1e6:
+        part = isinstance(size, str) and size.endswith("%")
+        try:
+            number = math.nan if isinstance(size, bool) else float(size[:-1] if part else size)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not 0.0 < number < 1e6:
             raise ParameterError(
-                f"{UNCERTAIN}: {pattern} must be a deviation above 0, got {size!r}"
+                f"{UNCERTAIN}: {pattern} must be a deviation above 0 or a share such as 3%, "
+                f"got {size!r}"
             )
-        found |= dict.fromkeys(matches(dotted, str(pattern), f"value for {UNCERTAIN} in {path}"),
-                               float(size))  # fmt: skip
+        for name in matches(dotted, str(pattern), f"value for {UNCERTAIN} in {path}"):
+            whole = abs(_value(values, name)) / 100.0 if part else 1.0
+            if whole > 0.0:  # a share of nothing is nothing
+                found[name] = number * whole
     return found
+
+
+def _value(values: Mapping[str, Any], dotted: str) -> float:
+    """Value of a dotted name in an `expanded` robot, or its default."""
+    section, _, rest = dotted.partition(".")
+    if section == "masses":
+        return float(values[section].get(rest, 0.0))
+    place, _, name = rest.rpartition(".")
+    entry = values[section].get(place, {})
+    kind = {"bodies": BodyParams, "springs": SpringParams}.get(section)
+    kind = kind or DRIVES[entry.get("kind")]
+    return float(entry.get(name, kind.__dataclass_fields__[name].default))
 
 
 def _numbers(section: str, entry: Mapping[str, Any]) -> list[str]:

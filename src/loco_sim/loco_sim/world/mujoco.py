@@ -34,7 +34,7 @@ from .world import Base, Handles
 RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of contacts that are not springs
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops: a knee leans on one and hardly sinks in
 LEAST = 1e-4  # MuJoCo keeps the impedance of contacts this far from 0 and 1
-IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal ones
+IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal, rigid ones
 NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # of all contacts, in one sensor
 LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library, beside its Python module
 BAD = int(mujoco.mjtWarning.mjWARN_BADQACC)
@@ -111,14 +111,21 @@ class World(world.World):
         self._fresh = False
 
     def _set_contacts(self) -> None:
-        """Friction and softness of every link."""
+        """Friction and softness of every link.
+
+        Soft ground gives way along its normal alone: MuJoCo would soften friction with it, and
+        feet would creep. Its friction stays at least as stiff as on rigid ground.
+        """
         m, p = self._model, self.params
+        softest = RIGID[0]
         for name, body in self._bodies.items():
             soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
             for geom in np.flatnonzero(m.geom_bodyid == body):
                 m.geom_friction[geom, 0] = self.friction.get(name, p.friction)
                 m.geom_condim[geom] = 3
                 m.geom_solref[geom], m.geom_solimp[geom] = self._softness(body, soft)
+                softest = min(softest, m.geom_solimp[geom, 0])
+        m.opt.impratio = IMPEDANCE_RATIO * (1.0 / softest - 1.0) / (1.0 / RIGID[0] - 1.0)
 
     def _softness(self, body: int, soft: tuple[float, float]) -> tuple:
         """MuJoCo's solref and solimp of a link whose contacts are springs, or rigid.
@@ -435,7 +442,6 @@ def _spec(
     option.timestep, option.gravity = dt, gravity
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = IMPEDANCE_RATIO
     option.iterations = iterations
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     for geom in spec.geoms:

@@ -36,7 +36,7 @@ def shares(truth, hypotheses):
     rng = np.random.default_rng(1)
     columns = {h.effect: rng.standard_normal(200) for h in hypotheses}
     case = Linear(columns, truth)
-    return [likely.share(case, h) for h in hypotheses]
+    return [likely.share(case, h)[0] for h in hypotheses]
 
 
 def test_what_is_there_explains_most_whatever_its_size(monkeypatch):

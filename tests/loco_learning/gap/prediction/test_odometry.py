@@ -141,6 +141,9 @@ def test_the_right_model_stays_within_the_floor_and_another_does_not():
     seen = np.isfinite(right) & (doubt > 0.0)
     assert np.median(np.abs(right[seen]) / doubt[seen]) < 1.5
     assert np.nanmean(wrong**2) > 1.5 * np.nanmean(right**2)
+    (more,) = horizon.doubt(forward, [SOFT])  # engines part where its contacts give way
+    assert np.all(more >= doubt)
+    assert np.any(more > 2.0 * doubt)
 
 
 def test_few_pieces_are_some_of_many():

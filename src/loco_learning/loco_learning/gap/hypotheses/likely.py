@@ -33,7 +33,7 @@ Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
 
 def likely(
     case: Case, hypotheses: Sequence[Hypothesis], each: Each
-) -> tuple[list[Hypothesis], list[tuple[str, str]]]:
+) -> tuple[list[Hypothesis], list[tuple[str, str]], list[tuple]]:
     """Hypotheses to search among.
 
     Args:
@@ -42,12 +42,14 @@ def likely(
         each: Calls a function of the case with arguments, many at once, in order.
 
     Returns:
-        Those that stay, and the effects of which none does, each with the reason.
+        Those that stay; the effects of which none does, each with the reason; and the one that
+        explains most with its coordinates, in a list that is empty if nothing explains anything.
     """
     joints = {c.name for c in case.forward.channels if c.signal in JOINT_SIGNALS}
     alone = conspicuous(case)
     tried = [h for h in hypotheses if h.place not in joints or h.place in alone]
-    shares = list(each(share, [(h,) for h in tried]))
+    results = list(each(share, [(h,) for h in tried]))
+    shares = [result for result, _ in results]
     order = sorted(range(len(tried)), key=lambda i: (-shares[i], tried[i].key))
     kept = set(order[:KEPT])
     for effect in {h.effect for h in tried}:
@@ -55,9 +57,9 @@ def likely(
         kept |= set(mine[:PLACES])
     left = [h for i, h in enumerate(tried) if i in kept]
     gone = {h.effect for h in hypotheses} - {h.effect for h in left}
-    return left, [
-        (name, "it explains nothing of a few pieces on the ground") for name in sorted(gone)
-    ]
+    idle = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(gone)]
+    first = order[0] if order and shares[order[0]] > 0.0 else None
+    return left, idle, [] if first is None else [(tried[first], results[first][1])]
 
 
 def conspicuous(case: Case) -> set[str]:
@@ -77,27 +79,35 @@ def _rows(case: Case) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     return zip(case.fit_rows, case.whitened([]), strict=True)
 
 
-def share(case: Case, hypothesis: Hypothesis) -> float:
-    """Share of the residual's energy that a hypothesis explains at the best of a few sizes."""
+def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
+    """Share of the residual's energy that a hypothesis explains at the best of a few sizes.
+
+    Returns:
+        The share, and the coordinates there.
+    """
     few = replace(case, forward=case.forward.fewer(PIECES))
     before = few.vector([], coarse=True)
     starts = hypothesis.starts()
     both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]
     try:
-        return max(_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways))
+        tries = [_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
     except LocoError:
-        return 0.0
+        return 0.0, list(starts[0])
+    return max(tries, key=lambda one: one[0])
 
 
 def _opposite(hypothesis: Hypothesis, x: Sequence[float], first: Sequence[float]) -> bool:
     return any(x[i] * first[i] < 0.0 for i in hypothesis.strengths)
 
 
-def _share(case: Case, hypothesis: Hypothesis, x: list[float], before: np.ndarray) -> float:
-    best = 0.0
+def _share(
+    case: Case, hypothesis: Hypothesis, x: list[float], before: np.ndarray
+) -> tuple[float, list[float]]:
+    best = 0.0, x
     for last in (False, True):
         columns = _columns(case, hypothesis, x, before)
-        best = max(best, 1.0 - _square(before + columns.sum(axis=1)) / _square(before))
+        share = 1.0 - _square(before + columns.sum(axis=1)) / _square(before)
+        best = max(best, (share, x), key=lambda one: one[0])
         factors = _factors(hypothesis, columns, before)
         if last or np.allclose(factors, 1.0, atol=0.3) or not np.any(factors):
             break

@@ -47,7 +47,7 @@ class Case:
         ground: The robot stands on feet, whose contacts leave nothing to extrapolate.
         count: Simulations so far [records].
         runs: Runs of the model as it came, by step.
-        loose: Values that are refitted to every model, where torques are compared.
+        loose: Values that are refitted to every model, where the robot says that it has such.
     """
 
     forward: Any
@@ -88,19 +88,39 @@ class Case:
     ) -> list[np.ndarray]:
         """Residual of whole records in floors, (T, C) each; coarse in the model's own steps."""
         only = list(range(len(self.records))) if only is None else list(only)
-        residuals = self.bare(specs, overrides, only, coarse)
+        return self._refitted(specs, overrides, only, coarse)[0]
+
+    def _refitted(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None,
+        only: list[int],
+        coarse: bool = False,
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """Residuals with what suits the model best, and the deviations of that, (K,)."""
         if self.loose is None:
-            return residuals
-        by = self.loose.best(residuals, only, self.fit_rows)
-        return self.loose.left(residuals, only, by)
+            return self.bare(specs, overrides, only, coarse), np.zeros(0)
+        given, near = overrides or {}, self.loose
+        residuals = self.bare(specs, self._about(given), only, coarse)
+        by = near.best(residuals, only)
+        if near.far(by):  # too far for a straight line: once more, from there
+            near = near.about(by)
+            residuals = self.bare(specs, {**near.values(by), **given}, only, coarse)
+            by = near.best(residuals, only)
+        return near.left(residuals, only, by), by
+
+    def _about(self, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
+        """Overrides with the values about which what is refitted is linear."""
+        moved = self.loose is not None and self.loose.at.any()
+        about = self.loose.values(self.loose.at) if moved else {}
+        return {**about, **(overrides or {})}
 
     def loosened(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, float]:
         """Values that suit a model best, by dotted name; none without any that are loose."""
         if self.loose is None:
             return {}
         every = list(range(len(self.records)))
-        residuals = self.bare(specs, overrides, every)
-        return self.loose.values(self.loose.best(residuals, every, self.fit_rows))
+        return self.loose.values(self._refitted(specs, overrides, every)[1])
 
     def bare(
         self,
@@ -155,7 +175,8 @@ class Case:
         step = self.step_of(specs)
         self.count += 3 * len(self.records)
         every = list(range(len(self.records)))
-        here, half = (self.predicted(specs, overrides, every, s * step) for s in (1.0, 0.5))
+        about = self._about(overrides)
+        here, half = (self.predicted(specs, about, every, s * step) for s in (1.0, 0.5))
         first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
         bare = [2.0 * (h - w) for h, w in zip(*self._bare(step), strict=True)]
         moved = [f - b for f, b in zip(first, bare, strict=True)]
@@ -174,7 +195,9 @@ class Case:
     def _bare(self, step: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The model as it came at half a step, and at the step."""
         if step not in self.runs:
-            self.runs[step] = self.forward((), {}, step=0.5 * step), self.forward((), {}, step=step)
+            about = self._about({})
+            runs = (self.forward((), about, step=part * step) for part in (0.5, 1.0))
+            self.runs[step] = tuple(runs)
         return self.runs[step]
 
     def masked(
@@ -209,7 +232,13 @@ class Case:
         return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
 
 
-def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record]) -> Case:
+def prepare(
+    forward: Any,
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    likely: Sequence[Mapping[str, Any]] = (),
+    refitted: bool = True,
+) -> Case:
     """Split what is fitted from what judges, and find the floor of each channel.
 
     Without records to judge on, the last third of each record judges.
@@ -218,6 +247,8 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
         forward: Forward model of ``[*records, *held_out]``.
         records: Records to fit.
         held_out: Records to judge on.
+        likely: Effects with which engines are compared, too, on the ground.
+        refitted: Whether what robot.yaml calls uncertain is refitted to every model.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []
@@ -234,7 +265,7 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
     fine, ground = finest(forward), any(map(forward.on_ground, range(len(both))))
     signals = [c.signal for c in forward.channels]
-    correction, numeric = doubts(forward) if ground else step_error(forward, fine)
+    correction, numeric = doubts(forward, likely) if ground else step_error(forward, fine)
     sensors = noise.floor(forward.measured, steps, signals)
     pooled = _pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
@@ -242,9 +273,12 @@ def prepare(forward: Any, records: Sequence[Record], held_out: Sequence[Record])
     local = zip(numeric, hunts, strict=True)
     floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
-    if not forward.fine_steps:
-        robot = forward.given()
-        case.loose = loose.prepare(case, robot.uncertain, robot)
+    robot = forward.given()
+    uncertain = robot.uncertain if refitted else {}
+    case.loose = loose.prepare(case, uncertain, robot, linear=not forward.fine_steps)
+    if case.loose and case.loose.at.any() and not ground:
+        case.correction = step_error(forward, fine, case._about({}))[0]
+        case.runs = {}
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
@@ -256,10 +290,12 @@ def _step(records: Sequence[Record], signal: str, name: str) -> float:
     return max(known or [r.step(signal) for r in records])
 
 
-def doubts(forward: Any) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
+def doubts(
+    forward: Any, likely: Sequence[Mapping[str, Any]] = ()
+) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
     """Step error on the ground: no correction, and the deviation that nobody can know better."""
     none = [np.zeros(m.shape) for m in forward.measured]
-    return {1.0: none}, _rms(horizon.doubt(forward), forward.records)
+    return {1.0: none}, _rms(horizon.doubt(forward, likely), forward.records)
 
 
 def hunting(forward: Any, step: float) -> list[np.ndarray]:
@@ -327,7 +363,9 @@ def compiled(forward: Any) -> bool:
     )
 
 
-def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
+def step_error(
+    forward: Any, fine: float, overrides: Mapping[str, Any] | None = None
+) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
     """Error of a model's predictions because its physics step is not zero.
 
     Predictions at two steps are extrapolated to none (Richardson, first order). The error of
@@ -336,6 +374,7 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
     Args:
         forward: Forward model.
         fine: Step over the model's that the case uses where it can.
+        overrides: Values of robot.yaml, over those of the model.
 
     Returns:
         Correction of a prediction, (T, C) per record, by step; and the error that remains about
@@ -346,7 +385,7 @@ def step_error(forward: Any, fine: float) -> tuple[dict[float, list[np.ndarray]]
         none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
         return {1.0: none}, none
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
-    runs = {step: forward((), {}, step=step) for step in sorted(steps)}
+    runs = {step: forward((), overrides, step=step) for step in sorted(steps)}
     limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
     coarse = [2.0 * h - w for h, w in zip(runs[0.5 * fine], runs[fine], strict=True)]
     correction = {

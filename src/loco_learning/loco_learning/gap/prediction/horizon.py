@@ -9,7 +9,8 @@ makes contacts, which no robot follows either.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -60,10 +61,15 @@ def length(model: Model, records: Sequence[Record]) -> float:
     return round(stop * dt, 4)
 
 
-def doubt(forward: Forward) -> list[np.ndarray]:
+def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
     """Deviation of predictions that nobody can know better, (T, C) each; 0 outside of pieces.
 
-    That of starts, and that of engines where another one is installed.
+    That of starts, and that of engines where another one is installed. Two engines that agree
+    on the model as it came may part where effects change its contacts: the larger one counts.
+
+    Args:
+        forward: Forward model.
+        likely: Effects that the robot may have.
     """
     here = forward()
     runs = [here, *(forward.shaken(k)() for k in range(DRAWS))]
@@ -71,9 +77,13 @@ def doubt(forward: Forward) -> list[np.ndarray]:
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
     if other is None:
         return found
-    there = forward(overrides={"sim.engine": other})
-    apart = [np.nan_to_num(a - b) for a, b in zip(here, there, strict=True)]
-    return [np.hypot(f, a) for f, a in zip(found, apart, strict=True)]
+    there = {"sim.engine": other}
+    pairs = [(here, forward((), there))]
+    if likely:
+        pairs.append((forward(likely), forward(likely, there)))
+    apart = [[np.nan_to_num(a - b) for a, b in zip(*pair, strict=True)] for pair in pairs]
+    most = [np.max(np.abs(each), axis=0) for each in zip(*apart, strict=True)]
+    return [np.hypot(f, a) for f, a in zip(found, most, strict=True)]
 
 
 def timing(forward: Forward) -> list[np.ndarray]:

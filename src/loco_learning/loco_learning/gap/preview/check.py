@@ -173,7 +173,7 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
 
 def _case(forward: Forward, records: list[Record]) -> Case:
     """A case in which all rows count as fitted."""
-    case = cases.prepare(forward, records, ())
+    case = cases.prepare(forward, records, (), refitted=False)
     return replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in records])
 
 

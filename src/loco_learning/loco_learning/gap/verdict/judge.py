@@ -34,7 +34,7 @@ from .decide import (
     has_gap,
 )
 from .sensitivity import sensitivities
-from .traded import LeftOut, Nominal, strayed
+from .traded import LeftOut, Nominal, little_off, strayed
 
 RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
@@ -93,9 +93,10 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     else:
         decision = decide((), found.given.held, base.held, limits, (base.whole, base.whole))
         judged = Judged(decision, found.given, base, base, (), (), None)
-    if judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
+    refitted = [*search.nominal, *little_off(case, base)]
+    if refitted and judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
         text = (
-            f"With {' and '.join(search.nominal)} refitted the model explains the data: "
+            f"The model is a little off. With {', '.join(refitted)} refitted it explains the data: "
             f"{found.given.held.rms:.2f} noise floors before, {base.held.rms:.2f} after."
         )
         judged = replace(judged, decision=replace(judged.decision, evidence=text))

@@ -19,6 +19,8 @@ from ..statistics.identify import Identifiability
 from .decide import Limits
 from .sensitivity import sensitivities
 
+TOLD = 3  # values that are a little off and told by name
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -117,6 +119,16 @@ def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
         for name, at, spread in known
         if abs(model.loose.get(name, at) - at) > limits.strained * spread
     )
+
+
+def little_off(case: Case, model: Fitted) -> list[str]:
+    """Values of ``uncertain`` in robot.yaml that are furthest from it, in its own words."""
+    if case.loose is None:
+        return []
+    known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
+    far = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in known), reverse=True)
+    told = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in far[:TOLD]]
+    return told + ([f"{len(far) - TOLD} more"] if len(far) > TOLD else [])
 
 
 def cosine(of: Hypothesis, known: Identifiability) -> float:
