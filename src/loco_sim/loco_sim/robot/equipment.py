@@ -238,9 +238,9 @@ def _value(values: Mapping[str, Any], dotted: str) -> float:
     """Value of a dotted name in an `expanded` robot, or its default."""
     section, _, rest = dotted.partition(".")
     if section == "masses":
-        return float(values[section].get(rest, 0.0))
+        return float(values.get(section, {}).get(rest, 0.0))
     place, _, name = rest.rpartition(".")
-    entry = values[section].get(place, {})
+    entry = values.get(section, {}).get(place, {})
     kind = {"bodies": BodyParams, "springs": SpringParams}.get(section)
     kind = kind or DRIVES[entry.get("kind")]
     return float(entry.get(name, kind.__dataclass_fields__[name].default))

@@ -124,7 +124,7 @@ def prepare(case: Any, spread: Mapping[str, float], robot: Any, linear: bool) ->
         case: Model and data, without any nuisance yet.
         spread: Standard deviation of each value by dotted name.
         robot: The robot as it came, with drives as its file has them.
-        linear: What is compared is linear in the values, however large their changes.
+        linear: Whether residuals are linear in the values, however large their changes.
     """
     if not spread:
         return None
