@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from loco_control.files import whole_folder, write_whole
+from loco_control.exceptions import ParameterError
+from loco_control.files import locked, whole_folder, write_whole
 
 DIES = """
 import os, sys
@@ -85,3 +86,60 @@ def test_after_an_error_no_folder_is_left_not_even_above(tmp_path):
         with pytest.raises(ValueError, match="no"):
             fail(tmp_path / name)
     assert [path.name for path in tmp_path.rglob("*")] == ["old"]
+
+
+@pytest.fixture
+def runtime(tmp_path, monkeypatch):
+    """Folder in which the locks of this test lie."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "loco"
+
+
+def test_a_lock_is_had_once_is_closed_to_others_and_leaves_nothing(runtime):
+    with locked("one"):
+        path = runtime / "one.lock"
+        assert [runtime.stat().st_mode & 0o777, path.stat().st_mode & 0o777] == [0o700, 0o600]
+        with pytest.raises(BlockingIOError), locked("one"):
+            pass
+        with locked("two"):
+            pass
+    assert os.listdir(runtime) == []
+    with locked("one"):
+        pass
+
+
+def test_a_lock_of_a_killed_process_is_free(runtime):
+    code = "import os; from loco_control.files import locked\nwith locked('one'): os._exit(9)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 9
+    assert os.listdir(runtime) == ["one.lock"]
+    with locked("one"):
+        pass
+    assert os.listdir(runtime) == []
+
+
+def test_locks_follow_no_link(runtime, tmp_path):
+    (tmp_path / "other").write_text("keep")
+    runtime.mkdir(mode=0o700)
+    (runtime / "one.lock").symlink_to(tmp_path / "other")
+    with pytest.raises(OSError, match="one.lock"), locked("one"):
+        pass
+    assert (tmp_path / "other").read_text() == "keep"
+
+
+@pytest.mark.parametrize("how", ["link", "open"])
+def test_a_folder_of_locks_that_others_can_enter_is_refused(runtime, tmp_path, how):
+    if how == "link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        runtime.symlink_to(tmp_path / "elsewhere")
+    else:
+        runtime.mkdir()
+        runtime.chmod(0o755)
+    with pytest.raises(ParameterError, match="mode 0700"), locked("one"):
+        pass
+
+
+def test_without_a_runtime_folder_the_locks_lie_in_one_of_the_user(tmp_path, monkeypatch):
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with locked("one"):
+        assert (tmp_path / f"loco-{os.getuid()}" / "one.lock").is_file()

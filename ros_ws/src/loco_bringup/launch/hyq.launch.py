@@ -4,6 +4,7 @@
 ros2 launch loco_bringup hyq.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
 """
 
+import atexit
 import json
 import tempfile
 from pathlib import Path
@@ -43,6 +44,7 @@ def nodes(context):
     run = {"recorded": bool(value["bag"]), "recorder": recorder, "weights": ""}
     with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False) as file:
         yaml.safe_dump(node_set.parameter_file(specs, experiment, tick, run), file)
+    atexit.register(Path(file.name).unlink, missing_ok=True)
     executables = [(s.cls.split(".")[0], s.executable, s.name) for s in specs]
     if value["bag"]:
         Path(value["bag"]).mkdir(parents=True, exist_ok=True)

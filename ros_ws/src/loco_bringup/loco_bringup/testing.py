@@ -10,7 +10,7 @@ is settled before.
 from __future__ import annotations
 
 import atexit
-import fcntl
+import contextlib
 import os
 import shutil
 import tempfile
@@ -23,6 +23,7 @@ from typing import Any
 import pytest
 
 from loco_control.exceptions import GraphError
+from loco_control.files import locked
 
 __all__ = ["Graph", "claim_domain", "isolate", "loco_graph"]
 
@@ -32,9 +33,9 @@ DOMAINS = range(1, 102)  # above 101 the ports of Fast DDS meet those of the sys
 def claim_domain() -> int:
     """Take a ROS domain that no other test process uses, until this process ends.
 
-    The claim is a lock on a file in the temporary folder: the system drops it
+    The claim is a lock on a file in the user's runtime folder: the system drops it
     however the process ends, and it is seen by xdist workers and other test runs.
-    The file stays open on purpose; child processes do not inherit it.
+    Programs that the process starts do not inherit it.
 
     Raises:
         GraphError: No domain is free.
@@ -43,14 +44,13 @@ def claim_domain() -> int:
         # Neighbours start at different places: a process that was killed may still be
         # leaving its domain.
         domain = DOMAINS[(os.getpid() + step) % len(DOMAINS)]
-        path = Path(tempfile.gettempdir()) / f"loco_domain_{domain}.{os.getuid()}.lock"
-        handle = os.open(path, os.O_CREAT | os.O_RDWR, 0o600)
+        lock = contextlib.ExitStack()
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock.enter_context(locked(f"test-domain-{domain}"))
         except BlockingIOError:
-            os.close(handle)
-        else:
-            return domain
+            continue
+        atexit.register(lock.close)
+        return domain
     raise GraphError(f"all ROS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use by tests")
 
 

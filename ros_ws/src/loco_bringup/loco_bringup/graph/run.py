@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
-import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,6 +14,7 @@ import yaml
 
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.faults import check
+from loco_control.files import locked
 from loco_control.params import Params, from_dict, to_dict
 from loco_control.realtime import RealtimeParams
 from loco_control.ros.fault_node import abilities
@@ -279,34 +278,19 @@ def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(topic for topic, _ in parsed))
 
 
-class _domain_lock:  # noqa: N801 (a context manager, used like a function)
+@contextlib.contextmanager
+def _domain_lock(namespaces: Iterable[str] = ("",)) -> Iterator[None]:
     """One run per ROS domain and namespace on this machine; a killed run frees it by itself."""
-
-    def __init__(self, namespaces: Iterable[str] = ("",)):
-        self._namespaces = sorted(namespaces)
-
-    def __enter__(self) -> None:
-        with contextlib.ExitStack() as stack:
-            for namespace in self._namespaces:
-                stack.enter_context(self._locked(namespace))
-            self._stack = stack.pop_all()
-
-    @staticmethod
-    def _locked(namespace: str) -> Any:
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        name = "-".join(filter(None, [domain, namespace.replace("/", "-")]))
-        path = Path(tempfile.gettempdir()) / f"loco-domain-{name}-{os.getuid()}.lock"
-        file = open(path, "a+")  # noqa: SIM115 (the lock lives as long as the file)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            file.close()
-            where = f" in namespace {namespace}" if namespace else ""
-            raise GraphError(
-                f"another loco run uses ROS domain {domain}{where}; wait for it, or set "
-                "ROS_DOMAIN_ID to another number in 0 … 101"
-            ) from None
-        return file
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    with contextlib.ExitStack() as stack:
+        for namespace in sorted(namespaces):
+            name = "-".join(filter(None, [domain, namespace.replace("/", "-")]))
+            try:
+                stack.enter_context(locked(f"domain-{name}"))
+            except BlockingIOError:
+                where = f" in namespace {namespace}" if namespace else ""
+                raise GraphError(
+                    f"another loco run uses ROS domain {domain}{where}; wait for it, or set "
+                    "ROS_DOMAIN_ID to another number in 0 … 101"
+                ) from None
+        yield
