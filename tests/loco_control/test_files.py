@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_control.files import locked, whole_folder, write_whole
+from loco_control.files import check_writable, locked, whole_folder, write_whole
 
 DIES = """
 import os, sys
@@ -143,3 +143,17 @@ def test_without_a_runtime_folder_the_locks_lie_in_one_of_the_user(tmp_path, mon
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with locked("one"):
         assert (tmp_path / f"loco-{os.getuid()}" / "one.lock").is_file()
+
+
+def test_a_folder_that_can_be_written_is_left_as_it_is(tmp_path):
+    check_writable(tmp_path / "a" / "b")
+    check_writable(tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["file/below", "\0", "x" * 300 + "/y", "/proc/none"])
+def test_a_folder_that_cannot_be_written_is_refused_in_one_line(tmp_path, name):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ParameterError, match="nothing can be written.*--out") as caught:
+        check_writable(tmp_path / name)
+    assert "\n" not in str(caught.value)

@@ -83,6 +83,37 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
         raise
 
 
+def check_writable(folder: str | Path) -> None:
+    """Refuse a folder in which nothing can be written, before work whose result goes there.
+
+    Args:
+        folder: The folder; it need not exist, and is not made.
+
+    Raises:
+        ParameterError: No file can be made in it or in the nearest folder above it.
+    """
+    there = Path(folder).absolute()
+    try:
+        while not _exists(there):
+            there = there.parent
+        with tempfile.TemporaryFile(dir=there) as file:
+            file.write(b"x")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ParameterError(
+            f"nothing can be written in {str(folder)[:200]!r}: {why}; choose another --out"
+        ) from None
+
+
+def _exists(path: Path) -> bool:
+    """Whether a file is there; `Path.exists` takes names that cannot be for missing ones."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return False
+    return True
+
+
 def runtime_folder() -> Path:
     """Folder of what this user's processes share while they run, which nobody else can enter.
 
@@ -90,7 +121,7 @@ def runtime_folder() -> Path:
 
     Raises:
         ParameterError: Somebody else owns the folder or can enter it, or it is a link.
-        OSError: It cannot be made.
+        OSError: The folder cannot be made.
     """
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     here = Path(base) / "loco" if base and os.access(base, os.W_OK) else None

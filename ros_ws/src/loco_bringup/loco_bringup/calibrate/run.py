@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from loco_control.exceptions import MissingFileError, ParameterError
-from loco_control.files import write_whole
+from loco_control.files import check_writable, write_whole
 from loco_control.params import to_dict
 from loco_control.reading import read_json
 from loco_learning.calibration import figures, results
@@ -98,6 +98,7 @@ def prepare(
         any("experiment.yaml" in each.attachments() for each in bags), workers, scheduler,
     )  # fmt: skip
     _check_folder(job)
+    check_writable(folder)
     return job
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from rich.table import Table
 
 from loco_control.exceptions import ParameterError
+from loco_control.files import check_writable
 from loco_learning.gaits import figures as gait_figures
 from loco_learning.gaits import search as gait_search
 from loco_learning.gaits.legged import problem_of
@@ -44,6 +45,7 @@ def optimise_gait(
     if seeds < 1:
         raise ParameterError(f"seeds must be at least 1, got {seeds}")
     folder = out or Path("results") / params.gait
+    check_writable(folder)
     first = gait_file.load(start).parameters if start else None
     found = []
     for seed in range(options.seed, options.seed + seeds):

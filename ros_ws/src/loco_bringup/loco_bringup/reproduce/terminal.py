@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.files import check_writable
 from loco_learning.networks import jobs as msd_jobs
 from loco_learning.networks import page as msd_page
 from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
@@ -58,6 +59,8 @@ def reproduce(
 ) -> int:
     """Run the entries of a plan that the claims of `what` need; judge and write the page."""
     folder = folder or Path("results") / f"thesis_{plan}"
+    if not only_cost:
+        check_writable(folder)
     entries = evidence.plan(plan)
     claims = [c for c in registry.claims() if c.number.startswith(WHAT[what])]
     needed = {name for claim in claims for name in claim.evidence}
@@ -141,6 +144,7 @@ def reproduce_msd(
     """Chapter 6, mass-spring-damper networks."""
     known(preset)
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
+    check_writable(folder)
     _run_msd(plan, preset, folder, workers, scheduler)
     written, verdicts = msd_page.write(plan, preset, folder / "runs", folder)
     return show(verdicts, written)

@@ -11,6 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from loco_control.exceptions import ParameterError
+from loco_control.files import check_writable
 from loco_control.reading import within
 from loco_learning.study import figures, study
 from loco_learning.study.case import CaseResult
@@ -68,6 +69,8 @@ def run_study(
         scheduler: Address of a dask scheduler instead.
         only_cost: Stop when the cost is told.
     """
+    if not only_cost:
+        check_writable(folder)
     total = sum(1 for _ in loaded.cases())
     with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
         task = progress.add_task(loaded.name, total=total, last="")

@@ -6,6 +6,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from loco_control.files import check_writable
+
 from ...terminal import bar, console
 from . import battery as gap_battery
 from .page import write_score
@@ -15,6 +17,7 @@ def show_battery(a: argparse.Namespace) -> int:
     """`loco gap battery`: with a progress bar, then the score; returns the exit code."""
     gap_battery.check(a)
     folder = a.out or Path("results") / f"gap_battery_{a.seed}"
+    check_writable(folder)
     with bar("{task.completed}/{task.total} cases", "{task.fields[last]}") as progress:
         task = progress.add_task("battery", total=a.cases, last="")
 

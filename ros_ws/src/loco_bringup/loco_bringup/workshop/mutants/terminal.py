@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.files import check_writable
 
 from ...terminal import console
 from .run import PROTECTING, Verdict, score, survey, write
@@ -28,6 +29,7 @@ def show_mutants(a: argparse.Namespace) -> int:
     chosen = [module for module in PROTECTING if a.only in module]
     if not chosen:
         raise NameUnknownError("protecting module", a.only, list(PROTECTING))
+    check_writable(a.out)
     verdicts = survey(ROOT, chosen, a.limit, a.seed, a.workers, _tell)
     write(verdicts, a.out)
     share = score(verdicts)

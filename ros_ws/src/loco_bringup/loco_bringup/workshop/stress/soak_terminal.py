@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from loco_control.files import check_writable
 from loco_learning.runs.experiment import load
 
 from ...page.style import canvas, style
@@ -18,6 +19,7 @@ COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#222222", "#e69f00", "#56
 def show_soak(a: argparse.Namespace) -> int:
     """Run, judge, write; returns 1 if something grows, else 0."""
     folder = a.out or Path("results") / "soak"
+    check_writable(folder)
     experiment = load(a.experiment)
     with bar("{task.completed:,.0f}/{task.total:,} ticks", "{task.fields[rtf]:.1f} x") as progress:
         task = progress.add_task(experiment.name, total=a.ticks, rtf=0.0)
