@@ -50,6 +50,7 @@ DOORS = {
     # The blind battery must not make its robots with the code that is judged on them.
     Path("loco_bringup/workshop/battery/physics/engine.py"): {"mujoco"},
     Path("loco_bringup/workshop/docs/site_hooks.py"): {"mkdocs"},
+    Path("loco_bringup/view/rerun_scene.py"): {"rerun"},
 }
 TERMINAL = ("loco_bringup/cli/", "loco_sim/export/replay_mjcf.py")  # may print
 MOST_MODULES = 12  # in one folder, beside its __init__

@@ -139,6 +139,7 @@ ONLY_PIP = {
     "trimesh",
     "mujoco",
     "mkdocs",
+    "rerun",
     *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),
     *("pybullet_data", "rosbags", "zstandard"),  # lz4 and zstandard come with mcap
 }
@@ -158,7 +159,8 @@ def test_package_xml_names_what_is_imported(package):
 def test_data_files_are_installed(package):
     """Everything that is not Python has a kind listed in pyproject.toml and setup.py."""
     listed = re.findall(r'"\*\*/(\*\.\w+)"', read("pyproject.toml"))
-    kinds = re.search(r"for kind in (\(.*?\))", (PYTHON_PACKAGES[package] / "setup.py").read_text())
+    setup = (PYTHON_PACKAGES[package] / "setup.py").read_text()
+    kinds = re.search(r"for kind in (\(.*?\))", setup, re.DOTALL)
     assert [f"*.{kind}" for kind in ast.literal_eval(kinds[1])] == listed
     for path in (PYTHON_PACKAGES[package] / package).rglob("*"):
         if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:

@@ -12,7 +12,20 @@ setup(
     package_data={
         "": [
             f"**/*.{kind}"
-            for kind in ("yaml", "urdf", "csv", "html", "j2", "css", "js", "svg", "xml", "msg")
+            for kind in (
+                "yaml",
+                "urdf",
+                "csv",
+                "html",
+                "j2",
+                "css",
+                "js",
+                "svg",
+                "xml",
+                "msg",
+                "json",
+                "rviz",
+            )
         ]
     },
     data_files=[

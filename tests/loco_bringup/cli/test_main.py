@@ -17,6 +17,7 @@ from loco_bringup.cli.table import COMMANDS, load, parse, split
 from loco_bringup.workshop import tests
 from loco_bringup.workshop.bench import bench
 from loco_bringup.workshop.bench.damage import sample
+from loco_control.exceptions import MissingPackageError
 
 
 def loco(*arguments, capsys=None):
@@ -49,7 +50,10 @@ def test_every_command_has_help_and_a_function(run, name):
     word = name.partition(" --")[0]
     assert out.startswith(f"usage: loco {word} [-h]") and COMMANDS[name].text in out
     assert run("help", *name.split())[1].startswith(f"usage: loco {word} ")
-    assert callable(load(COMMANDS[name].run))
+    try:
+        assert callable(load(COMMANDS[name].run))
+    except MissingPackageError:  # an extra that is not in the default set-up
+        assert name == "view"
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,52 @@ from loco_control.ros.messages.plain import Message, message_class
 from loco_control.ros.messages.topics import TOPICS
 from loco_control.types import GroundTruth, RobotState
 
-_ENCODED = ("joint_states", "imu/data", "ground_truth/odom", "/tf", "/clock")
+from .skeleton import Skeleton
+
+_ENCODED = ("joint_states", "imu/data", "ground_truth/odom", "/clock")
+Encode = Callable[[RobotState, GroundTruth], bytes]
 
 
-def encoders(joints: tuple[str, ...]) -> dict[str, Callable[[RobotState, GroundTruth], bytes]]:
-    """Function per tool topic that gives the serialised message of a tick."""
-    blocks = _blocks(len(joints))
-    return {name: _encoder(message, *blocks[name]) for name, message in _templates(joints).items()}
+def encoders(robot: Any) -> dict[str, Encode]:
+    """Function per tool topic that gives the serialised message of a tick.
+
+    Args:
+        robot: Robot with `joints` and `urdf`.
+    """
+    blocks = _blocks(len(robot.joints))
+    templates = _templates(robot.joints)
+    made = {name: _encoder(message, *blocks[name]) for name, message in templates.items()}
+    return {**made, "/tf": _frames(Skeleton(robot))}
+
+
+def _frames(skeleton: Skeleton) -> Encode:
+    """Encoder of the base in the world and of every link in the one that carries it."""
+    links = [("odom", "base_link"), *skeleton.links]
+    if skeleton.base != "base_link":
+        links.append(("base_link", skeleton.base))
+    frames_of, transform_of = (
+        message_class(kind) for kind in (TOPICS["/tf"].kind, "geometry_msgs/msg/TransformStamped")
+    )
+    transforms = []
+    for parent, child in links:
+        transforms.append(transform_of(child_frame_id=child))
+        transforms[-1].header.frame_id = parent
+        transforms[-1].transform.rotation.w = 1.0
+    record = Codec(frames_of(transforms=transforms)).record()
+    names = [f"transforms.{k}" for k in range(len(links))]
+    stamps = [stamp_views(record, f"{name}.header.stamp") for name in names]
+    base, *others = (block_view(record, f"{name}.transform.translation.x", 7) for name in names)
+    rows = others[: len(skeleton.links)]
+
+    def encode(state: RobotState, truth: GroundTruth) -> bytes:
+        for stamp in stamps:
+            write_stamp(stamp, state.t)
+        base[:3], base[3:] = truth.position, truth.orientation
+        for view, place in zip(rows, skeleton.pose(state.q), strict=True):
+            view[...] = place
+        return record.tobytes()
+
+    return encode
 
 
 def _encoder(template: Any, stamped: str, blocks: list) -> Callable:
@@ -37,8 +76,7 @@ def _encoder(template: Any, stamped: str, blocks: list) -> Callable:
 
 
 def _templates(joints: tuple[str, ...]) -> dict[str, Message]:
-    kinds = [*(TOPICS[name].kind for name in _ENCODED), "geometry_msgs/msg/TransformStamped"]
-    states_of, imu_of, odometry_of, frames_of, clock_of, transform_of = map(message_class, kinds)
+    states_of, imu_of, odometry_of, clock_of = (message_class(TOPICS[n].kind) for n in _ENCODED)
     zeros = [0.0] * len(joints)
     states = states_of(name=list(joints), position=zeros, velocity=zeros, effort=zeros)
     states.header.frame_id = "base_link"
@@ -46,9 +84,7 @@ def _templates(joints: tuple[str, ...]) -> dict[str, Message]:
     imu.header.frame_id = "base_link"
     odometry = odometry_of(child_frame_id="base_link")
     odometry.header.frame_id = "odom"
-    transform = transform_of(child_frame_id="base_link")
-    transform.header.frame_id = "odom"
-    made = states, imu, odometry, frames_of(transforms=[transform]), clock_of()
+    made = states, imu, odometry, clock_of()
     return dict(zip(_ENCODED, made, strict=True))
 
 
@@ -82,13 +118,6 @@ def _blocks(joints: int) -> dict[str, tuple[str, list]]:
                 ("pose.pose.orientation.x", *orientation),
                 ("twist.twist.linear.x", 3, lambda state, truth: truth.linear_velocity),
                 ("twist.twist.angular.x", 3, lambda state, truth: truth.angular_velocity),
-            ],
-        ),
-        "/tf": (
-            "transforms.0.header.stamp",
-            [
-                ("transforms.0.transform.translation.x", *position),
-                ("transforms.0.transform.rotation.x", *orientation),
             ],
         ),
         "/clock": ("clock", []),

@@ -74,10 +74,9 @@ class JointSimNode(PlantNode):
         )
 
     def _make_outputs(self) -> None:
-        joints = self.sim.robot.joints
         names = [*EACH_TICK, *(ALONE if self.get_namespace() == "/" else ())]
-        made = encoders(joints)
-        self._rows = [(self.raw_output(name), made[name]) for name in names]
+        self._said = {name: self.raw_output(name) for name in names}
+        self._encode()
         self._description = self.output("robot_description")
         self._description.publish(String(data=self.sim.robot_description))
         counts = self.sim.adc()
@@ -85,6 +84,11 @@ class JointSimNode(PlantNode):
         if self._adc:
             codec = Codec(Float64MultiArray(data=[0.0] * len(counts)))
             self._adc_record = codec.record()
+
+    def _encode(self) -> None:
+        """Make the messages anew: a model may have other links of the same joints."""
+        made = encoders(self.sim.robot)
+        self._rows = [(publish, made[name]) for name, publish in self._said.items()]
 
     def _hear(self) -> None:
         robot = self.sim.robot
@@ -134,6 +138,7 @@ class JointSimNode(PlantNode):
             self.event("model refused", reason, *self.now())
             return
         self._make_safety()
+        self._encode()
         self._from = self.now()[0]
         self._travelled, self._x = self._travelled + self._x, 0.0
         old.close()

@@ -46,7 +46,7 @@ class RobotSimNode(PlantNode):
             standing_pose(tuple(origin), robot.legs),
         )
         self._state_topic, self._pack = self.raw_output("robot_state"), Converter(RobotState).pack
-        self._tools = ToolTopics(self, self.sim.robot.joints, self.rate)
+        self._tools = ToolTopics(self, self.sim.robot, self.rate)
         self.output("robot_description").publish(String(data=self.sim.robot_description))
         self._connect()
         wanted = {"motion_command": MotionCommand, "trunk_torque": TrunkTorque}

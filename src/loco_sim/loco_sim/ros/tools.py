@@ -11,6 +11,7 @@ from loco_control.ros.messages.topics import topic
 from loco_control.ros.node import LocoNode
 from loco_control.types import GroundTruth, RobotState
 
+from ..robot.robot import Robot
 from .encoders import encoders
 
 
@@ -19,14 +20,14 @@ class ToolTopics:
 
     Args:
         node: Node that owns the publishers.
-        joints: Joint names, in array order.
+        robot: Robot that the messages are of.
         rate: Control rate [Hz].
     """
 
-    def __init__(self, node: LocoNode, joints: tuple[str, ...], rate: float):
+    def __init__(self, node: LocoNode, robot: Robot, rate: float):
         chosen = node.declare_parameter("tool_rate", 0.0).value  # 0: as in the table
         self._rows = []
-        for name, encode in encoders(joints).items():
+        for name, encode in encoders(robot).items():
             wanted = topic(name).rate if name == "/clock" else chosen or topic(name).rate
             every = max(1, round(rate / wanted))
             self._rows.append((node.raw_output(name), encode, every))

@@ -52,6 +52,11 @@ class Figure:
         self._owner = np.concatenate([np.zeros(0, dtype=int), *owners])
         self.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), robot.standing)
 
+    def shapes(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Triangles in the frame of the link [m], (t, 3, 3), and their colours, (t, 3), by link."""
+        rows = {name: self._owner == i for i, name in enumerate(self._links)}
+        return {n: (self._corners[r], self._paint[r]) for n, r in rows.items() if r.any()}
+
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
         """Put the robot somewhere.
 

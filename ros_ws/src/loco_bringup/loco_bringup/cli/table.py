@@ -41,6 +41,7 @@ EXTRAS: dict[tuple[str, ...], str] = {
     ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
     "there are gap, report, export, calibrate, optimise, study, robot, list, and "
     "`run --layout rollout`",
+    ("rerun",): "it comes with `pip install '.[view]'`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
 }
 # Titles of the groups, in the order of the help, and the commands of each.
@@ -140,6 +141,14 @@ GROUPS: dict[str, dict[str, Command]] = {
         "report": Command(
             "write one self-contained HTML page about a bag",
             "cli.options.bags:report", "report.terminal:show_report",
+        ),
+        "view": Command(
+            "show bags in Rerun: legs move, forces, curves; the second bag is a ghost",
+            "cli.options.bags:view", "view.terminal:show_view",
+        ),
+        "view --layouts": Command(
+            "write layouts for Foxglove and RViz",
+            "cli.options.bags:view", "view.layouts_terminal:show_layouts",
         ),
         "recover": Command(
             "make a whole bag of a damaged or unfinished one",

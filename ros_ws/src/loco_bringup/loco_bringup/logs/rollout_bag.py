@@ -12,11 +12,12 @@ from typing import Any
 import yaml
 
 from loco_control.exceptions import ParameterError
-from loco_control.names import JOINTS
 from loco_control.params import to_dict
+from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.convert import Converter
 from loco_control.ros.messages.joint_codec import JointCodec
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.messages.plain import message_class
 from loco_control.ros.messages.topics import TOPICS
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.log import PARTS, Log
@@ -30,6 +31,8 @@ from .bag_log import TOPIC_OF, TRUTH
 
 Encode = Callable[[dict[str, Any]], bytes]  # from the messages of a tick
 _FIELDS = ("position", "velocity")
+DESCRIPTION = "robot_description"
+VIEWED = ("joint_states", "imu/data", "/tf", "/clock")  # standard messages, for viewers
 warn = logging.getLogger(__name__)
 
 
@@ -89,19 +92,29 @@ def write_log(log: Log, folder: Path) -> None:
 
 def write_messages(log: Log, writer: BagWriter) -> None:
     """Write the messages of a log, tick by tick, with the bytes that the nodes would publish."""
-    table, encode = _of_legs() if log.experiment.gait else _of_joints(log)
-    for name in encode:
-        writer.add_row("/" + name, table[name])
+    robot = log.experiment.plant
+    table, encode = _of_legs(robot) if log.experiment.gait else _of_joints(log, robot)
+    made, every = encoders(robot), {}
+    for name in VIEWED if log.experiment.gait else VIEWED[-2:]:  # others say the rest each tick
+        encode[name] = lambda said, pack=made[name]: pack(said["state"], said["truth"])
+        rate = table[name].rate or 1.0 / log.dt
+        every[name] = max(1, round(1.0 / (log.dt * rate)))
+    paths = {name: name if name.startswith("/") else f"/{name}" for name in (*encode, DESCRIPTION)}
+    for name, path in paths.items():
+        writer.add_row(path, table[name])
+    text = Codec(message_class(table[DESCRIPTION].kind)(data=robot.urdf)).template
+    writer.write(paths[DESCRIPTION], text, 0)
     parts = [part for part in PARTS if log.experiment.gait or part not in ("stance", "trunk")]
     for row, t in enumerate(log.t.tolist()):
         messages = {part: log.message(part, row) for part in parts}
         for name, pack in encode.items():
-            writer.write("/" + name, pack(messages), round(t * 1e9))
+            if row % every.get(name, 1) == 0:
+                writer.write(paths[name], pack(messages), round(t * 1e9))
 
 
-def _of_legs() -> tuple[dict[str, Any], dict[str, Encode]]:
+def _of_legs(robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
     """Topic table of a robot with legs, and what makes the bytes of each topic."""
-    truth = encoders(JOINTS)[TRUTH]
+    truth = encoders(robot)[TRUTH]
     encode: dict[str, Encode] = {TRUTH: lambda said: truth(said["state"], said["truth"])}
     for part, name in TOPIC_OF.items():
         pack = Converter(PARTS[part]).pack
@@ -109,11 +122,10 @@ def _of_legs() -> tuple[dict[str, Any], dict[str, Encode]]:
     return TOPICS, encode
 
 
-def _of_joints(log: Log) -> tuple[dict[str, Any], dict[str, Encode]]:
+def _of_joints(log: Log, robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
     """Topic table of a robot of joints, and what makes the bytes of each topic."""
-    robot = log.experiment.plant
     driven = [robot.joints[i] for i in robot.driven]
-    made, encode = encoders(robot.joints), {}
+    made, encode = encoders(robot), {}
     for name in ("joint_states", "imu/data", TRUTH):
         encode[name] = lambda said, pack=made[name]: pack(said["state"], said["truth"])
     for part in ("target", "command"):

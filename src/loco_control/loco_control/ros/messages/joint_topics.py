@@ -35,7 +35,7 @@ def _rows() -> tuple[Topic, ...]:
         Topic("knee_adc", "std_msgs/Float64MultiArray", STATE, 0, sim, (),
               "raw counts of the Hall sensors; only robots that have some"),
         Topic("/tf", "tf2_msgs/TFMessage", STATE, 0, sim, (),
-              "odom to base_link, without a namespace only"),
+              "base in odom and every link in its parent, without a namespace only"),
         Topic("/clock", "rosgraph_msgs/Clock", CLOCK, 0, sim, (),
               "simulated time, without a namespace only"),
         Topic("robot_description", "std_msgs/String", LATCHED, 0, sim, (), "URDF text"),

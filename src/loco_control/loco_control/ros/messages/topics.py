@@ -104,7 +104,7 @@ def _rows() -> tuple[Topic, ...]:
         Topic("ground_truth/odom", "nav_msgs/Odometry", STATE, 250, sim, (),
               "true base pose and velocity; no controller reads it"),
         Topic("/tf", "tf2_msgs/TFMessage", STATE, 50, sim, (),
-              "odom to base_link from ground truth"),
+              "base in odom from ground truth, and every link in its parent"),
         Topic("/clock", "rosgraph_msgs/Clock", CLOCK, 50, sim, (), "simulated time"),
         Topic("robot_description", "std_msgs/String", LATCHED, 0, sim, (), "URDF text"),
         Topic("/diagnostics", "diagnostic_msgs/DiagnosticArray", STATE, 0, "any", (),

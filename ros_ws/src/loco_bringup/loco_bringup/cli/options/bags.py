@@ -67,6 +67,14 @@ def report(p: ArgumentParser) -> None:
     p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
 
 
+def view(p: ArgumentParser) -> None:
+    """Options of `loco view`."""
+    p.add_argument("bag", type=Path, nargs="*", help="bag folders or .mcap files of runs")
+    p.add_argument("--save", type=Path, help="write this .rrd file and start no viewer")
+    p.add_argument("--layouts", type=Path, nargs="?", const=Path("layouts"), metavar="DIR",
+                   help="write layouts for Foxglove and RViz (default: into layouts/)")  # fmt: skip
+
+
 def recover(p: ArgumentParser) -> None:
     """Options of `loco recover`."""
     p.description += (

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco view`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from loco_control.exceptions import ParameterError
+
+from ..bag.reader import Bag
+from ..logs.bag_log import read_log
+from ..terminal import console
+from .rerun_scene import show
+from .scene import scene_of
+
+
+def show_view(a: argparse.Namespace) -> int:
+    """Show bags in Rerun, or write the recording that it opens.
+
+    Raises:
+        ParameterError: There is no bag, two have one name, or the file is there already.
+    """
+    if not a.bag:
+        raise ParameterError("name a bag to show; `loco list` shows those that are here")
+    names = [Path(bag).resolve().name for bag in a.bag]
+    if len(set(names)) < len(names):
+        raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
+    if a.save and a.save.exists():
+        raise ParameterError(f"{a.save} is there already; choose another --save")
+    scenes = {n: scene_of(read_log(Bag(b))) for n, b in zip(names, a.bag, strict=True)}
+    show(scenes, a.save)
+    if a.save:
+        console.print(f"{a.save}: open it with `rerun {a.save}`")
+    return 0

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What viewers show of a run: links where the kinematics puts them, forces, curves, layouts."""
+
+import json
+import subprocess
+import sys
+from importlib.resources import files
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_bringup.logs.rollout_bag import run_rollout
+from loco_bringup.view.scene import scene_of
+from loco_control.ros.messages.topics import TOPICS
+from loco_learning.runs.experiment import load
+from loco_learning.runs.rollout import rollout
+from loco_sim.robot.frames import feet_in_base
+
+LAYOUTS = files("loco_bringup.view").joinpath("layouts")
+
+
+@pytest.fixture(scope="module")
+def log():
+    return rollout(load("hyq_short", {"learner.train": 1.0, "learner.test": 0.5}))
+
+
+def test_links_are_where_the_legs_are(log):
+    scene = scene_of(log)
+    feet = feet_in_base(log.experiment.plant, log.q)
+    for i, foot in enumerate(log.experiment.plant.feet):
+        way = np.einsum("tij,tj->ti", scene.turns["base_link"], feet[:, i])
+        np.testing.assert_allclose(scene.places[foot], log.position + way, atol=1e-9)
+        assert scene.places[foot][:, 2].min() > -0.05  # on the ground, not in it
+        np.testing.assert_array_equal(scene.forces[foot], log.grf[:, i])
+    assert {"base_link", "lf_upperleg", "rh_lowerleg"} <= set(scene.shapes)
+    assert list(scene.phases) == ["stand", "train", "closing", "test"]
+
+
+def test_curves_have_a_group_and_a_name(log):
+    curves = scene_of(log).signals
+    assert {name.partition("/")[0] for name in curves} == {
+        "angle", "torque", "stance", "command", "network",
+    }  # fmt: skip
+    assert all(len(values) == len(log) for values in curves.values())
+
+
+def test_a_bolted_robot_has_no_forces():
+    scene = scene_of(rollout(load("servo_pendulum_sine", {"duration": 1.0})))
+    assert scene.forces == {}
+    assert np.ptp(scene.places["rod"], axis=0).max() < 1e-9 or "rod" in scene.turns
+
+
+def test_layouts_name_topics_and_frames_that_are_there():
+    text = LAYOUTS.joinpath("foxglove.json").read_text()
+    layout = json.loads(text)["configById"]
+    shown = {p["value"].partition(".")[0].lstrip("/") for c in layout.values()
+             for p in c.get("paths", ())}  # fmt: skip
+    assert shown <= set(TOPICS)
+    assert "robot_description" in TOPICS and '"/robot_description"' in text
+    rviz = LAYOUTS.joinpath("loco.rviz").read_text()
+    assert "Fixed Frame: odom" in rviz and "Value: /robot_description" in rviz
+    assert '"frameId": "odom"' in text and '"followTf": "base_link"' in text
+
+
+def test_layouts_are_written(tmp_path, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", "--layouts", str(tmp_path / "layouts")])
+    assert end.value.code == 0
+    assert {p.name for p in (tmp_path / "layouts").iterdir()} == {"foxglove.json", "loco.rviz"}
+
+
+@pytest.mark.skipif(find_spec("rerun") is not None, reason="Rerun is installed")
+def test_a_missing_rerun_is_one_line(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", "somewhere"])
+    assert end.value.code == 2
+    assert "pip install '.[view]'" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(find_spec("rerun") is None, reason="needs rerun-sdk, the extra `view`")
+def test_rerun_reads_what_was_written(log, tmp_path):
+    """By its own reader: a chunk per link, with a place for each tick that is shown."""
+    run_rollout(log.experiment, tmp_path / "run", lambda _: None)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", str(tmp_path / "run"), "--save", str(tmp_path / "run.rrd")])
+    assert end.value.code == 0
+    said = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "run.rrd")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    for link in log.experiment.plant.feet:
+        assert f"/robots/run/{link}" in said.stdout
+    assert "/signals/angle/run/lf_kfe_joint" in said.stdout
+    with pytest.raises(SystemExit) as end:  # nothing is overwritten
+        cli.main(["view", str(tmp_path / "run"), "--save", str(tmp_path / "run.rrd")])
+    assert end.value.code == 2
