@@ -16,6 +16,7 @@ from loco_sim.robot.robot import Robot
 
 from ..bag.reader import Bag
 from . import topics as gap_topics
+from .db3 import SUFFIX, SqliteBag
 from .fields import FieldSource
 
 _KNOWN = ("fixed_base", "height")  # what a run's experiment may say of the robot that ran
@@ -26,7 +27,7 @@ def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None)
     """Records of a bag, a table, or a folder of tables.
 
     Args:
-        path: Bag folder or ``.mcap`` file, CSV or JSON file (``.gz`` too), or a folder of them.
+        path: Bag folder, ``.mcap`` or ``.db3`` file, table (`tables.KINDS`), or a folder of them.
         robot: Robot that was measured.
         mapping_file: ``mapping.yaml``, or the folder with it; without it, one that lies with
             the recording is used. A bag with our topics needs none.
@@ -39,12 +40,14 @@ def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None)
     if not path.exists():
         raise MissingFileError(f"there is no recording at {path}")
     rules = _mapping(path, mapping_file)
+    if _is_bag(path, SUFFIX):
+        return _from_bag(SqliteBag(path), robot, rules)
     if _is_bag(path):
         return _from_bag(Bag(path), robot, rules)
     if path.is_file() and not tables.is_table(path):
         raise ParameterError(
-            f"{path.name} is no recording: wanted are .mcap, {', '.join(tables.KINDS)}, and .gz "
-            "of the last ones"
+            f"{path.name} is no recording: wanted are .mcap, {SUFFIX}, "
+            f"{', '.join(tables.KINDS)}, and .gz of texts"
         )
     if rules is None:
         raise MissingFileError(
@@ -61,8 +64,8 @@ def _mapping(path: Path, given: str | Path | None) -> Mapping | None:
     return mapping.load(beside) if beside.is_file() else None
 
 
-def _is_bag(path: Path) -> bool:
-    return path.suffix == ".mcap" if path.is_file() else any(path.glob("*.mcap"))
+def _is_bag(path: Path, suffix: str = ".mcap") -> bool:
+    return path.suffix == suffix if path.is_file() else any(path.glob(f"*{suffix}"))
 
 
 def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:

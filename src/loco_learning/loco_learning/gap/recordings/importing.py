@@ -13,24 +13,26 @@ from loco_control.exceptions import MissingFileError, ParameterError
 from loco_sim.robot.robot import Robot
 
 from . import align, tables, tracks
+from .foreign import EPISODE
 from .mapping import Column, Mapping, Rule
 from .record import Record
 
 
 class TableSource:
-    """Columns of a file, and of others in its folder.
+    """Columns of a file or of an episode in it, and of other files in its folder.
 
     Raises:
         LocoError: The file cannot be read.
     """
 
-    def __init__(self, path: Path, mapping: Mapping):
-        self._table = tables.read(path, mapping.samples)
+    def __init__(self, path: Path, mapping: Mapping, table: tables.Table | None = None):
+        self._table = tables.read(path, mapping.samples) if table is None else table
         self._folder, self._mapping = path.parent, mapping
         self._tables: dict[str, tables.Table] = {"": self._table}
         self._times: dict[tuple[str, str], np.ndarray] = {}
-        self.name = _stem(path)
         self.header = self._table.header
+        episode = self.header.get(EPISODE)
+        self.name = _stem(path) if episode is None else f"episode {episode}"
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
         """Stamps [s] and raw values of a column, each (K,)."""
@@ -80,7 +82,10 @@ def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
     else:
         raise MissingFileError(f"there is no recording at {path}")
     made = [
-        r for p in sorted(found) for r in records(TableSource(p, mapping), robot, mapping, p.name)
+        record
+        for p in sorted(found)
+        for table in tables.episodes(tables.read(p, mapping.samples))
+        for record in records(TableSource(p, mapping, table), robot, mapping, p.name)
     ]
     if not made:
         raise ParameterError(f"no record of {mapping.path} fits {path}; see its 'records'")
@@ -103,7 +108,7 @@ def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) ->
     return [
         align.record(
             title(rule, source, i, len(rules)),
-            tracks.from_source(source, mapping, rule, robot),
+            tracks.locked(tracks.from_source(source, mapping, rule, robot), mapping.locked, robot),
             robot,
             rate=mapping.rate,
             role=rule.role,

@@ -59,7 +59,7 @@ _COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap",
 _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
 _KEYS = (
     *("format", "description", "files", "samples", "time", "rate", "columns", "header"),
-    *("overrides", "records", "namespace", "base_pose", "trust_units"),
+    *("overrides", "records", "namespace", "base_pose", "trust_units", "locked"),
 )
 
 
@@ -149,6 +149,7 @@ class Mapping:
     namespace: str = ""
     base_pose: bool = False
     trust_units: bool = False
+    locked: dict[str, float] = field(default_factory=dict)
 
 
 @understood("whole mapping")
@@ -196,14 +197,33 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
         time_unit=unit,
         time_rate=_positive(time.get("rate", 0.0), "time.rate"),
         rate=_positive(values.get("rate", 0.0), "rate"),
-        columns=tuple(_column(c, i) for i, c in enumerate(_list(values, "columns"))),
+        columns=tuple(
+            column for i, c in enumerate(_list(values, "columns")) for column in _columns(c, i)
+        ),
         header={str(k): _header(k, v) for k, v in header.items()},
         overrides=_keys(values.get("overrides") or {}, None, "overrides"),
         records=tuple(_rule(r, i) for i, r in enumerate(_list(values, "records"))) or (Rule(),),
         namespace=str(values.get("namespace") or ""),
         base_pose=_yes(values, "base_pose"),
         trust_units=_yes(values, "trust_units"),
+        locked={
+            str(joint): units.number(at, f"locked.{joint}")
+            for joint, at in _keys(values.get("locked") or {}, None, "locked").items()
+        },
     )
+
+
+def _columns(value: Any, index: int) -> list[Column]:
+    """The column of an entry; of a list of joints one each: ``q`` is ``q[0]``, ``q[1]``."""
+    joints = value.get("joint") if isinstance(value, Values) else None
+    if not isinstance(joints, list):
+        return [_column(value, index)]
+    name = str(value.get("column", ""))
+    return [
+        _column({**value, "column": f"{name}[{i}]", "joint": joint}, index)
+        for i, joint in enumerate(joints)
+        if joint is not None
+    ]
 
 
 def _column(value: Any, index: int) -> Column:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CSV files and JSON logs, packed or not, as named columns of numbers."""
+"""CSV files, JSON logs and tables of others, packed or not, as named columns of numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_csv, parse_json, read_text, understood
 
-KINDS = (".csv", ".txt", ".tsv", ".json", ".jsonl")
+from . import foreign
+
+KINDS = (".csv", ".txt", ".tsv", ".json", ".jsonl", ".pt", ".parquet")
+TEXTS = ("type",)  # columns of words that logs of SAGE have
+BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,19 @@ class Table:
         return self.columns[name]
 
 
+def episodes(table: Table) -> list[Table]:
+    """The table, or one for each of its episodes, with their number in the header."""
+    numbers = table.columns.get(foreign.EPISODE)
+    if numbers is None:
+        return [table]
+    found = []
+    for number in np.unique(numbers[np.isfinite(numbers)]):
+        rows = numbers == number
+        columns = {name: values[rows] for name, values in table.columns.items()}
+        found.append(Table(table.path, columns, {**table.header, foreign.EPISODE: int(number)}))
+    return found
+
+
 def is_table(path: Path) -> bool:
     """The file's name says that it is a table."""
     return _kind(path) in KINDS
@@ -55,8 +72,8 @@ def read(path: str | Path, samples: str = "") -> Table:
     """Read a file, by the ending of its name with or without ``.gz``.
 
     Args:
-        path: CSV with a header line (comma, semicolon, tab or spaces between), JSON, or JSON
-            lines.
+        path: CSV with a header line (comma, semicolon, tab or spaces between), JSON, JSON
+            lines, ``.pt`` or ``.parquet``.
         samples: Field of a JSON log that is its list of samples; empty: the only one there is.
 
     Raises:
@@ -64,9 +81,11 @@ def read(path: str | Path, samples: str = "") -> Table:
         ParameterError: It is not what its name says.
     """
     path = Path(path)
-    text = read_text(path)
     kind = _kind(path)
-    if kind == ".json":
+    text = "" if kind in BINARY else read_text(path)
+    if kind in BINARY:
+        table = Table(path, BINARY[kind](path))
+    elif kind == ".json":
         table = _from_json(path, parse_json(text, path.name), samples)
     elif kind == ".jsonl":
         rows = [
@@ -105,9 +124,27 @@ def _from_csv(path: Path, text: str) -> dict[str, np.ndarray]:
     for name, values in zip(names, cells, strict=False):
         if name in found:
             raise ParameterError(f"{path.name} has two columns named {name!r}")
-        if name:
+        if name and any(value.lstrip().startswith("[") for value in values[:1]):
+            found |= _lists(path, name, values)
+        elif name and name not in TEXTS:
             found[name] = _numbers(path, name, values, separator == ";")
     return found
+
+
+def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns of cells that are lists of numbers, ``"[0.1, 0.2]"``, as ``name[0]`` and so on."""
+    rows = [re.split(r"[,;\s]+", cell.strip().strip("[]").strip()) for cell in cells]
+    for line, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise ParameterError(
+                f"{path.name}: column {name!r} lists {len(row)} numbers in row {line}, "
+                f"{len(rows[0])} before"
+            )
+    columns = zip(*rows, strict=True)
+    return {
+        f"{name}[{i}]": _numbers(path, f"{name}[{i}]", list(values), False)
+        for i, values in enumerate(columns)
+    }
 
 
 def _separator(line: str) -> str:

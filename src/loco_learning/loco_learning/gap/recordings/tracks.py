@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from loco_control.exceptions import ParameterError
+from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_sim.robot.description import Description
-from loco_sim.robot.robot import Robot
+from loco_sim.robot.robot import Robot, joint_index
+from loco_sim.robot.servo import TorqueDrive
 
 from . import units
 from .mapping import ROLES, UNUSED, Column, Mapping, Rule
+
+JOINT, NAMED = "{joint}", ("column", "topic", "file")
 
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
@@ -71,7 +74,7 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
     """
     types = Description(robot.urdf).joint_types()
     found = []
-    for column in mapping.columns:
+    for column in of_joints(mapping, robot):
         _check_place(column, types)
         t, raw = source.series(column)
         x = values(column, raw, mapping.trust_units)
@@ -83,6 +86,48 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
             line = column.between == "line"
             found.append(Track(column.role, column.place, t[inside], x[inside], label, line))
     return found
+
+
+def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
+    """Columns with one for each joint where ``{joint}`` stands in the name of one.
+
+    Raises:
+        NameUnknownError: A pattern is of no joint.
+    """
+    found = []
+    for column in mapping.columns:
+        if JOINT not in column.column + column.topic + column.file:
+            found.append(column)
+            continue
+        for index in joint_index(robot.joints, column.place):
+            joint = robot.joints[index]
+            named = {key: getattr(column, key).replace(JOINT, joint) for key in NAMED}
+            found.append(replace(column, place=joint, **named))
+    return found
+
+
+def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
+    """Tracks with those of joints that were held: where they were told to be and stayed.
+
+    Raises:
+        ParameterError: The robot has no such joint, its drive follows torques, or there is a
+            column of it.
+    """
+    made, clock = list(found), next((track for track in found if track.role == "q"), None)
+    for joint, at in held.items():
+        if joint not in robot.joints:
+            raise NameUnknownError("joint for locked", joint, robot.joints)
+        if isinstance(robot.drives.get(joint), TorqueDrive):
+            raise ParameterError(
+                f"locked: {joint} has a drive for torques, which cannot hold it; give it an "
+                "impedance drive in robot.yaml"
+            )
+        if any(track.place == joint for track in found):
+            raise ParameterError(f"locked: {joint} has columns of its own; leave one of them out")
+        roles = ["q"] + ["command_position"] * (joint in robot.drives)
+        still = [] if clock is None else [(clock.t, np.full(len(clock.t), at))]
+        made += [Track(role, joint, t, x, "locked") for role in roles for t, x in still]
+    return made
 
 
 def _check_place(column: Column, types: dict[str, str]) -> None:
