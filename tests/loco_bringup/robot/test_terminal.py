@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`loco robot new` from the command line: the page's commands, and robots of others in a graph."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -103,3 +106,27 @@ def test_a_mistake_is_one_line_and_leaves_nothing(run, arguments, message):
     assert message in err
     assert len(err.strip().splitlines()) == 1
     assert [p.name for p in Path().iterdir()] == ["broken.urdf"]
+
+
+def test_an_engine_that_ends_on_a_urdf_costs_one_line_and_leaves_nothing(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os\n"
+        "from loco_bringup.robot import terminal\n"
+        "def die(urdf, out):\n"
+        "    (out.parent / '.out.half').mkdir()\n"
+        "    os.kill(os.getpid(), 11)\n"
+        "terminal.make = die\n"
+    )
+    paths = [str(tmp_path), os.environ.get("PYTHONPATH", "")]
+    urdf, out = tmp_path / "a.urdf", tmp_path / "new" / "out"
+    out.parent.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "loco_bringup.cli.main", "robot", "new", urdf, "--out", out],
+        capture_output=True, text=True, timeout=100,
+        env={**os.environ, "PYTHONPATH": ":".join(filter(None, paths))},
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert (
+        done.stderr == f"loco: {urdf}: the process that tries the robot died with exit code -11\n"
+    )
+    assert list(out.parent.iterdir()) == []

@@ -87,6 +87,7 @@ HOSTILE = {  # what is replaced by what, and words of the message
     "box of no size": ("0.1 0.1 0.1", "0.1 0 0.1", "'trunk': size of its box"),
     "no geometry": (BOX, "", "'trunk': its <collision> needs a <geometry>"),
     "missing mesh": (BOX, '<mesh filename="a.stl"/>', "no mesh file 'a.stl'"),
+    "mesh of a name too long": (BOX, f'<mesh filename="{"9" * 400}"/>', "no mesh file '999"),
     "unknown mesh": (BOX, '<mesh filename="r.urdf"/>', "no mesh of kind"),
     "cut mesh": (BOX, '<mesh filename="cut.stl"/>', "cut.stl is cut off"),
     "missing package": (

@@ -318,7 +318,7 @@ def mesh_path(filename: str, folder: Path) -> Path | None:
         if filename.startswith(scheme):
             return _in_package(filename[len(scheme) :], folder)
     path = folder / filename.removeprefix("file://")
-    return path if path.is_file() else None
+    return path if _is_file(path) else None
 
 
 def _in_package(rest: str, folder: Path) -> Path | None:
@@ -328,12 +328,20 @@ def _in_package(rest: str, folder: Path) -> Path | None:
     places += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     above = [folder.resolve(), *folder.resolve().parents]
     for place in (*places, *above):
-        if (place / rest).is_file():
+        if _is_file(place / rest):
             return place / rest
     for place in above:  # the clone of a package need not be named like it
-        if (place / "package.xml").is_file() and (place / inside).is_file():
+        if (place / "package.xml").is_file() and _is_file(place / inside):
             return place / inside
-    return folder / inside if name and (folder / inside).is_file() else None
+    return folder / inside if name and _is_file(folder / inside) else None
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have is that of none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _whole_stl(path: Path) -> bool:

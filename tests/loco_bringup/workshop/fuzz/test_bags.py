@@ -50,6 +50,7 @@ FINDS = {
     "a stamp of 2^63 ns": late,
     "CDR cut short": short,
     "a definition that is none": lambda v: first(v)["schema"].update(text="&a [*a]"),
+    "a default that is no value": lambda v: first(v)["schema"].update(text="float64 x [[["),
     "another message of that name": lambda v: first(v)["schema"].update(text="float64 x"),
     "a name that leads out of the folder": lambda v: first(v).update(topic="/../../x"),
     "a topic that is not of ROS": lambda v: first(v).update(encoding="json"),

@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 import argparse
+import glob
+import shutil
 import sys
+import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 
-from loco_control.exceptions import LocoError
-from loco_sim.new_robot.make import make
+from loco_control.exceptions import LocoError, ParameterError
+from loco_learning.jobs.child import Child, Failed
+from loco_sim.new_robot.make import Result, make
 from loco_sim.robot import robot as robots
 
 from ..terminal import console, table
@@ -19,7 +24,7 @@ from ..terminal import console, table
 def show_new(a: argparse.Namespace) -> int:
     """`loco robot new`: write the folder, print the table and the next commands."""
     out = a.out or Path(a.urdf.stem)
-    result = make(a.urdf, out)
+    result = tried(a.urdf, out)
     title = f"{out}: a robot that {'stands' if result.stands else 'is bolted and swings'}"
     console.print(table(title, ("what", "value", "from"), result.rows))
     for note in result.notes:
@@ -33,6 +38,41 @@ def show_new(a: argparse.Namespace) -> int:
     if robots.load(out).legs is not None:
         sys.stdout.write(f"  loco run hyq_trot_open --set robot={out}\n")
     return 0
+
+
+def tried(urdf: Path, out: Path) -> Result:
+    """Robot of a URDF, tried in a process of its own: an engine may end on one that nobody knows.
+
+    Args:
+        urdf: The URDF.
+        out: New folder.
+
+    Raises:
+        ParameterError: No robot comes of the URDF; nothing is left.
+    """
+    before = _unfinished(out)
+    child = Child("the process that tries the robot", Result, _make, (urdf, out))
+    try:
+        while not (news := child.news()):
+            time.sleep(0.02)
+    finally:
+        child.close()
+        for folder in _unfinished(out) - before:
+            shutil.rmtree(folder, ignore_errors=True)
+    if isinstance(news[-1], Failed):
+        text = news[-1].text
+        raise ParameterError(text if str(urdf) in text or str(out) in text else f"{urdf}: {text}")
+    return news[-1]
+
+
+def _make(pipe: Connection, urdf: Path, out: Path) -> None:
+    pipe.send(make(urdf, out))
+
+
+def _unfinished(out: Path) -> set[Path]:
+    """Folders in which robots of this name are being written."""
+    above = next(folder for folder in out.resolve().parents if folder.is_dir())
+    return set(above.glob(f".{glob.escape(out.name)}.*"))
 
 
 def show_robots(_: argparse.Namespace) -> int:

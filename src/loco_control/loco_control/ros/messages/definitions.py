@@ -18,9 +18,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from ...exceptions import NameUnknownError, ParameterError
+from ...reading import parse_yaml
 
 SEPARATOR = "=" * 80  # between a message and those that it contains
 MOST_FIELDS = 1000  # of one message
@@ -110,7 +109,7 @@ def _field(match: re.Match, package: str) -> Field:
     array = ""
     if match["array"]:
         array = "bounded" if match["most"] else "fixed" if match["count"] else "sequence"
-    default = yaml.safe_load(match["rest"]) if match["rest"] else None
+    default = parse_yaml(match["rest"], f"default of {match['name']}") if match["rest"] else None
     return Field(
         match["name"], base, int(match["text"] or 0), array, int(match["count"] or 0), default
     )
