@@ -6,6 +6,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from loco_learning.gap.hypotheses import likely
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
@@ -68,3 +69,15 @@ def case_with(excess):
 def test_joints_that_stand_out_are_looked_at_alone_and_none_where_all_do():
     assert likely.conspicuous(case_with([1, 1, 5, 1, 1, 1, 1, 1])) == {"j2"}
     assert likely.conspicuous(case_with([5] * 8)) == set()
+
+
+def test_what_explains_most_is_told_with_its_size(monkeypatch):
+    monkeypatch.setattr(likely, "replace", lambda case, forward: case)
+    columns = {"a": np.r_[np.ones(100), np.zeros(100)], "b": np.r_[np.zeros(100), np.ones(100)]}
+    case = Linear(columns, {"b": 2.0}, noise=0.0)
+    case.forward.channels, case.fit_rows, case.whitened = [], [], lambda specs: []
+    both = [hypothesis(name) for name in "ab"]
+    *_, first = likely.likely(case, both, lambda f, rows: [f(case, *row) for row in rows])
+    ((best, x),) = first
+    assert best.effect == "b"
+    assert best.term(x).params["size"] == pytest.approx(2.0)
