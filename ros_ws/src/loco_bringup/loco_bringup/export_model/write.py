@@ -78,19 +78,24 @@ def export_model(
     asked = models.load_any(path / gap.MODEL if results == path else path)
     found = results / gap.RESULT if path.name == gap.MODEL or results == path else None
     terms = gap.read_json(found)["terms"] if found is not None and found.is_file() else []
-    made = portable(asked)
-    known, unused = ranges.of(made, terms)
+    made, there = portable(asked), {effect["name"] for effect in asked.effects}
+    known, unused = ranges.of(made, [term for term in terms if term["effect"] in there])
+    unused += [
+        f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in there
+    ]
     texts = WRITERS[to](made, known)
     folder = Path(out) if out is not None else Path("exports") / f"{made.robot.name}_{to}"
     _claim(folder)
     records, notes = _records(asked, replay, mapping, found) if to == MJCF else ([], [])
     if not known:
-        notes.append("no ranges to randomise in: the model is not a result of `loco gap`")
+        notes.append("no ranges to randomise in: no interval of `loco gap` belongs to the model")
     folder.mkdir(parents=True, exist_ok=True)
     for name, (text, _) in texts.items():
         write_whole(folder / name, _with_meshes(text, folder))
     compared: list[Compared] = []
     if to == MJCF:
+        for old in folder.glob("replay_*"):
+            old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
         compared, more = compare(asked, records, folder)
         notes += more
