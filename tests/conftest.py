@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from loco_bringup.testing import isolate
+from loco_control.exceptions import MissingPackageError, ParameterError
+from loco_sim.engines import installed
 
 from . import quadrupeds
 
@@ -24,3 +26,32 @@ def repository() -> Path:
 def quadruped(tmp_path):
     """Function that makes a folder of one of `quadrupeds.ROBOTS`, with more keys in robot.yaml."""
     return lambda name, **more: quadrupeds.write(tmp_path, name, **more)
+
+
+def pytest_collection_modifyitems(items):
+    """Skip what compares with PyBullet where there is none: Python 3.12 and later."""
+    if "pybullet" not in installed():
+        for item in items:
+            if item.get_closest_marker("pybullet"):
+                item.add_marker(pytest.mark.skip(reason="compares with PyBullet"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    """Skip a test of an engine that is not installed."""
+    return (yield from _of_installed_engines())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Skip a test of an engine that is not installed."""
+    return (yield from _of_installed_engines())
+
+
+def _of_installed_engines():
+    try:
+        return (yield)
+    except (MissingPackageError, ParameterError) as error:
+        if "pybullet" in installed() or "pybullet" not in str(error).lower():
+            raise
+        pytest.skip(str(error))

@@ -66,6 +66,7 @@ def test_a_bag_becomes_a_recording(bag):
     np.testing.assert_allclose(made.command[:, 2], 0.2 + 0.6 * np.sin(2.0 * np.pi * made.t))
 
 
+@pytest.mark.pybullet
 def test_a_bag_of_hyq_replays_to_what_it_recorded():
     """Its trunk controller's torque, velocities and stances are commands as well."""
     hyq = models.Model("hyq")

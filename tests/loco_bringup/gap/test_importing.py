@@ -272,6 +272,7 @@ def test_the_graph_of_hyq(tmp_path):
     refused(tmp_path / "trot", TIGRILLO, "12 values of q, the robot has 8")
 
 
+@pytest.mark.pybullet
 def test_gains_of_stance_and_torques_of_the_trunk_reach_the_model_of_hyq(tmp_path):
     """HyQ bolted in the air treads under its trunk controller; the same model says the same."""
     held = {"overrides": {"fixed_base": True, "height": 1.0}, "gait.start_time": 0.1}

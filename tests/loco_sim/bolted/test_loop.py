@@ -15,6 +15,8 @@ from loco_sim.bolted.loop import Bolted, Pieces, Run, needs_engine
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 
+pytestmark = pytest.mark.pybullet
+
 AIR = {"fixed_base": True, "height": 1.0}
 BENCHES = {"pendulum": {}, "servo_pendulum": {}, "linear_axis": {}, "hyq_leg": {}, "tigrillo": AIR}
 CLOSE = {"rtol": 0.0, "atol": 1e-6}  # the URDF of HyQ has pi with few digits for the engine

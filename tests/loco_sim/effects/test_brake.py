@@ -21,14 +21,14 @@ LINK = """<link name="{child}"><inertial><origin xyz="0 0 -0.1"/><mass value="0.
 
 
 @pytest.fixture
-def arm(tmp_path):
-    """Two links in a row that hang from a stand."""
+def arm(tmp_path, engine):
+    """Two links in a row that hang from a stand, in every engine."""
     upper = LINK.format(name="a", parent="stand", child="one", z=0)
     lower = LINK.format(name="b", parent="one", child="two", z=-0.2)
     (tmp_path / "arm.urdf").write_text(ARM.format(links=upper + lower))
     (tmp_path / "robot.yaml").write_text("urdf: arm.urdf\njoints: [a, b]\nfixed_base: true\n")
     loaded = robot.load(tmp_path)
-    made = make_world(loaded, loaded.sim, 0.001)
+    made = make_world(loaded, loaded.sim.replace(engine=engine), 0.001)
     yield made
     made.close()
 

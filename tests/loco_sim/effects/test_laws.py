@@ -34,6 +34,7 @@ def swing(listed, tau=0.0, begin=0.0, steps=400, gravity=True):
     return np.array(rows).T
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("load", [0.0, 0.1, -0.29])
 def test_a_joint_at_rest_below_the_budget_stays_exactly_at_rest(load):
     q, dq, tau = swing([{"name": "coulomb_friction", "torque": 0.3}], tau=load)
@@ -47,6 +48,7 @@ def test_above_the_budget_it_moves_with_what_is_left():
     assert dq[-1] == pytest.approx(0.2 / INERTIA * 0.02, rel=0.02)
 
 
+@pytest.mark.pybullet
 def test_a_sliding_joint_slows_by_budget_over_inertia_and_stops_without_a_sign_flip():
     def kick(t):
         return 0.5 if t < 0.05 else 0.0
@@ -62,6 +64,7 @@ def test_a_sliding_joint_slows_by_budget_over_inertia_and_stops_without_a_sign_f
     assert np.ptp(q[-50:]) == 0.0
 
 
+@pytest.mark.pybullet
 def test_friction_of_several_effects_adds_up():
     pair = [
         {"name": "coulomb_friction", "torque": 0.1},

@@ -112,6 +112,7 @@ def test_it_is_bolted_and_follows_its_swing_within_its_limits(made, name):
     assert np.all(np.ptp(positions, axis=0) > np.abs(amplitude))  # half of the whole swing
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("name", ["kuka_iiwa/model", "franka_panda/panda", "xarm/xarm6_robot"])
 def test_an_arm_of_others_needs_no_engine_to_do_what_it_does_with_it(made, name):
     """It hangs so high that its meshes cannot touch the ground; `loco gap` is fast with it."""
@@ -246,6 +247,7 @@ def dog():
     return f'<robot name="dog">{"".join(links + joints)}</robot>'
 
 
+@pytest.mark.pybullet
 def test_a_floating_joint_to_the_world_is_a_base_that_floats(tmp_path):
     result = make(written(tmp_path, dog()), tmp_path / "out")
     assert result.stands, result.notes

@@ -274,6 +274,7 @@ def test_two_worlds_do_not_disturb_each_other(world, hyq, engine):
 # --- two engines behind one face ---------------------------------------------------
 
 
+@pytest.mark.pybullet
 def test_the_engines_agree_where_nothing_touches(hyq):
     """A swinging robot in the air: the same motion, but for the order of integration."""
     seen = {}
@@ -342,6 +343,7 @@ def test_a_joint_leans_on_its_stop_and_hardly_sinks_in(engine):
     assert abs(dq) < 1e-6
 
 
+@pytest.mark.pybullet
 def test_the_default_engine_is_pybullet_where_it_is_there(monkeypatch, packages):
     assert SimParams().engine == "pybullet"
     packages("mujoco")
@@ -357,3 +359,25 @@ def test_a_shape_that_mujoco_cannot_build_is_one_line(tmp_path):
     bad = dataclasses.replace(robot.load("pendulum"), urdf=text, joints=("pivot",), folder=tmp_path)
     with pytest.raises(ParameterError, match="MuJoCo cannot build robot 'pendulum'"):
         make_world(bad, SimParams(engine="mujoco"), 0.001).rebuild([0.0])
+
+
+def test_a_link_may_be_called_world(tmp_path, engine):
+    """Many arms have one, and MuJoCo calls its own ground so."""
+    inertia = "".join(
+        f'{axis}="{int(axis[1] == axis[2])}" ' for axis in "ixx iyy izz ixy ixz iyz".split()
+    )
+    inertial = f'<inertial><mass value="1"/><inertia {inertia}/></inertial>'
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="r"><link name="world"/><link name="arm">{inertial}</link>'
+        '<joint name="j" type="continuous"><parent link="world"/><child link="arm"/>'
+        '<axis xyz="0 1 0"/></joint></robot>'
+    )
+    (tmp_path / "robot.yaml").write_text("urdf: arm.urdf\njoints: [j]\nfixed_base: true\n")
+    loaded = robot.load(tmp_path)
+    made = make_world(loaded, loaded.sim.replace(engine=engine), 0.001)
+    made.rebuild((0.5,), height=1.0)
+    for _ in range(100):
+        made.step([1.0])
+    q, dq = made.joint_states()
+    assert dq[0] == pytest.approx(0.1, rel=1e-6)  # 1 N·m on 1 kg·m² for 0.1 s
+    made.close()

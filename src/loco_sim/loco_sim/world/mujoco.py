@@ -32,7 +32,8 @@ from .terrain import CELL, Terrain
 from .world import Base, Handles
 
 RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of contacts that are not springs
-STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops: a knee leans on one and hardly sinks in
+OF_WORLD = "link_named_world"  # name of the body of a link that is named "world"
+STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops and dry friction, which hardly give way
 LEAST = 1e-4  # MuJoCo keeps the impedance of contacts this far from 0 and 1
 IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal, rigid ones
 NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # of all contacts, in one sensor
@@ -95,7 +96,7 @@ class World(world.World):
     def _index(self) -> None:
         """Look up joints and links by name; friction in joints is the effects' business."""
         m = self._model
-        self._bodies = {m.body(i).name: i for i in range(1, m.nbody)}
+        self._bodies = {_link(m.body(i).name): i for i in range(1, m.nbody)}
         by_name = {m.joint(i).name: i for i in range(m.njnt)}
         hinges = [m.body_jntadr[self._bodies[link]] for link in self.hinges]
         joints = [by_name[name] for name in self.robot.joints] + hinges
@@ -106,7 +107,7 @@ class World(world.World):
         self._fastest = self.description.fastest()
         m.dof_frictionloss[:] = 0.0
         m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as a step allows
-        m.jnt_solimp[:] = STOP
+        m.dof_solimp[:] = m.jnt_solimp[:] = STOP
         self._braked = self._pushed = False
         self._fresh = False
 
@@ -353,7 +354,7 @@ class World(world.World):
         """The world as MJCF, as `rebuild` left it; meshes by their absolute paths."""
         m, spec = self._model, _spec(*self._asked)
         for name, body in self._bodies.items():
-            here = spec.body(name)
+            here = spec.body(_body(name))
             at = np.flatnonzero(m.geom_bodyid == body)
             for geom, i in zip(here.geoms, at, strict=True):
                 geom.friction, geom.condim = m.geom_friction[i], int(m.geom_condim[i])
@@ -361,7 +362,7 @@ class World(world.World):
             for joint in here.joints:
                 joint.solref_limit = joint.solref_friction = 2.0 * self.dt, 1.0
                 joint.solimp_limit = joint.solimp_friction = STOP
-        spec.body(self.description.root_link()).pos = m.body_pos[self._root]
+        spec.body(_body(self.description.root_link())).pos = m.body_pos[self._root]
         spec.add_key(name="standing", qpos=self._data.qpos.tolist())
         return spec.to_xml()
 
@@ -437,7 +438,7 @@ def _spec(
     """
     spec = mujoco.MjSpec.from_string(_for_mujoco(text))
     if root:
-        spec.body(root).add_freejoint()
+        spec.body(_body(root)).add_freejoint()
     option = spec.option
     option.timestep, option.gravity = dt, gravity
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -454,7 +455,7 @@ def _spec(
         spec.add_sensor(
             type=mujoco.mjtSensor.mjSENS_CONTACT,
             objtype=mujoco.mjtObj.mjOBJ_GEOM, objname="loco_ground",
-            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=foot, intprm=NET_FORCE,
+            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=_body(foot), intprm=NET_FORCE,
         )  # fmt: skip
     return spec
 
@@ -473,9 +474,23 @@ def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
             "pos": [*terrain.centre, low]}  # fmt: skip
 
 
+def _body(link: str) -> str:
+    """Name of the body of a link: "world" is MuJoCo's own."""
+    return OF_WORLD if link == "world" else link
+
+
+def _link(body: str) -> str:
+    """Name of the link of a body."""
+    return "world" if body == OF_WORLD else body
+
+
 def _for_mujoco(text: str) -> str:
     """URDF without what only pictures need; every link stays a body of its own."""
     robot = ET.fromstring(text)
+    for element in robot.iter():
+        for key in ("name", "link"):
+            if element.tag in ("link", "parent", "child") and element.get(key):
+                element.set(key, _body(element.get(key)))
     extension = robot.find("mujoco")
     if extension is not None:
         robot.remove(extension)

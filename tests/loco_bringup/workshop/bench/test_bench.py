@@ -53,6 +53,7 @@ def test_tables_of_any_shape_fit_a_terminal_and_say_everything(columns, length):
     assert all(name in " ".join(made) for name in rows[0])
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize("name", ["servo_pendulum", "linear_axis", "hyq_leg", "tigrillo"])
 @pytest.mark.parametrize("engine", ENGINES)
 def test_bolted_robots_move_alike_with_and_without_an_engine(name, engine):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page about effects has all of them, each with its picture; their bench runs."""
 
+import pytest
 from PIL import Image
 
 from loco_bringup.workshop.bench import effects as bench_effects
@@ -42,6 +43,7 @@ def test_the_page_tells_what_is_known():
             assert f"[{other.name}](effects_{site}.md#{other.name}): {other.experiment}" in text
 
 
+@pytest.mark.pybullet
 def test_the_bench_has_a_row_per_robot(monkeypatch):
     monkeypatch.setattr(bench_effects, "BLOCK", 1)
     monkeypatch.setattr(bench_effects, "BLOCKS", 2)

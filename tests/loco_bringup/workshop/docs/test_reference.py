@@ -8,6 +8,7 @@ from loco_control.ros.messages.topics import TOPICS
 from loco_sim import effects
 
 
+@pytest.mark.pybullet  # the pages name the default engine
 @pytest.mark.parametrize("name", pages())
 def test_generated_page_is_up_to_date(name):
     assert (root() / "docs" / name).read_text() == pages()[name], "run `./loco docs --write`"

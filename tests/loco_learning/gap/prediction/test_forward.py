@@ -51,6 +51,7 @@ def recorded(robot: str, overrides: dict, effects: tuple = (), duration: float =
     return Record(robot, log.t, said, driven, signals, plant.joints, overrides=known)
 
 
+@pytest.mark.pybullet
 @pytest.mark.parametrize(
     ("robot", "overrides"),
     [
@@ -68,6 +69,7 @@ def test_a_run_of_the_model_leaves_no_residual(robot, overrides):
     assert forward.measured[0].shape == (len(record.t), len(forward.channels))
 
 
+@pytest.mark.pybullet
 def test_a_hidden_effect_leaves_one_that_naming_it_closes():
     record = recorded("servo_pendulum", EXACT, (FRICTION,))
     forward = Forward(Model("servo_pendulum"), [record])
@@ -76,6 +78,7 @@ def test_a_hidden_effect_leaves_one_that_naming_it_closes():
     np.testing.assert_allclose(after, forward.measured[0], rtol=0.0, atol=CLOSE)
 
 
+@pytest.mark.pybullet
 def test_overrides_of_a_call_win_over_those_of_model_and_record():
     record = recorded("servo_pendulum", EXACT | {"drives.pivot.kp": 9.0})
     forward = Forward(Model("servo_pendulum", {"drives.pivot.kp": 5.0}), [record])
@@ -99,6 +102,7 @@ def test_a_sliding_robot_speaks_in_metres_and_a_bolted_one_of_its_joints_only():
     }  # fmt: skip
 
 
+@pytest.mark.pybullet
 def test_recordings_in_the_air_and_on_the_ground_go_together():
     air, ground = recorded("tigrillo", EXACT | AIR), recorded("tigrillo", EXACT)
     assert "gyro" in air.signals

@@ -127,6 +127,7 @@ def test_what_deceives_the_imu_is_undone_at_the_start(spec):
         assert np.allclose(mine @ true.T, np.eye(3), atol=2e-3)
 
 
+@pytest.mark.pybullet
 def test_the_right_model_stays_within_the_floor_and_another_does_not():
     record, _ = walked()
     model = Model("tigrillo", EXACT)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import NameUnknownError
+from loco_control.exceptions import MissingPackageError, NameUnknownError
 
 from . import slots, tree
 
@@ -223,7 +223,10 @@ def hyq_air() -> Machine:
 
 def _foreign(name: str, file: str, joints: list[str], gains: list, start: list) -> Machine:
     """A robot of `pybullet_data` that hangs in the air, with impedance drives."""
-    urdf = Path(find_spec("pybullet_data").submodule_search_locations[0]) / file
+    data = find_spec("pybullet_data")
+    if data is None:
+        raise MissingPackageError(f"the URDF of {name} comes with PyBullet, which is not installed")
+    urdf = Path(data.submodule_search_locations[0]) / file
     body, n = tree.read(urdf, joints), len(joints)
     drives, at = np.zeros((n, slots.DRIVE)), np.array(start)
     drives[:, 0], drives[:, 8] = slots.IMPEDANCE, body.effort
