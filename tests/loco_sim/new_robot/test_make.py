@@ -247,7 +247,6 @@ def dog():
     return f'<robot name="dog">{"".join(links + joints)}</robot>'
 
 
-@pytest.mark.pybullet
 def test_a_floating_joint_to_the_world_is_a_base_that_floats(tmp_path):
     result = make(written(tmp_path, dog()), tmp_path / "out")
     assert result.stands, result.notes

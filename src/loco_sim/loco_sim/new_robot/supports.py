@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,12 +14,13 @@ import numpy as np
 
 from ..geometry import Triple, rotate, rotation_matrix
 from ..params import SimParams
-from ..robot.description import Description
+from ..robot.description import TENSOR, Description
 from ..robot.robot import Robot
 from ..world.world import World, make_world
 from .body import BASE, Body
 from .shapes import link_points
 
+UNIT = {"ixx": "1", "iyy": "1", "izz": "1"}  # inertia of a link that has none [kg·m²]
 ALOFT = 100.0  # where poses are tried, so that nothing reaches the ground [m]
 SAMPLES = 400  # poses drawn to see how deep each end reaches
 SAME_DEPTH = 0.12  # ends that reach this close to the deepest stand too, share of its depth
@@ -94,14 +96,27 @@ def probe(urdf: str, folder: Path) -> Iterator[Probe]:
     body = Body(description)
     elements = {link.get("name"): link for link in description.elements("link")}
     points = {k: _points(body, k, elements, folder) for k in body.links}
-    robot = Robot("new", urdf, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
-    # MuJoCo's world does not tell lowest points.
-    world = make_world(robot, SimParams(engine="pybullet"), 0.001)
+    weighed = _weighed(urdf)
+    robot = Robot("new", weighed, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
+    world = make_world(robot, SimParams(), 0.001)
     try:
         world.rebuild(body.nominal(), height=ALOFT)
         yield Probe(body, world, points)
     finally:
         world.close()
+
+
+def _weighed(urdf: str) -> str:
+    """URDF in which no link is without mass: poses ask for none, but MuJoCo refuses such bodies."""
+    description = Description(urdf)
+    for link in description.elements("link"):
+        if description.mass_of(link.get("name", "")) == 0.0:
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "mass", value="1")
+            ET.SubElement(inertial, "inertia", {**dict.fromkeys(TENSOR, "0"), **UNIT})
+    return description.text()
 
 
 def _points(body: Body, k: int, elements: dict, folder: Path) -> np.ndarray:

@@ -13,13 +13,10 @@ MuJoCo's habits that this module hides:
 from __future__ import annotations
 
 import ctypes
-import re
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,15 +25,13 @@ from loco_control.exceptions import DivergedError, ParameterError
 
 from ..geometry import Triple, rotate, rotate_back, rotation_matrix
 from . import hinges, world
-from .terrain import CELL, Terrain
+from .mujoco_model import body_of, compiled, dates, link_of, lowest_point, plan
 from .world import Base, Handles
 
 RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of contacts that are not springs
-OF_WORLD = "link_named_world"  # name of the body of a link that is named "world"
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops and dry friction, which hardly give way
 LEAST = 1e-4  # MuJoCo keeps the impedance of contacts this far from 0 and 1
 IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal, rigid ones
-NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # of all contacts, in one sensor
 LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library, beside its Python module
 BAD = int(mujoco.mjtWarning.mjWARN_BADQACC)
 QUIET = 1  # MuJoCo prints the first warning of a kind; this many are said to have been
@@ -76,11 +71,11 @@ class World(world.World):
         text = self._text()
         root = "" if self.robot.fixed_base else self.description.root_link()
         self._asked = (
-            text, _dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
+            text, dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
             self.params.solver_iterations, self.terrain,
         )  # fmt: skip
         try:
-            model = _compiled(*self._asked)
+            model = compiled(*self._asked)
         except ValueError as error:
             raise ParameterError(
                 f"MuJoCo cannot build robot {self.robot.name!r}: {' '.join(str(error).split())}"
@@ -96,7 +91,7 @@ class World(world.World):
     def _index(self) -> None:
         """Look up joints and links by name; friction in joints is the effects' business."""
         m = self._model
-        self._bodies = {_link(m.body(i).name): i for i in range(1, m.nbody)}
+        self._bodies = {link_of(m.body(i).name): i for i in range(1, m.nbody)}
         by_name = {m.joint(i).name: i for i in range(m.njnt)}
         hinges = [m.body_jntadr[self._bodies[link]] for link in self.hinges]
         joints = [by_name[name] for name in self.robot.joints] + hinges
@@ -146,15 +141,19 @@ class World(world.World):
         return (-scale * stiffness, -scale * damping), solimp
 
     def _lowest_foot(self) -> float:
+        points = self.lowest_points()
+        return min(points[f][2] if f in points else self.place(f)[2] for f in self.robot.feet)
+
+    def lowest_points(self) -> dict[str, Triple]:
+        """Lowest point of each link that can collide, in world [m]; of convex hulls, for meshes."""
         self._look()
-        lowest = []
-        for foot in self.robot.feet:
-            body = self._bodies[foot]
+        found: dict[str, Triple] = {}
+        for link, body in self._bodies.items():
             geoms = np.flatnonzero(self._model.geom_bodyid == body)
-            sphere = len(geoms) and self._model.geom_type[geoms[0]] == mujoco.mjtGeom.mjGEOM_SPHERE
-            radius = float(self._model.geom_size[geoms[0], 0]) if sphere else 0.0
-            lowest.append(float(self._data.xpos[body, 2]) - radius)
-        return min(lowest)
+            points = [lowest_point(self._model, self._data, geom) for geom in geoms]
+            if points:
+                found[link] = min(points, key=lambda point: point[2])
+        return found
 
     def _lift(self, height: float) -> None:
         """Put the base at a height [m]."""
@@ -352,9 +351,9 @@ class World(world.World):
 
     def mjcf(self) -> str:
         """The world as MJCF, as `rebuild` left it; meshes by their absolute paths."""
-        m, spec = self._model, _spec(*self._asked)
+        m, spec = self._model, plan(*self._asked)
         for name, body in self._bodies.items():
-            here = spec.body(_body(name))
+            here = spec.body(body_of(name))
             at = np.flatnonzero(m.geom_bodyid == body)
             for geom, i in zip(here.geoms, at, strict=True):
                 geom.friction, geom.condim = m.geom_friction[i], int(m.geom_condim[i])
@@ -362,7 +361,7 @@ class World(world.World):
             for joint in here.joints:
                 joint.solref_limit = joint.solref_friction = 2.0 * self.dt, 1.0
                 joint.solimp_limit = joint.solimp_friction = STOP
-        spec.body(_body(self.description.root_link())).pos = m.body_pos[self._root]
+        spec.body(body_of(self.description.root_link())).pos = m.body_pos[self._root]
         spec.add_key(name="standing", qpos=self._data.qpos.tolist())
         return spec.to_xml()
 
@@ -403,106 +402,3 @@ def _library() -> str:
 def _address(library: str, name: str) -> int:
     """Address of a C function."""
     return ctypes.cast(getattr(ctypes.CDLL(library), name), ctypes.c_void_p).value
-
-
-@lru_cache(maxsize=64)
-def _compiled(*asked: Any) -> mujoco.MjModel:
-    """Model of a URDF on the ground; kept, as reading takes longer than many a run."""
-    return _spec(*asked).compile()
-
-
-def _spec(
-    text: str,
-    dates: tuple[int, ...],
-    root: str,
-    feet: tuple[str, ...],
-    dt: float,
-    gravity: Triple,
-    iterations: int,
-    terrain: Terrain | None,
-) -> mujoco.MjSpec:
-    """Plan of a URDF on the ground, before it is compiled.
-
-    Args:
-        text: The URDF.
-        dates: Times at which its meshes were written [ns].
-        root: Link that is free; empty if it is fixed to the world.
-        feet: Links on which the force of the ground is measured.
-        dt: Physics step [s].
-        gravity: Acceleration of gravity [m/s²].
-        iterations: Most iterations of the contact solver.
-        terrain: Heights of the ground; None is a plane.
-
-    Raises:
-        ValueError: MuJoCo cannot build it.
-    """
-    spec = mujoco.MjSpec.from_string(_for_mujoco(text))
-    if root:
-        spec.body(_body(root)).add_freejoint()
-    option = spec.option
-    option.timestep, option.gravity = dt, gravity
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.iterations = iterations
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    for geom in spec.geoms:
-        geom.contype, geom.conaffinity, geom.solmix = 1, 0, 1.0
-    spec.worldbody.add_geom(
-        name="loco_ground", **_ground(spec, terrain),
-        contype=0, conaffinity=1, condim=3, friction=[0.0, 0.0, 0.0], solmix=0.0,
-    )  # fmt: skip
-    for foot in feet:
-        spec.add_sensor(
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=mujoco.mjtObj.mjOBJ_GEOM, objname="loco_ground",
-            reftype=mujoco.mjtObj.mjOBJ_BODY, refname=_body(foot), intprm=NET_FORCE,
-        )  # fmt: skip
-    return spec
-
-
-def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
-    """Shape of the ground; MuJoCo scales heights to between 0 and 1 and has a base below them."""
-    if terrain is None:
-        return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
-    heights = terrain.heights
-    (rows, columns), low = heights.shape, float(heights.min())
-    size = [0.5 * CELL * (columns - 1), 0.5 * CELL * (rows - 1), float(np.ptp(heights)), 1.0]
-    spec.add_hfield(
-        name="loco_terrain", nrow=rows, ncol=columns, size=size, userdata=heights.ravel().tolist()
-    )
-    return {"type": mujoco.mjtGeom.mjGEOM_HFIELD, "hfieldname": "loco_terrain",
-            "pos": [*terrain.centre, low]}  # fmt: skip
-
-
-def _body(link: str) -> str:
-    """Name of the body of a link: "world" is MuJoCo's own."""
-    return OF_WORLD if link == "world" else link
-
-
-def _link(body: str) -> str:
-    """Name of the link of a body."""
-    return "world" if body == OF_WORLD else body
-
-
-def _for_mujoco(text: str) -> str:
-    """URDF without what only pictures need; every link stays a body of its own."""
-    robot = ET.fromstring(text)
-    for element in robot.iter():
-        for key in ("name", "link"):
-            if element.tag in ("link", "parent", "child") and element.get(key):
-                element.set(key, _body(element.get(key)))
-    extension = robot.find("mujoco")
-    if extension is not None:
-        robot.remove(extension)
-    extension = ET.SubElement(robot, "mujoco")
-    ET.SubElement(
-        extension, "compiler", fusestatic="false", discardvisual="true", strippath="false",
-        balanceinertia="true", inertiafromgeom="auto",
-    )  # fmt: skip
-    return ET.tostring(robot, encoding="unicode")
-
-
-def _dates(text: str) -> tuple[int, ...]:
-    """Times at which the meshes of a URDF were written [ns], of those that are there."""
-    paths = (Path(name) for name in sorted(set(re.findall(r'filename="([^"]+)"', text))))
-    return tuple(path.stat().st_mtime_ns for path in paths if path.is_file())

@@ -166,15 +166,16 @@ def _qos(bag: Bag, name: str) -> Qos:
 
 
 def main() -> None:
-    """Entry point of ``ros2 run loco_bringup replayer BAG [--speed X]``."""
+    """Entry point of ``ros2 run loco_bringup replayer BAG [--speed X] [--loop]``."""
     parser = argparse.ArgumentParser(prog="replayer", description="Publish a bag's topics again.")
     parser.add_argument("bag", type=Path)
     parser.add_argument(
         "--speed", type=float, default=1.0, help="x real time, 0 as fast as possible"
     )
+    parser.add_argument("--loop", action="store_true", help="begin again at the end, until Ctrl-C")
     arguments, _ = parser.parse_known_args()
     try:
-        sys.exit(replay_bag(arguments.bag, arguments.speed))
+        sys.exit(replay_bag(arguments.bag, arguments.speed, loop=arguments.loop))
     except LocoError as error:
         sys.stderr.write(f"replayer: {error}\n")
         sys.exit(2)
