@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_control.files import check_writable, locked, whole_folder, write_whole
+from loco_control.files import check_writable, claim, locked, whole_folder, write_whole
 
 DIES = """
 import os, sys
@@ -157,3 +157,15 @@ def test_a_folder_that_cannot_be_written_is_refused_in_one_line(tmp_path, name):
     with pytest.raises(ParameterError, match="nothing can be written.*--out") as caught:
         check_writable(tmp_path / name)
     assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_other_files_is_not_claimed(tmp_path):
+    (tmp_path / "a").write_text("b")
+    with pytest.raises(ParameterError, match="is a file"):
+        claim(tmp_path / "a", "job.json")
+    with pytest.raises(ParameterError, match="holds other files"):
+        claim(tmp_path, "job.json")
+    claim(tmp_path / "new", "job.json")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "job.json").write_text("{}")
+    claim(tmp_path, "job.json")  # results of before

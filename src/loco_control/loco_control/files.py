@@ -105,6 +105,23 @@ def check_writable(folder: str | Path) -> None:
         ) from None
 
 
+def claim(folder: Path, own: str) -> None:
+    """Refuse a folder for results that holds something else or cannot be written.
+
+    Args:
+        folder: The folder; it need not exist, and is not made.
+        own: Name of a file that earlier results of the same command have; they are replaced.
+
+    Raises:
+        ParameterError: The folder is a file, holds other files, or nothing can be written in it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ParameterError(f"{folder} is a file, wanted is a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / own).is_file():
+        raise ParameterError(f"{folder} holds other files; choose another --out")
+    check_writable(folder)
+
+
 def _exists(path: Path) -> bool:
     """Whether a file is there; `Path.exists` takes names that cannot be for missing ones."""
     try:

@@ -12,7 +12,7 @@ from typing import Any
 from markupsafe import Markup
 
 from loco_control.exceptions import LocoError, ParameterError
-from loco_control.files import write_whole
+from loco_control.files import claim, write_whole
 from loco_learning.gap.preview import check as preview
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 from loco_learning.gap.recordings.record import Record
@@ -44,7 +44,7 @@ def show_check(a: argparse.Namespace) -> int:
     if a.workers < 1:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
     folder = a.out or Path("results") / f"check_{Path(a.bags[0]).name.split('.')[0]}"
-    claim(folder)
+    claim(folder, JSON)
     with bar("{task.percentage:3.0f} %") as progress:
         task = progress.add_task("reading", total=1.0)
 
@@ -61,18 +61,6 @@ def show_check(a: argparse.Namespace) -> int:
         show(found)
         console.print(f"  page: {folder / PAGE}")
     return 2 if found["refused"] else 0
-
-
-def claim(folder: Path) -> None:
-    """Refuse a folder that is a file or holds something else.
-
-    Raises:
-        ParameterError: The folder is a file or holds something else.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ParameterError(f"{folder} is a file, wanted is a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / JSON).is_file():
-        raise ParameterError(f"{folder} holds other files; choose another --out")
 
 
 def checked(

@@ -15,7 +15,7 @@ import numpy as np
 
 from loco_control import reading
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
-from loco_control.files import check_writable, write_whole
+from loco_control.files import claim, write_whole
 from loco_control.params import from_dict
 from loco_learning.gap import workflow
 from loco_learning.gap.localisation import curves as gap_curves
@@ -163,7 +163,7 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     Raises:
         LocoError: A mistake in what was given; nothing is written.
     """
-    claim(folder)
+    claim(folder, JOB)
     params = options_of(job)
     tell = tell or (lambda share, stage, best: None)
     tell(0.0, "reading", "")
@@ -200,19 +200,6 @@ def beside(model: Model, folder: Path) -> Model:
     if not Path(model.robot).exists():
         return model
     return Model(os.path.relpath(model.robot, folder), model.overrides, model.effects)
-
-
-def claim(folder: Path) -> None:
-    """Refuse a folder that is a file, holds something else or cannot be written.
-
-    Raises:
-        ParameterError: The folder is of no use.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ParameterError(f"{folder} is a file, wanted is a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / JOB).is_file():
-        raise ParameterError(f"{folder} holds other files; choose another --out")
-    check_writable(folder)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
