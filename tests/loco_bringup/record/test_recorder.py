@@ -117,6 +117,21 @@ def test_what_is_not_written_is_heard_all_the_same(ros, tmp_path):
     assert set(Bag(tmp_path / "bag").topics) == {"/events"}
 
 
+def test_what_has_arrived_before_the_stop_is_in_the_bag(ros, tmp_path):
+    recorder = start(tmp_path / "bag", table="joint", control_rate=100.0)
+    executor = EventsExecutor()
+    executor.add_node(recorder)
+    robot = Robot(executor, "")
+    wait(executor, lambda: any(e.kind == "ready" for e in robot.events))
+    for tick in range(40):
+        robot.publish(tick, tick / 100)
+    time.sleep(0.5)  # the recorder handles none of them; its readers have them
+    rclpy.shutdown()
+    recorder.close()
+    states = Bag(tmp_path / "bag").records("joint_states")
+    np.testing.assert_array_equal(states["position"][:, 0], np.arange(40) / 100)
+
+
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [

@@ -21,6 +21,7 @@ from pathlib import Path
 from . import shm
 from .guard import PATIENCE, send, start_of
 
+RECORDER = "recorder"  # name of the process that writes the bag
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 _MINUTE = 60.0  # [s]
@@ -165,13 +166,17 @@ class Process:
 
 
 def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, int]:
-    """Interrupt all at once, wait for each, remove what they left; exit code by name."""
-    for process in processes:
-        if process.code is None:
+    """Interrupt all, wait for each, remove what they left; exit code by name.
+
+    The recorder is the last: what the others said to their end is in the bag.
+    """
+    for last in (False, True):
+        chosen = [p for p in processes if (p.name == RECORDER) == last and p.code is None]
+        for process in chosen:
             send(process.pid, signal.SIGINT)
-    deadline = time.monotonic() + PATIENCE[0][1]
-    while time.monotonic() < deadline and any(p.code is None for p in processes):
-        time.sleep(0.01)
+        deadline = time.monotonic() + PATIENCE[0][1]
+        while time.monotonic() < deadline and any(p.code is None for p in chosen):
+            time.sleep(0.01)
     codes = {p.name: p.stop() for p in processes}
     shm.clean()  # a killed process could not; the last two to leave a port may both forget it
     if guard:

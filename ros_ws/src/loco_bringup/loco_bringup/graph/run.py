@@ -23,7 +23,7 @@ from loco_sim.params import TickParams
 
 from ..outcome import Outcome, Progress, default_folder, describe, duration_of, processor
 from . import node_set
-from .processes import NEVER, Guard, Process, Restart
+from .processes import NEVER, RECORDER, Guard, Process, Restart
 from .watch import Watch
 
 if TYPE_CHECKING:
@@ -250,7 +250,7 @@ class _Plan:
             started.append(self._process(helper.name, [helper.cls], "", helper.name))
         return [
             *started,
-            self._process("recorder", ["loco_bringup.record.recorder:RecorderNode"], "", ""),
+            self._process(RECORDER, ["loco_bringup.record.recorder:RecorderNode"], "", ""),
         ]
 
     def _process(

@@ -166,7 +166,9 @@ class RecorderNode(LocoNode):
         )
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
-        """Publish an event to the graph of each robot."""
+        """Publish an event to the graph of each robot, unless the run has ended."""
+        if not self.context.ok():
+            return
         message = Event(stamp=to_stamp(t), tick=tick, node=self.get_name(), kind=kind, text=text)
         for name in dict.fromkeys(_key(robot.namespace, "events") for robot in self.robots):
             self._outputs[name].publish(message)
@@ -176,8 +178,16 @@ class RecorderNode(LocoNode):
         tick = max((robot.tick for robot in self.robots), default=-1)
         return {"received": self._received, "dropped": self._dropped, "tick": tick}
 
+    def drain(self) -> None:
+        """Write what has arrived and was not yet handled, so that a stop loses no message."""
+        for subscription in self._inputs.values():
+            with subscription.handle:
+                while taken := subscription.handle.take_message(subscription.msg_type, True):
+                    subscription.callback(taken[0])
+
     def close(self) -> None:
-        """Attach the run's files, then write index and metadata."""
+        """Write what still waits, attach the run's files, then write index and metadata."""
+        self.drain()
         for path in self._attachments:
             if path.is_file():
                 self.writer.attach(path.name, path.read_bytes(), "application/octet-stream")
@@ -210,9 +220,10 @@ class _Robot:
             self.tell()
 
     def tell(self) -> None:
-        """Publish how far the recorder is."""
+        """Publish how far the recorder is, unless the run has ended."""
         self.told = self.tick
-        self._status.publish(self._recorder.status(self.now, self.tick))
+        if self._recorder.context.ok():
+            self._status.publish(self._recorder.status(self.now, self.tick))
 
 
 def _key(namespace: str, name: str) -> str:
