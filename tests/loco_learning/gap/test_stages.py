@@ -49,6 +49,7 @@ def searched(monkeypatch):
     return made, found
 
 
+MORE = "named, and more is missing"
 AIR = record("air", fixed_base=True, height=0.5)
 
 
@@ -83,12 +84,21 @@ def test_one_kind_of_recording_is_one_search(searched, name):
     assert len(made) == 1
 
 
+def test_what_the_air_names_goes_to_the_ground_although_more_is_missing(searched):
+    made, verdicts = searched
+    verdicts[False] = MORE, [RUBS]
+    found = workflow.find(Model("tigrillo"), [record("walk"), AIR], [])
+    assert made[1][0] == [RUBS] and found["verdict"] == MORE
+
+
 BOTH = [
     ("no gap", "named", "named"),
     ("named", "no gap", "named"),
     ("named", "ambiguous", "ambiguous"),
     ("no gap", "no gap", "no gap"),
     ("named", "unknown", "unknown"),
+    ("no gap", MORE, MORE),
+    (MORE, "named", MORE),
 ]
 
 

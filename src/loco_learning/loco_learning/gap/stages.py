@@ -13,7 +13,7 @@ from typing import Any
 from loco_sim.plant.model import Model
 
 from .recordings.record import Record
-from .verdict.decide import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
+from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN
 
 AIR, GROUND = "in the air", "on the ground"
 LISTS = ("alarms", "align", "notes", "not_tried", "rivals", "ambiguous", "kinds", "terms")
@@ -39,7 +39,7 @@ def after(model: Model, air: Mapping[str, Any]) -> Model:
         model: Model before.
         air: Contents of ``gap.json`` of the records in the air.
     """
-    if air["verdict"] not in (NAMED, AMBIGUOUS):
+    if air["verdict"] not in (NAMED, MORE, AMBIGUOUS):
         return model
     found = air["model"]
     return Model(found["robot"], dict(found["overrides"]), [dict(e) for e in found["effects"]])
@@ -69,7 +69,7 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
 def _both(air: str, ground: str) -> str:
     """Verdict on both: the less sure of the two; no gap in one counts for nothing."""
     said = {air, ground} - {NO_GAP}
-    return next((v for v in (UNKNOWN, AMBIGUOUS, NAMED) if v in said), NO_GAP)
+    return next((v for v in (UNKNOWN, AMBIGUOUS, MORE, NAMED) if v in said), NO_GAP)
 
 
 def _without_twins(rows: Sequence[Any]) -> list[Any]:

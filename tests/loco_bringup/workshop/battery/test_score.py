@@ -113,6 +113,24 @@ def test_parts_of_a_force_that_the_data_do_not_determine_do_not_count():
     assert size["error"] == pytest.approx(0.05) and size["inside"] is True
 
 
+MORE = "named, and more is missing"
+
+
+def test_a_name_counts_although_more_is_missing_beside_it():
+    r = score.row(truth(FRICTION), result(MORE, [term(*FRICTION[0])]))
+    assert r["top1"] and r["named"] and r["place"] and r["sizes"][0]["inside"] and r["more"]
+    assert score.said(r) == "coulomb_friction"
+    wrong = score.row(truth([], "null"), result(MORE, [term(*FRICTION[0])]))
+    assert wrong["false"] and score.figures([r, wrong])["false names"] == 0.5
+
+
+def test_an_outsider_may_be_told_with_the_word_that_more_is_missing():
+    strange = truth([("rubber", "lf_hfe_joint")], "outsider")
+    found = [score.row(strange, result(v, [term(*FRICTION[0])])) for v in ("named", MORE)]
+    shares = score.figures(found)
+    assert (shares["outsiders with a reserve"], shares["outsiders named"]) == (0.5, 1.0)
+
+
 def test_a_name_too_many_is_not_right():
     extra = [term(*FRICTION[0]), term("payload", "")]
     r = score.row(truth(FRICTION), result("named", extra))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from loco_learning.gap.verdict.decide import MORE, NAMED
 from loco_learning.gap.verdict.kinds import kind_of
 from loco_sim.effects import EFFECTS
 
@@ -20,6 +21,7 @@ from .physics.machines import get
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
 LATE = frozenset({"command_delay", "sensor_latency"})  # late stamps are what these say
+SURE = (NAMED, MORE)  # a name that is given counts, whether or not more is missing beside it
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
 OFF, EXACT = "model a little off", "model exact"
 BASELINES = {
@@ -50,8 +52,8 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     if true == ["sensor_latency"] and get(truth["robot"]).torque_noise:
         twin = None  # its torques come in time
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
-    cells["named"] = verdict == "named" and bool(names or not result.get("names"))
-    cells["top1"] = bool(true) and verdict == "named" and names == true
+    cells["named"] = verdict in SURE and bool(names or not result.get("names"))
+    cells["top1"] = bool(true) and verdict in SURE and names == true
     cells["first"] = bool(true) and sorted({t["effect"] for t in result.get("terms", [])}) == true
     cells["kind_told"] = (
         cells["top1"]
@@ -65,8 +67,9 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     if kind == "pair":
         cells["right"] = cells["top1"] or verdict == "ambiguous" and _both(true, names, result)
     cells["top2"] = cells["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
-    cells["with_others"] = verdict == "named" and bool(true) and set(true) < set(names)
+    cells["with_others"] = verdict in SURE and bool(true) and set(true) < set(names)
     cells["false"] = cells["named"] and kind in ("null", "outsider")
+    cells["more"] = verdict == MORE
     cells["abstained"] = verdict in ("ambiguous", "unknown")
     cells["place"], cells["sizes"] = _found(truth, result)
     cells["closed"], cells["before"], cells["after"] = _gap(result)
@@ -113,7 +116,7 @@ def _found(
 ) -> tuple[bool | None, list[dict[str, Any]]]:
     """Whether all true effects that were named are where they are, and how large they seem."""
     terms = {t["effect"]: t for t in result.get("terms", []) if t["verdict"] == "named"}
-    if result["verdict"] != "named":
+    if result["verdict"] not in SURE:
         return None, []
     machine = get(truth["robot"])
     places, sizes = [], []
@@ -207,6 +210,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "nulls not called no gap": share(r["verdict"] != "no gap" for r in nulls),
         "outsiders": len(strange),
         "outsiders unknown or ambiguous": share(r["abstained"] for r in strange),
+        "outsiders with a reserve": share(r["abstained"] or r["more"] for r in strange),
         "outsiders named": share(r["named"] for r in strange),
         "false names": share(_false(r) for r in rows),
         "abstained": share(r["abstained"] for r in [*singles, *pairs]),
@@ -292,7 +296,7 @@ def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
 
 def said(r: Mapping[str, Any]) -> str:
     """Verdict of a row in one word."""
-    if r["verdict"] != "named" or not r["said"]:
+    if r["verdict"] not in SURE or not r["said"]:
         return r["verdict"]
     if set(r["true"]) & set(r["said"]):
         return r["true"][0] if r["said"] == r["true"] else f"{r['true'][0]} and others"

@@ -35,10 +35,12 @@ WANTED = (  # figure, where it stands, what is asked for
     ("false names, model a little off", ("false names, model a little off",), "<= 3 %"),
     ("effects outside the registry: unknown or ambiguous", ("outsiders unknown or ambiguous",),
      ">= 80 %"),
+    ("the same, or named with the word that more is missing", ("outsiders with a reserve",),
+     ">= 95 %"),
     ("place right", ("place right",), ">= 90 %"),
     ("held-out reducible gap closed, median", ("held-out gap closed median",), ">= 85 %"),
     ("size error, median", ("size error median",), ""),
-    ("intervals that hold the true size", ("intervals that hold the truth",), "95 %"),
+    ("intervals that hold the true size", ("intervals that hold the truth",), ">= 90 %"),
 )  # fmt: skip
 
 
