@@ -177,7 +177,7 @@ def test_what_comes_after_the_verdict_cannot_cost_it(found, tmp_path, monkeypatc
     assert json.loads((out / "gap.json").read_text())["verdict"] == "named"
     assert models.load(out / "model.yaml").effects[0]["name"] == "coulomb_friction"
     assert runner.load_job(out).bags == ("chirp", "steps")
-    runner.claim(out)
+    runner.claim(out, runner.JOB)
 
 
 def test_the_command_says_verdict_and_files(found, tmp_path, capsys):
@@ -263,10 +263,10 @@ def test_every_mistake_is_one_line_and_exit_code_2(
 def test_a_folder_with_other_files_is_not_touched(tmp_path):
     (tmp_path / "photo.jpg").touch()
     with pytest.raises(ParameterError, match="holds other files"):
-        runner.claim(tmp_path)
+        runner.claim(tmp_path, runner.JOB)
     with pytest.raises(ParameterError, match="is a file"):
-        runner.claim(tmp_path / "photo.jpg")
-    runner.claim(tmp_path / "new")
+        runner.claim(tmp_path / "photo.jpg", runner.JOB)
+    runner.claim(tmp_path / "new", runner.JOB)
 
 
 def test_results_of_another_kind_are_refused(tmp_path):

@@ -51,7 +51,10 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     # rclpy ends the context on a signal, and that is looked for between messages. Python's
     # KeyboardInterrupt would come in the middle of one, perhaps with a lock held for good.
+    # Nor may a second signal end the process while it closes: rclpy listens no more by then.
     signal.signal(signal.SIGINT, lambda number, frame: None)
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, lambda number, frame: None)
     rclpy.init(args=args)
     nodes: list[LocoNode] = []
     guests: list[Node] = []

@@ -10,13 +10,16 @@ guard uses it.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import re
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 SHM = Path("/dev/shm")
+_PATIENCE = 2.0  # wall time to wait for others that clean [s]
 # fastrtps_HEX and fastrtps_portN with their locks _el (exclusive) and _sl (shared), and
 # the semaphore of a port.
 _NAME = re.compile(r"(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?$")
@@ -41,20 +44,46 @@ def leftovers(folder: Path = SHM) -> list[Path]:
 
 
 def clean(folder: Path = SHM) -> tuple[int, int]:
-    """Remove the leftovers.
+    """Remove the leftovers, one process after the other: to look at a lock is to hold it.
 
     Returns:
         Number of files, and of the bytes they held.
     """
     files = size = 0
-    for path in leftovers(folder):
-        try:
-            held = path.stat().st_size
-            path.unlink()
-        except OSError:
-            continue
-        files, size = files + 1, size + held
+    with _turn(folder):
+        for path in leftovers(folder):
+            try:
+                held = path.stat().st_size
+                path.unlink()
+            except OSError:
+                continue
+            files, size = files + 1, size + held
     return files, size
+
+
+@contextlib.contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    """Wait until no other process cleans, for `_PATIENCE` at most: it may be anybody's."""
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:  # there is no such folder
+        yield
+        return
+    try:
+        end = time.monotonic() + _PATIENCE
+        while not _is_locked(handle) and time.monotonic() < end:
+            time.sleep(0.01)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _is_locked(handle: int) -> bool:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _is_ours(path: Path) -> bool:
@@ -120,3 +149,7 @@ def _mapped_files(folder: Path) -> set[str]:
 
 def _each(what: str) -> Iterable[str]:
     return (f"/proc/{pid}/{what}" for pid in os.listdir("/proc") if pid.isdigit())
+
+
+if __name__ == "__main__":
+    clean()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco chaos`: signals to every process and faults on every topic, many times each.
+"""`loco chaos`: signals to every process, rough circumstances, faults on every topic, many times.
 
-A cell is a signal and a process, or a topic with all its faults. Each runs in a process of
-its own and leaves a file of rows; what has a file is not run again.
+A cell is a signal and a process, a circumstance, or a topic with all its faults. Each runs in a
+process of its own and leaves a file of rows; what has a file is not run again.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.topics import TOPICS
 
 from .faults import run_topic
+from .rough import HAPPENS, KILLED, run_rough
 from .signals import KILL, STOP, run_signal
 from .traces import TAG
 
@@ -29,13 +30,13 @@ from .traces import TAG
 class Cell:
     """One row of signals, or the rows of faults of a topic."""
 
-    how: str  # SIGSTOP, SIGKILL or faults
+    how: str  # SIGSTOP, SIGKILL, rough or faults
     what: str
 
     @property
     def name(self) -> str:
         """As in file names and in ``--only``."""
-        return f"{self.how}_{self.what.strip('/').replace('/', '_')}"
+        return f"{self.how}_{self.what.strip('/').replace('/', '_').replace(' ', '_')}"
 
 
 def cells(only: str = "") -> list[Cell]:
@@ -44,7 +45,8 @@ def cells(only: str = "") -> list[Cell]:
     Raises:
         NameUnknownError: No cell has the text in its name.
     """
-    found = [*(Cell(*pair) for pair in (*STOP, *KILL)), *(Cell("faults", t) for t in TOPICS)]
+    rough = [*(("SIGKILL", who) for who in KILLED), *(("rough", what) for what in HAPPENS)]
+    found = [Cell(*pair) for pair in (*STOP, *KILL, *rough, *(("faults", t) for t in TOPICS))]
     chosen = [cell for cell in found if only in cell.name]
     if not chosen:
         raise NameUnknownError("cell", only, [cell.name for cell in found])
@@ -124,6 +126,8 @@ def main() -> None:
     how, what, repeats, seed, place = json.loads(sys.argv[1])
     if how == "faults":
         rows = run_topic(what, repeats, seed, Path(place))
+    elif what in {**KILLED, **HAPPENS} and how != "SIGSTOP":
+        rows = run_rough(how, what, repeats, seed, Path(place))
     else:
         rows = run_signal(how, what, repeats, seed, Path(place))
     sys.stdout.write(json.dumps(rows) + "\n")

@@ -53,13 +53,13 @@ def show_chaos(a: argparse.Namespace) -> int:
 
 def page(rows: list[dict[str, Any]]) -> str:
     """Tables of signals and of faults, as Markdown."""
-    signals = [r for r in rows if r["how"].startswith("SIG")]
-    faults = [r for r in rows if not r["how"].startswith("SIG")]
+    signals = [r for r in rows if r["how"].startswith("SIG") or r["how"] == "rough"]
+    faults = [r for r in rows if r not in signals]
     parts = ["# Chaos", "", "<!-- written by `loco chaos` -->"]
     if signals:
         lines = [[f"`{r['what']}`", r["how"], *_values(r, _SIGNALS), *_end(r)] for r in signals]
-        head = ["process", "signal", *_SIGNALS.values(), *_LEFT.values(), "as it has to be"]
-        parts += ["", "## Signals", "", *_table(head, lines)]
+        head = ["what", "how", *_SIGNALS.values(), *_LEFT.values(), "as it has to be"]
+        parts += ["", "## Signals and rough circumstances", "", *_table(head, lines)]
     if faults:
         parts += ["", "## Faults", "", _LEGEND, "", *_of_faults(faults)]
     return "\n".join(parts) + "\n"

@@ -2,7 +2,7 @@
 """Chaos by signals: processes of a realtime graph are stopped and killed at random moments.
 
 What has to happen stands in ``docs/faults.md``. A graph lives on where its processes do: it
-is stopped and woken, or starts a killed controller again. Otherwise each kill takes a new one.
+is stopped and woken, or starts a killed controller again. What ends a graph is in `rough`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from importlib import resources
 from pathlib import Path
@@ -28,19 +26,15 @@ from ...bag.reader import Bag
 from ...graph import run
 from .faults import SAFE_TICKS, time_outs
 from .motion import Motion
-from .traces import Traces, opened_by, tagged
+from .rough import EXPERIMENT, LONG, PATIENCE, REALTIME
+from .traces import Traces, opened_by
 
-EXPERIMENT = "hyq_trot_open"
 CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
-KILL = [("SIGKILL", name) for name in (*CONTROLLERS, "robot_sim", "recorder", "supervisor")]
-_LONG = {"learner.train": 3600.0}
-_REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
+KILL = [("SIGKILL", name) for name in CONTROLLERS]
 _STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
 _BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
 _ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
-_ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
-_PATIENCE = 40.0  # wall time in which commands must be back [s]
 
 
 def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
@@ -48,25 +42,19 @@ def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> lis
 
     Args:
         how: SIGSTOP or SIGKILL.
-        who: Process, or ``supervisor``.
+        who: Process.
         repeats: Number of repetitions.
         seed: Seed of the moments.
         folder: New folder of the bags.
     """
     rng = np.random.default_rng([seed, *f"{how} {who}".encode()])
     row: dict[str, Any] = {"what": who, "how": how, "repeats": 0, "safe": 0, "worst": 0}
-    row |= {"ridden": 0, "ended": 0, "stalls": 0}
+    row |= {"ridden": 0, "stalls": 0}
     traces = Traces()
-    if how == "SIGSTOP" or who in CONTROLLERS:
-        _run_on(Hits(how, who, repeats, rng), folder, row, traces)
-    else:
-        for k in range(repeats):
-            end = _kill_supervisor if who == "supervisor" else _kill_one
-            row["ended"] += end(who, rng, folder / f"{k:02d}", traces)
-            row["repeats"] += 1
+    _run_on(Hits(how, who, repeats, rng), folder, row, traces)
     row |= {"bags": traces.bags, "whole": traces.whole, "notes": traces.notes}
     row |= {"orphans": traces.orphans, "segments": traces.segments}
-    good = row["safe"] + row["ridden"] + row["ended"]
+    good = row["safe"] + row["ridden"]
     row["ok"] = good == row["repeats"] == repeats and traces.clean
     return [row]
 
@@ -150,9 +138,9 @@ class Hits:
         return not (self._is_kill and self.times) or bool(heard)
 
     def _lost(self, now: float) -> str:
-        if not self.times or now - self.times[-1] < _PATIENCE:
+        if not self.times or now - self.times[-1] < PATIENCE:
             return ""
-        return f"commands were not back {_PATIENCE:g} s after signal {len(self.times)}"
+        return f"commands were not back {PATIENCE:g} s after signal {len(self.times)}"
 
     def count(self, row: dict[str, Any], takes: bool | None) -> None:
         """Add to a row what happened.
@@ -184,8 +172,8 @@ def _run_on(hits: Hits, folder: Path, row: dict[str, Any], traces: Traces) -> No
     nodes = node_set(folder / "nodes.yaml")
     try:
         run.run_robots(
-            {"": experiment.load(EXPERIMENT, _LONG)}, folder / "run", "processes", "realtime",
-            nodes=nodes, on_progress=hits, stop_on_fall=False, realtime=_REALTIME,
+            {"": experiment.load(EXPERIMENT, LONG)}, folder / "run", "processes", "realtime",
+            nodes=nodes, on_progress=hits, stop_on_fall=False, realtime=REALTIME,
         )  # fmt: skip
     except GraphError as error:
         hits.trouble = str(error).splitlines()[0]
@@ -211,57 +199,3 @@ def _undamped(bag: Bag) -> list[str]:
         for first, last in spans
         if last is not None and last > first and motion.is_driven(first, last)
     ]
-
-
-def _kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> bool:
-    """Kill a process without which the run ends; whether it ended and said why."""
-    killed, opened, due = 0, set(), 0.0
-
-    def hit(progress: Any) -> bool:
-        nonlocal killed, due
-        if progress.sim_time > 0.0 and not killed:
-            due = due or time.monotonic() + float(rng.uniform(*_ALIVE))
-            if time.monotonic() >= due:
-                opened.update(opened_by(progress.pids.values()))
-                killed = progress.pids[who]
-                os.kill(killed, signal.SIGKILL)
-        return False
-
-    said = ""
-    try:
-        run.run_robots(
-            {"": experiment.load(EXPERIMENT, _LONG)}, folder, "processes", "realtime",
-            on_progress=hit, stop_on_fall=False,
-        )  # fmt: skip
-    except GraphError as error:
-        said = str(error).splitlines()[0]
-    return _looked(said.startswith(f"{who} died with exit code -9"), said, folder, opened, traces)
-
-
-def _kill_supervisor(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> bool:
-    """Kill `loco run` itself; whether all that it started ends."""
-    command = ["run", EXPERIMENT, "--layout", "processes", "--clock", "realtime"]
-    supervisor = subprocess.Popen(
-        [sys.executable, "-m", "loco_bringup.cli.main", *command, "--out", str(folder)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    end = time.monotonic() + _PATIENCE
-    while sum(p.stat().st_size for p in folder.glob("*.mcap")) < 2e5 and time.monotonic() < end:
-        time.sleep(0.02)
-    time.sleep(float(rng.uniform(*_ALIVE)))
-    opened = opened_by(tagged() - {supervisor.pid})
-    supervisor.kill()
-    code = supervisor.wait()
-    return _looked(code == -9, f"exit code {code}", folder, opened, traces)
-
-
-def _looked(good: bool, said: str, folder: Path, opened: set[str], traces: Traces) -> bool:
-    known = len(traces.notes)
-    if not good:
-        traces.notes.append(f"{folder.name}: {said or 'the run did not end'}")
-    traces.look(folder, opened)
-    if len(traces.notes) == known:
-        shutil.rmtree(folder)
-        shutil.rmtree(folder.with_name(f"{folder.name}_recovered"), ignore_errors=True)
-    return good

@@ -30,6 +30,7 @@ class Traces:
         orphans: Processes that outlived their run.
         segments: Files in shared memory that outlived it.
         notes: Faults, a line each.
+        opened: Shared memory that the processes of the newest run had open.
     """
 
     bags: int = 0
@@ -37,6 +38,7 @@ class Traces:
     orphans: int = 0
     segments: int = 0
     notes: list[str] = field(default_factory=list)
+    opened: set[str] = field(default_factory=set)
 
     @property
     def clean(self) -> bool:
