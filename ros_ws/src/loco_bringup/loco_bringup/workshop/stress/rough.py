@@ -181,7 +181,7 @@ def faketime() -> Path:
     """Library that lets a wall clock jump.
 
     Raises:
-        GraphError: It is not installed.
+        GraphError: The library is not there.
     """
     for pattern in _FAKETIME_AT:
         for path in Path("/").glob(f"{pattern[1:]}/{_FAKETIME}"):
