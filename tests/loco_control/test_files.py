@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A file is its old content or its new one."""
 
+import errno
 import os
+import resource
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -50,6 +54,28 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
     done = subprocess.run([sys.executable, "-c", DIES, str(path)], check=False, timeout=60)
     assert done.returncode == 9
     assert path.read_text() == "old"
+
+
+def test_the_whole_content_is_on_the_disk_before_it_takes_the_name(tmp_path, monkeypatch):
+    path, flushed = tmp_path / "file", []
+    sync = os.fsync
+
+    def watched(handle):
+        sync(handle)
+        flushed.append((os.fstat(handle).st_size, path.exists()))
+
+    monkeypatch.setattr(os, "fsync", watched)
+    write_whole(path, "content")
+    assert flushed == [(7, False)]
+
+
+def test_a_writer_whose_folder_is_gone_is_told_its_own_error(tmp_path):
+    def lost(file):
+        shutil.rmtree(tmp_path / "a")
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        write_whole(tmp_path / "a" / "file", lost)
 
 
 def test_an_existing_file_is_replaced_and_readable_by_others(tmp_path):
@@ -138,8 +164,9 @@ def test_a_folder_of_locks_that_others_can_enter_is_refused(runtime, tmp_path, h
         pass
 
 
-def test_without_a_runtime_folder_the_locks_lie_in_one_of_the_user(tmp_path, monkeypatch):
-    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+@pytest.mark.parametrize("runtime", ["", "/nowhere"])
+def test_without_a_runtime_folder_the_locks_lie_in_one_of_the_user(tmp_path, monkeypatch, runtime):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with locked("one"):
         assert (tmp_path / f"loco-{os.getuid()}" / "one.lock").is_file()
@@ -156,7 +183,19 @@ def test_a_folder_that_cannot_be_written_is_refused_in_one_line(tmp_path, name):
     (tmp_path / "file").write_text("")
     with pytest.raises(ParameterError, match="nothing can be written.*--out") as caught:
         check_writable(tmp_path / name)
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and "Errno" not in str(caught.value)
+    assert f" in {str(tmp_path / name)[:200]!r}: " in str(caught.value)
+    assert ("null byte" in str(caught.value)) == (name == "\0")
+
+
+def test_a_disk_that_takes_no_byte_is_refused(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        with pytest.raises(ParameterError, match=os.strerror(errno.EFBIG)):
+            check_writable(tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_folder_of_other_files_is_not_claimed(tmp_path):
@@ -165,6 +204,8 @@ def test_a_folder_of_other_files_is_not_claimed(tmp_path):
         claim(tmp_path / "a", "job.json")
     with pytest.raises(ParameterError, match="holds other files"):
         claim(tmp_path, "job.json")
+    with pytest.raises(ParameterError, match="nothing can be written"):
+        claim(Path("/proc/none"), "job.json")
     claim(tmp_path / "new", "job.json")
     assert not (tmp_path / "new").exists()
     (tmp_path / "job.json").write_text("{}")

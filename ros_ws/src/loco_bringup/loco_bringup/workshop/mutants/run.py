@@ -33,10 +33,11 @@ PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/ros/plant_node.py": (
         "tests/ros/test_plant_node.py", "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
     ),
+    "src/loco_sim/loco_sim/robot/urdf_check.py": ("tests/loco_sim/robot/test_urdf_check.py",),
     "src/loco_control/loco_control/reading.py": ("tests/loco_control/test_reading.py",),
     "src/loco_control/loco_control/files.py": ("tests/loco_control/test_files.py",),
     "ros_ws/src/loco_bringup/loco_bringup/graph/guard.py": (
-        "tests/loco_bringup/graph/test_supervision.py",
+        "tests/loco_bringup/graph/test_guard.py",
     ),
     "ros_ws/src/loco_bringup/loco_bringup/bag/recover.py": (
         "tests/loco_bringup/bag/test_recover.py",
