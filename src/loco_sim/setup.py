@@ -23,6 +23,7 @@ setup(
                 "msg",
                 "json",
                 "rviz",
+                "txt",
             )
         ]
     },

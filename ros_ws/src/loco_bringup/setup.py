@@ -25,6 +25,7 @@ setup(
                 "msg",
                 "json",
                 "rviz",
+                "txt",
             )
         ]
     },

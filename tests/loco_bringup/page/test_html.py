@@ -4,10 +4,12 @@
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from markupsafe import Markup
 
 from loco_bringup.page import html
+from loco_bringup.page.plot import Line, Panel, Plot
 from loco_bringup.page.style import canvas
 from loco_control.exceptions import BagError
 
@@ -50,6 +52,8 @@ BLOCKS = {
     "matrix": lambda x: html.matrix([x], [(x, [(x, "good")])]),
     "bullets": lambda x: html.bullets([x]),
     "figure": lambda x: html.figure(lambda: canvas(1, 1, 1.0)[0], x, x),
+    "plot": lambda x: plot_of(x),
+    "beside": lambda x: html.beside(html.note(x), html.note(x)),
     "clickable": lambda x: html.clickable(canvas(1, 1, 1.0)[0], (0, 0, 1, 1), [[x]], x, x),
     "case_panel": lambda x: html.case_panel({x: {x: x}}),
     "movie": lambda x: html.movie(b"GIF89a", x),
@@ -57,6 +61,11 @@ BLOCKS = {
     "folded": lambda x: html.folded(x, x),
     "join": lambda x: html.join([x]),
 }
+
+
+def plot_of(name):
+    line = Line(name, np.arange(3.0), "#000000")
+    return html.figure(Plot(np.arange(3.0), [Panel(name, [line])]), name, name)
 
 
 def test_every_block_is_here():
@@ -89,7 +98,8 @@ def test_a_page_is_whole_and_names_no_address():
     text = html.document(HOSTILE, html.paragraph(HOSTILE), parts)
     page = Page(text)
     assert text.startswith("<!DOCTYPE html>")
-    assert "script" not in page.tags and "http" not in text and "url(" not in text
+    assert "http" not in text and "url(" not in text
+    assert "uPlot" not in text.partition("</main>")[2].partition("<script>")[0]  # nothing plotted
     assert page.tags.count("section") == 2 and "#second-part" in page.values
     assert "prefers-color-scheme: dark" in text and "width=device-width" in text
 

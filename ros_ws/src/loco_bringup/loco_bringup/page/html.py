@@ -10,6 +10,8 @@ goes in as it is. Templates are in ``templates/``: ``page.html`` is the page wit
 from __future__ import annotations
 
 import base64
+import functools
+import importlib.resources
 import io
 import json
 import math
@@ -24,6 +26,7 @@ from matplotlib.figure import Figure
 
 from loco_control.exceptions import LocoError
 
+from .plot import Plot, data_of, seen
 from .style import style, svg
 
 _TEMPLATES = Environment(
@@ -73,8 +76,19 @@ def part(title: str, make: Callable[[], Markup | str], long: bool = False) -> Pa
 
 def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
     """A whole page, which names no address outside of itself."""
-    page = _TEMPLATES.get_template("page.html")
-    return page.render(title=title, header=header, parts=list(parts))
+    page, parts = _TEMPLATES.get_template("page.html"), list(parts)
+    plotted = any('<figure class="plot"' in text for text in [header, *(p.content for p in parts)])
+    return page.render(title=title, header=header, parts=parts, plotted=plotted, **_uplot())
+
+
+@functools.lru_cache(maxsize=1)
+def _uplot() -> dict[str, Markup]:
+    """Script, style and licence of uPlot; its first line, an address, is left out."""
+    folder = importlib.resources.files("loco_bringup.page") / "uplot"
+    files = ("uplot.js", "uplot.css", "licence.txt")
+    script, look, licence = ((folder / name).read_text(encoding="utf-8") for name in files)
+    script = script.partition("\n")[2]
+    return {"uplot": Markup(script), "uplot_css": Markup(look), "licence": Markup(licence)}
 
 
 def join(pieces: Iterable[Markup | str]) -> Markup:
@@ -162,17 +176,26 @@ def number(value: float) -> str:
     return f"{value:.4g}".replace("e-0", "e-").replace("-", "−")
 
 
-def figure(drawn: Figure | Callable[[], Figure], title: str, text: Markup | str) -> Markup:
-    """A figure under its caption.
+def figure(
+    drawn: Figure | Plot | Callable[[], Figure | Plot], title: str, text: Markup | str
+) -> Markup:
+    """A picture, or a plot that a reader can zoom, under its caption.
 
     Args:
-        drawn: The figure, or the function that draws it in the style of all pages.
-        title: Text for readers who cannot see it.
+        drawn: Figure or plot, or the function that draws it in the style of all pages.
+        title: Name of it, for readers who cannot see it.
         text: Caption.
     """
     with style():
-        data = svg(drawn() if callable(drawn) else drawn)
-    return _block("figure", text, _address(data, "svg+xml"), title)
+        shown = drawn() if callable(drawn) else drawn
+        if isinstance(shown, Plot):
+            return _block("plot", text, seen(title, shown), data_of(title, shown))
+        return _block("figure", text, _address(svg(shown), "svg+xml"), f"{title}. {text}")
+
+
+def beside(left: Markup, right: Markup) -> Markup:
+    """Two things side by side, below each other where the page is narrow."""
+    return Markup('<div class="beside"><div>{}</div><div>{}</div></div>').format(left, right)
 
 
 def clickable(

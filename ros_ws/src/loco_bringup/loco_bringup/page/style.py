@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from loco_learning.params import OPEN
 from loco_learning.runs.log import Log
 
+from .plot import Plot
+
 # Colours of Okabe and Ito, safe for colour-blind readers. The target is a broad pale line, so
 # that a thin line exactly on it still shows.
 TARGET = {"color": "#8cc5ea", "linewidth": 3.2, "solid_capstyle": "butt", "zorder": 2.0}
@@ -161,7 +163,7 @@ class Chapter:
 
     title: str
     text: str  # what it shows, for people
-    draw: Callable[[Any], Figure]  # from a log
+    draw: Callable[[Any], Figure | Plot]  # from a log
 
 
 def chapters() -> tuple[list[Chapter], Callable[[str, str], Callable]]:
@@ -173,7 +175,7 @@ def chapters() -> tuple[list[Chapter], Callable[[str, str], Callable]]:
     listed: list[Chapter] = []
 
     def chapter(title: str, text: str) -> Callable:
-        def register(draw: Callable[[Any], Figure]) -> Callable[[Any], Figure]:
+        def register(draw: Callable[[Any], Figure | Plot]) -> Callable[[Any], Figure | Plot]:
             listed.append(Chapter(title, text, draw))
             return draw
 

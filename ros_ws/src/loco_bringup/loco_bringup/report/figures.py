@@ -15,6 +15,7 @@ from loco_control.stance.controller import ESTIMATORS
 from loco_learning.metrics import quantities, signals
 from loco_learning.runs.log import Log
 
+from ..page.plot import Line, Panel, Plot
 from ..page.style import (
     BOUND,
     COMMAND,
@@ -23,13 +24,10 @@ from ..page.style import (
     TARGET,
     canvas,
     chapters,
-    envelope,
     every,
     flag_spans,
     legend,
-    shade,
     spans,
-    tint,
 )
 from ..record.readout_check import ReadoutCheck
 
@@ -58,12 +56,11 @@ def moving(log: Log) -> Log:
     return log.cut(slice(stand.stop, len(log)))
 
 
-def motion_of_base(log: Log, height: float) -> Figure:
+def motion_of_base(log: Log) -> Plot:
     """Height, roll, pitch, yaw and forward speed of the base; with a gait, the speed asked for.
 
     Args:
         log: A run with ground truth.
-        height: Height of the figure [inch].
 
     Raises:
         BagError: The run has no ground truth.
@@ -78,18 +75,16 @@ def motion_of_base(log: Log, height: float) -> Figure:
         ("yaw [rad]", angles[:, 2]),
         ("forward speed [m/s]", quantities.heading_speed(log)),
     )
-    figure, axes = canvas(5, 1, height, sharex=True)
-    if quantities.walks(log):
-        axes[-1, 0].plot(*thin(log.t, log.target_speed), label="target", **TARGET)
-    for ax, (label, y) in zip(axes[:, 0], rows, strict=True):
-        times, low, high = envelope(log.t, y, window)
-        ax.fill_between(times, low, high, step="post", color="#222222", alpha=0.22, linewidth=0)
-        ax.plot(*thin(log.t, signals.moving_mean(y, window)), **MEASURED)
-        ax.set_ylabel(label)
-    axes[-1, 0].set_xlabel("time [s]")
-    shade(axes, log)
-    figure.align_ylabels(axes)
-    return figure
+    panels = []
+    for label, y in rows:
+        lines = [
+            Line("as it is", y, "#999999", 0.7),
+            Line("mean of a stride", signals.moving_mean(y, window), MEASURED["color"]),
+        ]
+        if label.startswith("forward") and quantities.walks(log):
+            lines.insert(0, Line("target", log.target_speed, TARGET["color"], 3.0))
+        panels.append(Panel(label, lines))
+    return Plot(log.t, panels, spans(log))
 
 
 def posed(log: Log) -> Log:
@@ -173,38 +168,33 @@ def _bar(
 
 @chapter(
     "Joint tracking",
-    "Hip and knee flexion of a front and a hind leg, where the phases change and at the end. "
-    "While the target drives, the command is the target.",
+    "What the joints should do (target), what they are told (command) and what they do. While the "
+    "target drives, the command is the target.",
 )
-def joint_tracking(log: Log) -> Figure:
-    """Target, command and measured position of four joints in a few windows."""
-    windows = _windows(log)
-    joints = [("LF HFE", 1), ("LF KFE", 2), ("LH HFE", 7), ("LH KFE", 8)]
-    figure, axes = canvas(4, len(windows), 5.6, sharey="row", sharex="col")
-    for column, (title, ticks) in enumerate(windows):
-        for row, (name, joint) in enumerate(joints):
-            ax, t = axes[row, column], log.t[ticks]
-            ax.plot(t, log.target[ticks, joint], label="target", **TARGET)
-            ax.plot(t, log.command[ticks, joint], label="command", **COMMAND)
-            ax.plot(t, log.q[ticks, joint], label="measured", **MEASURED)
-            ax.margins(x=0)
-            if column == 0:
-                ax.set_ylabel(f"{name} [rad]")
-            tint(ax, log, ticks)
-        axes[0, column].set_title(title)
-        axes[-1, column].set_xlabel("time [s]")
-    figure.align_ylabels(axes)
-    legend(figure, axes[0, 0])
-    return figure
+def joint_tracking(log: Log) -> Plot:
+    """Target, command and measured position of every joint of a walking robot."""
+    panels = [
+        Panel(
+            f"{name.removesuffix('_joint').replace('_', ' ').upper()} [rad]",
+            tracked(log.target[:, i], log.command[:, i], log.q[:, i]),
+        )
+        for i, name in enumerate(log.experiment.plant.joints)
+    ]
+    return Plot(log.t, panels, spans(log), view=close_look(log))
 
 
-def _windows(log: Log) -> list[tuple[str, slice]]:
-    """Titles and ticks: the last two phase changes after standing, and the end."""
-    found, width = [], round(WINDOW / log.dt)
-    for name, ticks in list(log.phases().items())[1:][-2:]:
-        begin = max(0, ticks.start - width // 3)
-        found.append((f"{name} begins", slice(begin, min(len(log), begin + width))))
-    return [*found, ("end of the run", tail(log, WINDOW))]
+def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
+    """Beginning and end [s] of the last strides of a log."""
+    return max(log.t[0], log.t[-1] - strides * quantities.period(log) * log.dt), log.t[-1]
+
+
+def tracked(target: np.ndarray, command: np.ndarray, measured: np.ndarray) -> list[Line]:
+    """Target, command and measurement of a joint, each (T,), in the colours of all pages."""
+    return [
+        Line("target", target, TARGET["color"], 3.0),
+        Line("command", command, COMMAND["color"]),
+        Line("measured", measured, MEASURED["color"], 1.0),
+    ]
 
 
 # ---- learning
@@ -216,30 +206,26 @@ def _windows(log: Log) -> list[tuple[str, slice]]:
     "far the prediction is behind its target, and the norm of the readout. Dashed: bound of the "
     "failure criterion.",
 )
-def prediction_error(log: Log) -> Figure:
+def prediction_error(log: Log) -> Plot:
     """Smoothed NRMSE, lag and weight norm through time."""
     criterion, log = log.experiment.criterion, learned(log)
     target, prediction = quantities.target_and_prediction(log)
     error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
-    figure, axes = canvas(3, 1, 4.9, sharex=True, height_ratios=(2, 1, 1))
-    top, middle, bottom = axes[:, 0]
-    times, low, high = envelope(log.t, error, max(1, len(log) // 450))
-    top.fill_between(times, low, high, color=COMMAND["color"], alpha=0.35, linewidth=0)
-    top.plot(times, high, **COMMAND)
-    top.axhline(criterion.nrmse, **BOUND)
-    usual = float(np.quantile(error, 0.02))
-    top.set(yscale="log", ylabel="smoothed NRMSE [-]", ylim=(max(usual / 2.0, 1e-6), None))
-    top.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    middle.plot(*thin(log.t, quantities.lag(log)), **COMMAND)
-    middle.axhline(0.0, color="#999999", linewidth=0.6)
-    middle.set_ylabel("lag [stride]")
-    low, high = middle.get_ylim()
-    middle.set_ylim(min(low, -0.1), max(high, 0.1))
-    bottom.plot(*thin(log.t, log.weight_norm), **OTHER)
-    bottom.set(ylabel="readout norm [-]", xlabel="time [s]", ylim=(0, None))
-    shade(axes, log)
-    figure.align_ylabels(axes)
-    return figure
+    panels = [
+        error_panel(error, criterion.nrmse),
+        Panel("lag [stride]", [Line("lag", quantities.lag(log), COMMAND["color"])]),
+        Panel("readout norm [-]", [Line("readout norm", log.weight_norm, OTHER["color"])]),
+    ]
+    return Plot(log.t, panels, spans(log))
+
+
+def error_panel(error: np.ndarray, bound: float) -> Panel:
+    """Smoothed NRMSE, (T,), and the bound of the failure criterion."""
+    lines = [
+        Line("error", error, COMMAND["color"]),
+        Line("bound", np.full(len(error), bound), BOUND["color"], dashed=True),
+    ]
+    return Panel("smoothed NRMSE [-]", lines, logarithmic=True)
 
 
 def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,23 +13,20 @@ from loco_learning.runs.log import Log
 from loco_learning.study.trial import driven
 from loco_sim.robot.frames import feet_in_base
 
+from ..page.plot import Line, Panel, Plot
 from ..page.style import (
-    BOUND,
     COMMAND,
     MEASURED,
     OTHER,
-    TARGET,
     canvas,
     chapters,
-    envelope,
     every,
     legend,
-    shade,
-    tint,
+    spans,
 )
-from .figures import motion_of_base, posed, thin
+from .figures import close_look, error_panel, motion_of_base, posed, tracked
 
-WINDOW = 3.0  # strides of a close look
+MOST = 12  # joints in one plot
 STRIDES = 6  # of a foot path or a limit cycle
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999999")
 
@@ -43,17 +40,6 @@ CHAPTERS, chapter = chapters()
 def tail(log: Log, strides: float) -> slice:
     """The last strides of a log."""
     return slice(max(0, len(log) - round(strides * quantities.period(log))), len(log))
-
-
-def windows(log: Log) -> list[tuple[str, slice]]:
-    """Titles and ticks of close looks: where the readout takes over, and the end."""
-    found, width = [], round(WINDOW * quantities.period(log))
-    for name in ("closing", "test"):
-        ticks = log.phases().get(name)
-        if ticks and ticks.start + width // 2 < len(log):
-            begin = max(0, ticks.start - width // 3)
-            found.append((f"{name} begins", slice(begin, min(len(log), begin + width))))
-    return [*found[-2:], ("end of the run", tail(log, WINDOW))]
 
 
 def learned(log: Log) -> Log:
@@ -78,26 +64,19 @@ def short(joint: str) -> str:
     "What the oscillators want (target), what the drives are told (command) and what the joints "
     "do. In open loop the command is the target.",
 )
-def driven_joints(log: Log) -> Figure:
-    """Target, command and measured angle of each driven joint in a few windows."""
-    plant, looks = log.experiment.plant, windows(log)
+def driven_joints(log: Log) -> Plot:
+    """Target, command and measured angle of each driven joint."""
+    plant = log.experiment.plant
     if not len(plant.driven):
         raise BagError("the robot has no driven joint")
-    rows = min(len(plant.driven), 8)
-    figure, axes = canvas(rows, len(looks), 0.7 + 1.15 * rows, sharey="row", sharex="col")
-    for column, (title, ticks) in enumerate(looks):
-        t = log.t[ticks]
-        for row, joint in enumerate(plant.driven[:rows]):
-            ax = axes[row, column]
-            ax.plot(t, log.target[ticks, row], label="target", **TARGET)
-            ax.plot(t, log.command[ticks, row], label="command", **COMMAND)
-            ax.plot(t, log.q[ticks, joint], label="measured", **MEASURED)
-            _close_look(ax, log, ticks, column, f"{short(plant.joints[joint])}\n[rad]")
-        axes[0, column].set_title(title)
-        axes[-1, column].set_xlabel("time [s]")
-    figure.align_ylabels(axes)
-    legend(figure, axes[0, 0])
-    return figure
+    panels = [
+        Panel(
+            f"{short(plant.joints[joint])} [rad]",
+            tracked(log.target[:, i], log.command[:, i], log.q[:, joint]),
+        )
+        for i, joint in enumerate(plant.driven[:MOST])
+    ]
+    return Plot(log.t, panels, spans(log), view=close_look(log))
 
 
 @chapter(
@@ -105,31 +84,20 @@ def driven_joints(log: Log) -> Figure:
     "Angles as their sensors say, with noise and quantisation: no drive moves these joints, only "
     "springs and the ground.",
 )
-def passive(log: Log) -> Figure:
-    """Angle of each passive joint in a few windows."""
-    plant, looks = log.experiment.plant, windows(log)
-    found = passive_joints(plant)[:8]
+def passive(log: Log) -> Plot:
+    """Angle of each passive joint."""
+    plant = log.experiment.plant
+    found = passive_joints(plant)[:MOST]
     if not len(found):
         raise BagError("every joint of this robot has a drive")
-    figure, axes = canvas(
-        len(found), len(looks), 0.6 + 1.0 * len(found), sharey="row", sharex="col"
-    )
-    for column, (title, ticks) in enumerate(looks):
-        for row, joint in enumerate(found):
-            ax = axes[row, column]
-            ax.plot(log.t[ticks], log.q[ticks, joint], **MEASURED)
-            _close_look(ax, log, ticks, column, f"{short(plant.joints[joint])}\n[rad]")
-        axes[0, column].set_title(title)
-        axes[-1, column].set_xlabel("time [s]")
-    figure.align_ylabels(axes)
-    return figure
-
-
-def _close_look(ax, log: Log, ticks: slice, column: int, label: str) -> None:
-    ax.margins(x=0)
-    tint(ax, log, ticks)
-    if column == 0:
-        ax.set_ylabel(label)
+    panels = [
+        Panel(
+            f"{short(plant.joints[joint])} [rad]",
+            [Line("measured", log.q[:, joint], MEASURED["color"], 1.0)],
+        )
+        for joint in found
+    ]
+    return Plot(log.t, panels, spans(log), view=close_look(log))
 
 
 @chapter(
@@ -138,31 +106,25 @@ def _close_look(ax, log: Log, ticks: slice, column: int, label: str) -> None:
     "prediction is behind the oscillators, which go on in silence. Nothing ties the closed loop "
     "to their clock: a slow lag is a small difference in rhythm. Dashed: bounds of the criterion.",
 )
-def prediction_error(log: Log) -> Figure:
+def prediction_error(log: Log) -> Plot:
     """Smoothed NRMSE and lag through time."""
     bounds, log = log.experiment.criterion, learned(log)
-    figure, axes = canvas(2, 1, 3.6, sharex=True)
-    top, bottom = axes[:, 0]
     known = ~np.isnan(log.prediction[:, 0])
     if not known.any():
         raise BagError("the bag has no joint_prediction")
-    shown = log.cut(slice(int(np.argmax(known)), None))
-    target, prediction = quantities.target_and_prediction(shown)
-    error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
-    times, low, high = envelope(shown.t, error, max(1, len(shown) // 450))
-    top.fill_between(times, low, high, color=COMMAND["color"], alpha=0.35, linewidth=0)
-    top.plot(times, high, **COMMAND)
-    top.axhline(bounds.nrmse, **BOUND)
-    top.set(yscale="log", ylabel="smoothed NRMSE [-]")
-    alone = driven(log)
-    bottom.plot(*thin(alone.t, quantities.lag(alone)), **COMMAND)
-    bottom.axhline(0.0, color="#999999", linewidth=0.6)
-    bottom.set(ylabel="lag [stride]", xlabel="time [s]")
-    low, high = bottom.get_ylim()
-    bottom.set_ylim(min(low, -0.1), max(high, 0.1))
-    shade(axes, log)
-    figure.align_ylabels(axes)
-    return figure
+    first, alone = int(np.argmax(known)), driven(log)
+    shown = log.cut(slice(first, None))
+    error, lag = np.full(len(log), np.nan), np.full(len(log), np.nan)
+    error[first:] = signals.smoothed_nrmse(
+        *quantities.target_and_prediction(shown), quantities.period(log)
+    )
+    begin = int(np.searchsorted(log.t, alone.t[0]))
+    lag[begin : begin + len(alone)] = quantities.lag(alone)
+    panels = [
+        error_panel(error, bounds.nrmse),
+        Panel("lag [stride]", [Line("lag", lag, COMMAND["color"])]),
+    ]
+    return Plot(log.t, panels, spans(log))
 
 
 @chapter(
@@ -214,11 +176,11 @@ def path(log: Log) -> Figure:
 
 @chapter(
     "Base motion",
-    "Ground truth through the run: range within each stride (band) and mean over a stride (line).",
+    "Ground truth through the run, and its mean over a stride.",
 )
-def base_motion(log: Log) -> Figure:
+def base_motion(log: Log) -> Plot:
     """Height, roll, pitch, yaw and forward speed."""
-    return motion_of_base(log, 6.4)
+    return motion_of_base(log)
 
 
 @chapter(
@@ -260,29 +222,31 @@ def _down(quaternion: np.ndarray) -> np.ndarray:
 
 @chapter(
     "Torque and power",
-    "Torque of the drives in the last strides, and their mechanical power through the run, "
-    "averaged over two strides; positive power takes braking as lost.",
+    "Torque of the drives, and their mechanical power averaged over two strides; positive power "
+    "takes braking as lost.",
 )
-def torque_and_power(log: Log) -> Figure:
-    """Torque of each drive in a window, power through time."""
-    plant = log.experiment.plant
-    figure, axes = canvas(2, 1, 4.0)
-    top, bottom = axes[:, 0]
-    rows, window = tail(log, WINDOW), 2 * quantities.period(log)
-    for i, joint in enumerate(plant.driven[: len(PALETTE)]):
-        label = short(plant.joints[joint])
-        top.plot(log.t[rows], log.tau[rows, joint], color=PALETTE[i], linewidth=0.9, label=label)
-    top.set(ylabel="torque [N·m]", xlabel="time [s]")
-    top.margins(x=0)
-    each = log.dq[:, plant.driven] * log.tau[:, plant.driven]
-    positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
-    bottom.plot(*thin(log.t, positive), label="positive work only", **OTHER)
-    bottom.plot(
-        *thin(log.t, signals.moving_mean(each.sum(axis=1), window)), label="signed", **MEASURED
+def torque_and_power(log: Log) -> Plot:
+    """Torque of each drive and power through time."""
+    plant, window = log.experiment.plant, 2 * quantities.period(log)
+    torques = [
+        Line(short(plant.joints[joint]), log.tau[:, joint], PALETTE[i], 1.0)
+        for i, joint in enumerate(plant.driven[: len(PALETTE)])
+    ]
+    return Plot(
+        log.t,
+        [Panel("torque [N·m]", torques), power(log, window)],
+        spans(log),
+        view=close_look(log),
     )
-    bottom.set(ylabel="power [W]", xlabel="time [s]", ylim=(None, 1.3 * max(positive.max(), 1e-6)))
-    bottom.legend(loc="upper right", ncols=2)
-    shade(axes[1:], log)
-    legend(figure, top, 8)
-    figure.align_ylabels(axes)
-    return figure
+
+
+def power(log: Log, window: int) -> Panel:
+    """Mechanical power of the drives, averaged over a window [ticks]."""
+    driven = log.experiment.plant.driven
+    each = log.dq[:, driven] * log.tau[:, driven]
+    positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
+    lines = [
+        Line("positive work only", positive, OTHER["color"]),
+        Line("signed", signals.moving_mean(each.sum(axis=1), window), MEASURED["color"], 1.0),
+    ]
+    return Panel("power [W]", lines)

@@ -10,6 +10,7 @@ from loco_control.names import LEGS
 from loco_learning.metrics import quantities, signals
 from loco_learning.runs.log import Log
 
+from ..page.plot import Line, Panel, Plot
 from ..page.style import (
     BOUND,
     COMMAND,
@@ -19,17 +20,16 @@ from ..page.style import (
     canvas,
     flag_spans,
     legend,
-    shade,
-    tint,
+    spans,
 )
 from .figures import (
     WINDOW,
     chapter,
+    close_look,
     motion_of_base,
     moving,
     posed,
     tail,
-    thin,
     whole_strides,
 )
 
@@ -38,30 +38,22 @@ SLOW = 0.03  # below, a cost of transport means nothing [m/s]
 
 @chapter(
     "Ground reaction forces",
-    "Vertical force on each foot before the readout drives and at the end. Dashed: half the "
-    "weight, the load of a stance leg in a trot.",
+    "Vertical force on each foot. Dashed: half the weight, the load of a stance leg in a trot.",
 )
-def ground_reaction_forces(log: Log) -> Figure:
-    """Vertical force per leg in two windows."""
-    half = log.experiment.trunk.mass * log.experiment.trunk.gravity / 2.0
-    windows = [("end of the run", tail(log, WINDOW))]
-    train = log.phase_of("train")
-    if train.start < train.stop < len(log):
-        ticks = slice(max(train.start, train.stop - round(WINDOW / log.dt)), train.stop)
-        windows.insert(0, ("end of train", ticks))
-    figure, axes = canvas(4, len(windows), 5.0, sharex="col", sharey=True)
-    for column, (title, ticks) in enumerate(windows):
-        for leg, ax in enumerate(axes[:, column]):
-            ax.axhline(half, **BOUND)
-            ax.plot(log.t[ticks], log.grf[ticks, leg, 2], **MEASURED)
-            ax.margins(x=0)
-            tint(ax, log, ticks)
-            if column == 0:
-                ax.set_ylabel(f"{LEGS[leg].upper()} [N]")
-        axes[0, column].set_title(title)
-        axes[-1, column].set_xlabel("time [s]")
-    axes[0, 0].set_ylim(bottom=min(0.0, axes[0, 0].get_ylim()[0]))
-    return figure
+def ground_reaction_forces(log: Log) -> Plot:
+    """Vertical force per leg."""
+    half = np.full(len(log), log.experiment.trunk.mass * log.experiment.trunk.gravity / 2.0)
+    panels = [
+        Panel(
+            f"{leg.upper()} [N]",
+            [
+                Line("half the weight", half, BOUND["color"], 0.9, dashed=True),
+                Line("force", log.grf[:, i, 2], OTHER["color"], 1.0),
+            ],
+        )
+        for i, leg in enumerate(LEGS)
+    ]
+    return Plot(log.t, panels, spans(log), view=close_look(log))
 
 
 @chapter(
@@ -123,12 +115,11 @@ def foot_cycles(log: Log) -> Figure:
 
 @chapter(
     "Trunk motion",
-    "Ground truth through the run: range within each stride (band) and mean over a stride "
-    "(line). Broad pale line: the speed asked for.",
+    "Ground truth through the run, and its mean over a stride. Broad: the speed asked for.",
 )
-def trunk_motion(log: Log) -> Figure:
+def trunk_motion(log: Log) -> Plot:
     """Height, roll, pitch, yaw and forward speed."""
-    return motion_of_base(log, 6.6)
+    return motion_of_base(log)
 
 
 @chapter(
@@ -137,7 +128,7 @@ def trunk_motion(log: Log) -> Figure:
     "(3.31), averaged over two strides. The thesis counts braking as negative power; positive "
     "power takes it as lost.",
 )
-def power_and_cost(log: Log) -> Figure:
+def power_and_cost(log: Log) -> Plot:
     """Power, speed and cost of transport through time."""
     log = moving(posed(log))
     window = 2 * quantities.period(log)
@@ -147,17 +138,22 @@ def power_and_cost(log: Log) -> Figure:
     speed = signals.moving_mean(quantities.heading_speed(log), window)
     weight = log.experiment.trunk.mass * signals.GRAVITY
     fast = np.where(np.abs(speed) > SLOW, np.abs(speed), np.nan)
-    figure, axes = canvas(3, 1, 4.8, sharex=True)
-    top, middle, bottom = axes[:, 0]
-    for ax, scale in ((top, 1.0), (bottom, weight * fast)):
-        ax.plot(*thin(log.t, positive / scale), label="positive work only", **OTHER)
-        ax.plot(*thin(log.t, signed / scale), label="signed", **MEASURED)
-    top.set_ylabel("power [W]")
-    middle.plot(*thin(log.t, log.target_speed), label="speed asked for", **TARGET)
-    middle.plot(*thin(log.t, speed), **MEASURED)
-    middle.set(ylabel="speed [m/s]", ylim=(min(0.0, np.nanmin(speed)), None))
-    bottom.set(ylabel="cost of transport [-]", xlabel="time [s]")
-    shade(axes, log)
-    figure.align_ylabels(axes)
-    legend(figure, top)
-    return figure
+    panels = [
+        Panel("power [W]", _powers(positive, signed)),
+        Panel(
+            "speed [m/s]",
+            [
+                Line("asked for", log.target_speed, TARGET["color"], 3.0),
+                Line("speed", speed, MEASURED["color"]),
+            ],
+        ),
+        Panel("cost of transport [-]", _powers(positive / weight / fast, signed / weight / fast)),
+    ]
+    return Plot(log.t, panels, spans(log))
+
+
+def _powers(positive: np.ndarray, signed: np.ndarray) -> list[Line]:
+    return [
+        Line("positive work only", positive, OTHER["color"]),
+        Line("signed", signed, MEASURED["color"]),
+    ]

@@ -24,8 +24,8 @@ from ..page import html
 from ..page.html import Part, number, part
 from ..page.style import Chapter
 
-FPS = 20.0
-SIZE = (480, 320)  # of animations [pixel]
+FPS = 14.0
+SIZE = (400, 268)  # of animations [pixel]
 
 
 def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:
@@ -47,23 +47,33 @@ def ending(log: Log) -> Markup:
     return html.verdict(f"{end} s without a fall", True)
 
 
-def cards(values: Mapping[str, Mapping[str, float]], shown: Iterable[str]) -> Markup:
+def cards(
+    values: Mapping[str, Mapping[str, float]],
+    shown: Iterable[str],
+    references: Mapping[str, str] | None = None,
+) -> Markup:
     """The main numbers of the last phase that was long enough.
 
     Args:
         values: Values by phase and metric; NaN where a metric does not apply.
         shown: Names of the metrics to show.
+        references: Text with the value to compare a metric with, by its name.
     """
     long = [(name, row) for name, row in values.items() if math.isfinite(row["torque_max"])]
     if not long:
         return Markup()
     phase, row = long[-1]
     rows = [
-        (label(name), number(row[name]), unit(metrics.METRICS[name].unit))
+        (label(name), number(row[name]), _remark(name, references or {}))
         for name in shown
         if math.isfinite(row.get(name, math.nan))
     ]
     return html.cards(rows, f"These numbers are of the phase “{phase}”.")
+
+
+def _remark(name: str, references: Mapping[str, str]) -> str:
+    known = (unit(metrics.METRICS[name].unit), references.get(name, ""))
+    return "; ".join(text for text in known if text)
 
 
 def label(name: str) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 from markupsafe import Markup
 
 from loco_control.exceptions import BagError, LocoError
@@ -17,7 +18,7 @@ from loco_sim.world.render import render_gif
 
 from ..bag.reader import Bag
 from ..page import html
-from ..page.html import document, part
+from ..page.html import document, number, part
 from ..page.style import spans
 from ..record.readout_check import ReadoutCheck, check_log, weights_of
 from . import figures, joint_figures, parts
@@ -41,15 +42,15 @@ def page(bag: Bag, log: Log, gif: Path | None) -> str:
     chapters = figures.CHAPTERS if walks else joint_figures.CHAPTERS
     return document(
         log.experiment.name,
-        header(bag, log, values, check),
+        header(bag, log, values, check, part("Animation", lambda: animation(log, gif)).content),
         [
-            part("Animation", lambda: animation(log, gif)),
             *parts.drawn(chapters, log),
             part(
                 f"Who drives {'hips and knees' if walks else 'the joints'}",
                 lambda: driver(log, check),
             ),
             part("Metrics", lambda: parts.metric_table(values), long=True),
+            part("Facts", lambda: facts(bag, log, check)),
             part("Effects", lambda: parts.effect_table(log)),
             part("Configuration", lambda: parts.configuration(log.experiment), long=True),
             part("Messages", lambda: parts.message_table(bag)),
@@ -66,19 +67,33 @@ def checked(bag: Bag, log: Log) -> ReadoutCheck | LocoError:
 
 
 def header(
-    bag: Bag, log: Log, values: dict[str, dict[str, float]], check: ReadoutCheck | LocoError
+    bag: Bag,
+    log: Log,
+    values: dict[str, dict[str, float]],
+    check: ReadoutCheck | LocoError,
+    moving: Markup,
 ) -> Markup:
-    """Description of the run, and how it ended."""
+    """How the run ended, its main numbers, and beside them the robot as it moves."""
     walks = bool(log.experiment.gait)
+    said = Markup() if walks else html.paragraph(sentence(log, values))
+    numbers = parts.cards(values, WALKING if walks else JOINTED, references(log))
     return html.join(
         [
             html.paragraph(log.experiment.description, soft=True),
             parts.ending(log),
-            Markup() if walks else html.paragraph(sentence(log, values)),
-            parts.cards(values, WALKING if walks else JOINTED),
-            facts(bag, log, check),
+            html.beside(html.join([said, numbers]), moving),
         ]
     )
+
+
+def references(log: Log) -> dict[str, str]:
+    """What the main numbers are to be compared with."""
+    known = {"nrmse": f"bound {log.experiment.criterion.nrmse:g}"}
+    if quantities.walks(log):
+        last = list(log.phases().values())[-1]
+        known["speed"] = f"asked for {number(float(np.mean(log.target_speed[last])))}"
+    stride = 1.0 / (quantities.period(log) * log.dt)
+    return {**known, "stride_frequency": f"gait clock {number(stride)}"}
 
 
 def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
