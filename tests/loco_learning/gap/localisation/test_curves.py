@@ -106,25 +106,6 @@ def test_nothing_measured_is_a_dash():
     assert len(errors.error_rows(Curves(CHANNELS, np.ones(3), (empty,)))) == 2
 
 
-@pytest.mark.parametrize("name", figures.FIGURES)
-def test_every_figure_is_drawn_also_with_gaps_and_a_model_that_ran_away(name):
-    found = made(late=0.1, noise=0.01)
-    found.records[1].measured[:50] = np.nan
-    found.records[1].before[300:] = np.nan
-    found.records[1].after[400:, 1] = 1e12
-    figure = figures.FIGURES[name](found)
-    assert figure.axes
-
-
-def test_a_single_channel_is_drawn_too():
-    only = curve(late=0.1)
-    one = Curve(
-        "x", FIT, only.t, *(getattr(only, k)[:, :1] for k in ("measured", "before", "after"))
-    )
-    for draw in figures.FIGURES.values():
-        assert draw(Curves(CHANNELS[:1], np.full(1, 0.01), (one,))).axes
-
-
 def test_a_channel_that_misses_nothing_does_not_stretch_the_axis_of_the_others():
     (ax,) = figures.channels(made(late=0.0, noise=0.0)).axes
     assert ax.get_xlim()[0] > 0.1 * figures.FAINT

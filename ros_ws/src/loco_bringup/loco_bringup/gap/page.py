@@ -9,13 +9,15 @@ from typing import Any
 
 from markupsafe import Markup
 
+from loco_control.exceptions import LocoError
 from loco_control.files import write_whole
 from loco_learning.gap.localisation import figures
 from loco_learning.gap.localisation.curves import Curves
+from loco_sim.robot.robot import load
 
-from ..page import html
+from ..page import html, sketch
 from ..page.html import document, part
-from . import tables, text
+from . import plots, tables, text
 
 GOOD = (*text.NAMED, "no gap")
 
@@ -28,10 +30,10 @@ def write_page(result: Mapping[str, Any], curves: Curves, path: Path) -> Path:
 def page(result: Mapping[str, Any], curves: Curves) -> str:
     """HTML text of the page."""
     sections = [
-        part("Before and after", lambda: _drawn("signals", curves, _SIGNALS)),
+        part("Before and after", lambda: _before_and_after(curves)),
         part("Where", lambda: _where(result, curves)),
         part("Evidence", lambda: _evidence(result)),
-        part("Spectra", lambda: _drawn("spectra", curves, _SPECTRA)),
+        part("Spectra", lambda: html.figure(lambda: plots.spectra(curves), "Spectra", _SPECTRA)),
         part("Errors", lambda: tables.errors(curves)),
         part("What these recordings can tell", lambda: tables.identifiability(result)),
         part("Next experiment", lambda: tables.proposals(result)),
@@ -49,10 +51,26 @@ def header(result: Mapping[str, Any]) -> Markup:
         [
             html.verdict(result["verdict"], result["verdict"] in GOOD),
             html.paragraph(html.strong(text.headline(result)), html.note(explained)),
-            html.cards(_cards(result)),
+            html.beside(html.cards(_cards(result)), _sketch(result)),
             *(html.missing(f"Alarm: {alarm}") for alarm in result["alarms"]),
         ]
     )
+
+
+def _sketch(result: Mapping[str, Any]) -> Markup:
+    """Drawing of the robot with the places of the terms marked; nothing if it is not here."""
+    try:
+        robot = load(result["model"]["robot"])
+    except LocoError:
+        return Markup()
+    places = []
+    for term in result["terms"]:
+        place = term.get("place") or "*"
+        places += [place] if isinstance(place, str) else list(map(str, place))
+    links = sketch.marked(robot, [place for place in places if place != "*"])
+    where = text.listed([text.place_of(place) for place in places]) or "nothing"
+    caption = f"{robot.name} as it stands, forward is right; marked: {where}."
+    return sketch.drawing(robot, links, where) + html.paragraph(caption, soft=True)
 
 
 def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
@@ -79,12 +97,13 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return cards
 
 
-def _drawn(name: str, curves: Curves, caption: str) -> Markup:
-    return html.figure(lambda: figures.FIGURES[name](curves), name, caption)
+def _before_and_after(curves: Curves) -> Markup:
+    return html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
 
 
 def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
-    regions, channels = html.bullets(result["regions"]), _drawn("channels", curves, _CHANNELS)
+    regions = html.bullets(result["regions"])
+    channels = html.figure(lambda: figures.channels(curves), "Gap of each channel", _CHANNELS)
     return html.join([regions, channels, tables.cells(result)])
 
 
@@ -116,7 +135,7 @@ _MEANING = {
 }
 _SIGNALS = (
     "The channels with the largest gap, where it is largest, on the same axes. Below each: what "
-    "the models miss; the grey band is the noise."
+    "the models miss; dashed is the noise."
 )
 _CHANNELS = (
     "Each channel on held-out data. At the dashed line the model is as good as the measurement."

@@ -73,7 +73,7 @@ def header(
     check: ReadoutCheck | LocoError,
     moving: Markup,
 ) -> Markup:
-    """How the run ended, its main numbers, and beside them the robot as it moves."""
+    """End of the run, its main numbers, and beside them the robot as it moves."""
     walks = bool(log.experiment.gait)
     said = Markup() if walks else html.paragraph(sentence(log, values))
     numbers = parts.cards(values, WALKING if walks else JOINTED, references(log))
@@ -87,7 +87,7 @@ def header(
 
 
 def references(log: Log) -> dict[str, str]:
-    """What the main numbers are to be compared with."""
+    """Values to compare the main numbers with, in words, by metric."""
     known = {"nrmse": f"bound {log.experiment.criterion.nrmse:g}"}
     if quantities.walks(log):
         last = list(log.phases().values())[-1]

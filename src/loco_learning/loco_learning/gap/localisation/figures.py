@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a gap: signals, residuals and spectra before and after, the gap of each channel."""
+"""Figure of the gap of each channel, and what plots of a gap show: record, window, spectrum."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from .curves import FIT, HELD_OUT, Curve, Curves
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Colours of Okabe and Ito, safe for colour-blind readers; the measurement is broad and pale, so
@@ -55,61 +54,6 @@ def window(curve: Curve, columns: list[int], length: float) -> slice:
     total = np.concatenate([[0.0], np.cumsum(energy)])
     first = int(np.argmax(total[count:] - total[:-count]))
     return slice(first, first + count)
-
-
-def signals(curves: Curves) -> Figure:
-    """Measured and both models on the same axes, residuals below, where the gap is largest."""
-    columns = curves.worst(MOST_SIGNALS)
-    curve = _worst_record(curves, columns)
-    part = window(curve, columns, _span(curve))
-    ratios = [3, 1] * len(columns)
-    made, axes = canvas(
-        2 * len(columns), 1, 0.6 + 1.9 * len(columns), sharex=True, height_ratios=ratios
-    )
-    thin = slice(part.start, part.stop, max(1, len(curve.t[part]) // POINTS))
-    t = curve.t[thin]
-    for i, c in enumerate(columns):
-        top, below = axes[2 * i, 0], axes[2 * i + 1, 0]
-        top.plot(t, curve.measured[thin, c], label="measured", **MEASURED)
-        top.plot(t, curve.before[thin, c], label="model before", **BEFORE)
-        top.plot(t, curve.after[thin, c], label="model after", **AFTER)
-        top.set_ylabel(f"{curves.label(c)}\n[{curves.unit(c)}]")
-        _limits(top, curve.measured[thin, c], curve.before[thin, c], curve.after[thin, c])
-        below.axhspan(-curves.floor[c], curves.floor[c], **BAND)
-        below.plot(t, curve.residual("before")[thin, c], **BEFORE)
-        below.plot(t, curve.residual("after")[thin, c], **AFTER)
-        below.set_ylabel("miss", color="#555555")
-    axes[-1, 0].set_xlabel(f"time [s] in {curve.name} ({curve.role})")
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    made.legend(handles, names, loc="outside upper left", ncols=3)
-    made.align_ylabels(axes[:, 0])
-    return made
-
-
-def spectra(curves: Curves) -> Figure:
-    """Amplitude spectrum of the measured signal and of what both models miss."""
-    columns = curves.worst(MOST_SIGNALS)
-    curve = _worst_record(curves, columns)
-    rows = (len(columns) + 1) // 2
-    wide = min(2, len(columns))
-    made, axes = canvas(rows, wide, 0.5 + 2.1 * rows, sharex=True)
-    for ax, c in zip(axes.flat, columns, strict=False):
-        for values, look, name in (
-            (curve.measured, MEASURED, "measured"),
-            (curve.residual("before"), BEFORE, "missed before"),
-            (curve.residual("after"), AFTER, "missed after"),
-        ):
-            f, a = spectrum(curve.t, values[:, c])
-            ax.plot(f, a, label=name, **{**look, "lw": min(look["lw"], 2.0)})
-        ax.axhline(curves.floor[c] * np.sqrt(2.0 / len(curve.t)), label="noise", **FLOOR)
-        ax.set(xscale="log", yscale="log", title=curves.label(c), ylabel=f"[{curves.unit(c)}]")
-    for ax in axes.flat[len(columns) :]:
-        ax.set_visible(False)
-    for ax in axes[-1]:
-        ax.set_xlabel("frequency [Hz]")
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    made.legend(handles, names, loc="outside upper left", ncols=4)
-    return made
 
 
 def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray, np.ndarray]:
@@ -160,7 +104,7 @@ def channels(curves: Curves) -> Figure:
     return made
 
 
-def _worst_record(curves: Curves, columns: list[int]) -> Curve:
+def worst_record(curves: Curves, columns: list[int]) -> Curve:
     """Held-out record (or, without one, fitted) with the largest gap before."""
 
     def size(curve: Curve) -> float:
@@ -170,23 +114,9 @@ def _worst_record(curves: Curves, columns: list[int]) -> Curve:
     return max(curves.of_role(HELD_OUT), key=size)
 
 
-def _span(curve: Curve) -> float:
-    """Length of signal that a figure shows [s]: enough to see shapes."""
+def span(curve: Curve) -> float:
+    """Length of signal that a plot shows at first [s]: enough to see shapes."""
     return max(4.0, 400 * (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1))
 
 
-def _limits(ax: Axes, *lines: np.ndarray) -> None:
-    """Axes that hold the measurement and both models, but no model that runs away."""
-    measured = lines[0][np.isfinite(lines[0])]
-    if not len(measured):
-        return
-    middle, half = 0.5 * (measured.max() + measured.min()), 0.5 * np.ptp(measured)
-    most = 4.0 * max(half, 1e-9)
-    known = np.concatenate([x[np.isfinite(x)] for x in lines])
-    low, high = max(known.min(), middle - most), min(known.max(), middle + most)
-    pad = 0.06 * (high - low) + 1e-12
-    ax.set_ylim(low - pad, high + pad)
-
-
-FIGURES = {"signals": signals, "spectra": spectra, "channels": channels}
 ROLES = {FIT: "fitted", HELD_OUT: "held out"}

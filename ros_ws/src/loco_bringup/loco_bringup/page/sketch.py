@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line drawing of a robot as it stands, with some of its joints and links marked."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+from markupsafe import Markup
+
+from loco_sim.robot.frames import link_frames
+from loco_sim.robot.robot import Robot
+
+# Seen from the right and a little from above: forward is right, what is left lies behind.
+VIEW = np.array([[1.0, 0.3, 0.0], [0.0, -0.22, -1.0]])
+WIDTH, HEIGHT, EDGE = 360.0, 230.0, 26.0  # of the drawing [pixel]
+
+
+def marked(robot: Robot, places: Sequence[str]) -> set[str]:
+    """Links that places name: links themselves, or those that a named joint moves.
+
+    Args:
+        robot: The robot.
+        places: Names of links, joints or feet; ``*`` and ``[lr]`` stand for more than one.
+    """
+    found = set()
+    for joint, _, child in _joints(robot):
+        found |= {child for place in places if fnmatchcase(joint, place)}
+    links = {link for _, *ends in _joints(robot) for link in ends}
+    return found | {link for link in links for place in places if fnmatchcase(link, place)}
+
+
+def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
+    """Drawing of a robot as SVG.
+
+    Args:
+        robot: The robot, in its standing pose.
+        links: Links whose joint is marked.
+        where: Words for what is marked.
+    """
+    frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None])
+    points = {link: VIEW @ origin[0] for link, (_, origin) in frames.items()}
+    places = np.array(list(points.values()))
+    low, size = places.min(axis=0), np.ptp(places, axis=0)
+    room = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
+    scale = float(np.min(room / np.maximum(size, 1e-3 + 0.02 * size.max())))
+    start = (np.array([WIDTH, HEIGHT]) - scale * size) / 2.0
+    at = {link: start + scale * (point - low) for link, point in points.items()}
+    bones = [
+        Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>').format(*at[a], *at[b])
+        for _, a, b in _joints(robot)
+    ]
+    dots = [Markup('<circle cx="{:.1f}" cy="{:.1f}" r="3"/>').format(*p) for p in at.values()]
+    rings = [
+        Markup('<circle class="here" cx="{:.1f}" cy="{:.1f}" r="10"/>').format(*at[link])
+        for link in sorted(links)
+    ]
+    words = f"The robot as it stands, from its right side; marked: {where}"
+    frame = Markup('<svg class="robot" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">{}</svg>')
+    return frame.format(WIDTH, HEIGHT, words, Markup("").join([*bones, *dots, *rings]))
+
+
+def _joints(robot: Robot) -> list[tuple[str, str, str]]:
+    """Name, parent and child of each joint."""
+    joints = ElementTree.fromstring(robot.urdf).findall("joint")
+    return [(j.get("name"), *(j.find(k).get("link") for k in ("parent", "child"))) for j in joints]
