@@ -2,6 +2,7 @@
 """A file is its old content or its new one."""
 
 import errno
+import fcntl
 import os
 import resource
 import shutil
@@ -141,6 +142,34 @@ def test_a_lock_of_a_killed_process_is_free(runtime):
     with locked("one"):
         pass
     assert os.listdir(runtime) == []
+
+
+def test_a_lock_leaves_no_handle_open_had_or_not(runtime):
+    with locked("one"):
+        inside = len(os.listdir("/proc/self/fd"))
+        for _ in range(3):
+            with pytest.raises(BlockingIOError), locked("one"):
+                pass
+        assert len(os.listdir("/proc/self/fd")) == inside
+    assert len(os.listdir("/proc/self/fd")) == inside - 1
+
+
+def test_a_file_that_its_owner_removes_just_then_is_made_anew(runtime, monkeypatch):
+    path, take, before = runtime / "one.lock", fcntl.flock, len(os.listdir("/proc/self/fd"))
+    gone = []
+
+    def late(handle, how):
+        if not gone:
+            gone.append(path.unlink())
+        take(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with locked("one"):
+        assert gone and path.is_file()
+        with pytest.raises(BlockingIOError), locked("one"):
+            pass
+        path.unlink()  # by somebody who clears the folder
+    assert len(os.listdir("/proc/self/fd")) == before
 
 
 def test_locks_follow_no_link(runtime, tmp_path):

@@ -4,8 +4,11 @@
 import gzip
 import io
 import json
+import subprocess
+import sys
 import time
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,6 +71,7 @@ def test_yaml_that_is_right_is_read_with_numbers_as_people_write_them():
 def test_a_text_that_is_too_long_is_not_read():
     with pytest.raises(ParameterError, match="101 characters, at most 100"):
         reading.parse_yaml("a" * 101, "x", most=100)
+    assert reading.parse_yaml("a" * 100, "x", most=100) == "a" * 100
 
 
 @pytest.mark.parametrize("text", ["{", "[" * 100_000, "9" * 5000 + "", '{"a": }', "", "nul"])
@@ -85,6 +89,8 @@ def test_files_that_are_none(tmp_path):
     (tmp_path / "latin").write_bytes(b"a: b\nc: caf\xe9\n")
     with pytest.raises(ParameterError, match="latin, line 2: not UTF-8 text, byte 0xe9"):
         reading.read_yaml(tmp_path / "latin")
+    with pytest.raises(ParameterError, match="blank, line 2: not"):
+        reading.as_text(b"\n\xe9", "blank")
     for path in (tmp_path / "none", tmp_path, "a\0b", "x" * 5000, "/dev/zero"):
         with pytest.raises(MissingFileError):
             reading.read_text(path)
@@ -155,4 +161,43 @@ def test_a_name_never_leaves_its_folder(tmp_path, name):
 
 
 def test_a_plain_name_is_a_file_of_its_folder(tmp_path):
-    assert reading.within(tmp_path, "gehölz 1.yaml") == tmp_path / "gehölz 1.yaml"
+    for right in ("gehölz 1.yaml", "x" * 200):
+        assert reading.within(tmp_path, right) == tmp_path / right
+
+
+def test_the_limits_are_those_of_the_page():
+    page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text()
+    assert f"| {reading.MOST_YAML / 2**20:g} MiB, {reading.DEEPEST} levels, " in page
+    assert f"levels, {reading.MOST_NODES:,} values" in page
+    assert f"| {reading.MOST_BYTES / 2**30:g} GiB, also unpacked" in page
+
+
+def test_numpy_is_loaded_by_those_who_read_arrays():
+    code = "import sys, loco_control.reading; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_value_is_shown_whole_or_cut_to_the_length_with_a_sign():
+    assert reading.shown("x" * 58) == repr("x" * 58)
+    assert reading.shown("x" * 59) == "'" + "x" * 58 + "…"
+    assert reading.shown([1, 2], most=6) == "[1, 2]"
+    assert reading.shown([1, 2], most=5) == "[1, …"
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_file_at_the_limit_is_read_whole_and_a_byte_more_is_refused(tmp_path, packed):
+    path, pack = (tmp_path / "a.gz", gzip.compress) if packed else (tmp_path / "a", bytes)
+    path.write_bytes(pack(b"x" * 4096))
+    assert reading.read_bytes(path, most=4096) == b"x" * 4096
+    with pytest.raises(ParameterError, match="which is the limit"):
+        reading.read_bytes(path, most=4095)
+
+
+def test_a_loader_that_stumbles_names_its_source_cut_to_200_characters():
+    @reading.understood("gait")
+    def load(source):
+        return source["no index"]
+
+    with pytest.raises(ParameterError) as caught:
+        load("x" * 300)
+    assert str(caught.value).startswith("'" + "x" * 198 + "… is not a gait: ")

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -33,6 +34,14 @@ def child():
         each.stdout.close()
 
 
+def wait_until(process, letter):
+    """Wait until a process is in a state of proc(5)."""
+    end, path = time.monotonic() + 20.0, Path(f"/proc/{process.pid}/stat")
+    while path.read_text().rpartition(")")[2].split()[0] != letter:
+        assert time.monotonic() < end, "timed out"
+        time.sleep(0.01)
+
+
 def test_the_start_of_a_process_is_that_of_its_life(child):
     one = child()
     assert guard.start_of(one.pid) == guard.start_of(one.pid) != ""
@@ -49,9 +58,21 @@ def test_the_start_of_a_process_is_that_of_its_life(child):
     assert guard.start_of(one.pid) == ""
 
 
+def test_a_process_is_there_until_its_last_thread_has_ended(child):
+    one = child(
+        "import ctypes, threading, time\n"
+        "threading.Thread(target=time.sleep, args=(60,)).start()\n"
+        "print(flush=True); ctypes.CDLL(None).pthread_exit(None)\n"
+    )
+    began = guard.start_of(one.pid)
+    wait_until(one, "Z")
+    assert guard.start_of(one.pid) == began != ""
+
+
 def test_a_stopped_process_hears_a_signal_and_a_missing_one_is_no_error(child):
     one = child()
     one.send_signal(signal.SIGSTOP)
+    wait_until(one, "T")
     guard.send(one.pid, signal.SIGTERM)
     assert one.wait(20.0) == -signal.SIGTERM
     guard.send(one.pid, signal.SIGTERM)
@@ -68,13 +89,22 @@ def test_what_still_runs_is_signalled_until_it_ends(child, monkeypatch, code, en
     assert took >= (0.4 if end == signal.SIGTERM else 1.0)  # it had its time to end by itself
 
 
-def test_a_share_of_the_patience_is_a_share_of_the_wait(child, monkeypatch):
-    monkeypatch.setattr(guard, "PATIENCE", ((2, 20.0), (signal.SIGTERM, 20.0), (9, 20.0)))
-    one = child()
-    began = time.monotonic()
-    guard.end_all({one.pid: guard.start_of(one.pid)}, 0.02)
-    assert one.wait(0.0) == -signal.SIGTERM
-    assert 0.4 <= time.monotonic() - began < 15.0
+@pytest.mark.parametrize("share", [None, 0.5])
+def test_the_kernel_has_ten_seconds_then_a_signal_two_then_the_last_five(monkeypatch, share):
+    now, sent = [0.0], []
+    monkeypatch.setattr(guard.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(guard.time, "sleep", lambda wait: now.append(now.pop() + wait))
+    monkeypatch.setattr(guard, "start_of", lambda pid: "7")  # it never ends
+    monkeypatch.setattr(guard, "send", lambda pid, number: sent.append((pid, number, now[0])))
+    guard.end_all({12: "7", 13: "6"}, *([] if share is None else [share]))
+    scale = share or 1.0
+    assert [each[:2] for each in sent] == [
+        (12, signal.SIGCONT),
+        (12, signal.SIGTERM),
+        (12, signal.SIGKILL),
+    ]
+    times = [each[2] for each in sent] + now
+    assert times == pytest.approx([0.0, 10.0 * scale, 12.0 * scale, 17.0 * scale], abs=0.1)
 
 
 def test_it_does_not_wait_for_what_has_ended(child, monkeypatch):

@@ -193,24 +193,6 @@ def test_the_guard_ends_a_process_that_heeds_nothing(tmp_path, monkeypatch):
     wait(lambda: not start_of(guard), 5.0)
 
 
-def test_a_process_is_there_until_its_last_thread_has_ended():
-    script = (
-        "import ctypes, threading, time\n"
-        "threading.Thread(target=time.sleep, args=(600,)).start()\n"
-        "ctypes.CDLL(None).pthread_exit(None)\n"
-    )
-    process = subprocess.Popen([sys.executable, "-c", script])
-    try:
-        began = start_of(process.pid)
-        state = Path(f"/proc/{process.pid}/stat")
-        wait(lambda: state.read_text().rpartition(")")[2].split()[0] == "Z")
-        assert start_of(process.pid) == began != ""
-    finally:
-        process.kill()
-    wait(lambda: not start_of(process.pid))
-    process.wait()
-
-
 def test_the_guard_leaves_with_the_run(tmp_path):
     guard = Guard()
     process = Process("quick", ["-c", "raise SystemExit(4)"], tmp_path / "log", guard=guard)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
+from loco_control.legs.kinematics import foot_position
 from loco_sim.plant.fallback import Fallback, FallbackParams
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot as robots
@@ -40,7 +41,7 @@ def test_by_default_a_robot_is_damped_at_once(hyq):
         state = sim.reset()
     command, trunk = Fallback(hyq, FallbackParams(), DT).command(state)
     assert np.array_equal(command.q, state.q)
-    assert not np.any(command.dq) and not np.any(trunk.tau)
+    assert not np.any(command.dq) and not np.any(trunk.tau) and trunk.wrench.shape == (6,)
     assert np.array_equal(trunk.stance, state.contact)
 
 
@@ -60,6 +61,19 @@ def test_hyq_sits_down_softly_and_stays_upright(hyq):
     assert 0.55 * held < sat < 0.85 * held
     assert fastest < 5.0  # rad/s: it does not drop
     assert 1.0 - 2.0 * (x * x + y * y) > 0.9  # cosine of the tilt
+
+
+def test_the_last_command_of_sitting_has_the_wanted_height_and_the_first_is_near(hyq):
+    fallback = Fallback(hyq, FallbackParams(hold=DT, sit=4 * DT, height=0.7), DT)
+    with Simulation(robot="hyq") as sim:
+        state = sim.reset()
+    posed = [fallback.command(state)[0].q for _ in range(5)]
+    low = foot_position(posed[-1], hyq.legs)[:, 2]
+    np.testing.assert_allclose(low, 0.7 * foot_position(hyq.standing, hyq.legs)[:, 2])
+    assert np.array_equal(posed[0], state.q)
+    ways = [np.abs(after - before).max() for before, after in zip(posed, posed[1:], strict=False)]
+    np.testing.assert_allclose(ways, ways[::-1])  # it begins as softly as it ends
+    assert 0.0 < ways[0] < 0.5 * ways[1]
 
 
 def test_a_robot_that_cannot_sit_is_refused(hyq):

@@ -166,6 +166,7 @@ def test_by_default_joints_trip_at_these_multiples_of_the_urdf(hyq, just_within,
 
 
 def test_by_default_commands_are_limited_at_these_multiples_of_the_urdf(hyq):
+    assert SafetyParams().enabled
     safety, q = Safety(hyq, SafetyParams(), DT), np.array(hyq.standing)
     got, trunk = safety.limit(command(q, 1e4), torque(1e4))
     np.testing.assert_allclose(got.dq, 4.0 * SPEED)
