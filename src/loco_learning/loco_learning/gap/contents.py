@@ -65,6 +65,7 @@ def contents(
             "names": list(decision.names),
             "terms": in_metres(terms(judged), case.forward.channels) if told else [],
             "rivals": rivals(judged) if told else [],
+            "over_settings": [row.plain for row in judged.over_settings],
             "ambiguous": [list(group) for group in decision.ambiguous],
             "kinds": kinds_of(judged) if told else [],
             "gap": gap(case, judged.given, after),

@@ -14,7 +14,7 @@ from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
-from loco_learning.gap.verdict import judge
+from loco_learning.gap.verdict import rivals
 from loco_sim.effects.offers import Hints
 from loco_sim.plant.model import Model
 
@@ -53,7 +53,7 @@ def test_only_what_is_seen_is_paid(case):
     """Exact twins got odds of hundreds to one for the parameter of which nothing is known."""
     made = weighed(case, "com_offset", (0.1, 1.0, 0.1)), weighed(case, "slope", (1.0, 0.0))
     offset, slope = (replace(m, held=replace(m.held, n_eff=1000.0)) for m in made)
-    blind = judge.occam(offset, slope)
+    blind = rivals.occam(offset, slope)
     assert blind == pytest.approx(0.5 * np.log(1000.0))  # 30 : 1 for three numbers against two
-    assert judge.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
-    assert judge.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)
+    assert rivals.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
+    assert rivals.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)

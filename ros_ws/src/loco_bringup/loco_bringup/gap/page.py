@@ -113,7 +113,9 @@ def _evidence(result: Mapping[str, Any]) -> Markup:
         for t in result["terms"]
         if t.get("evidence")
     ]
-    return html.join([*sentences, tables.terms(result), tables.rivals(result)])
+    return html.join(
+        [*sentences, tables.terms(result), tables.rivals(result), tables.over_settings(result)]
+    )
 
 
 def _model(result: Mapping[str, Any]) -> Markup:

@@ -80,6 +80,23 @@ def terms(result: Result) -> Markup:
     return table(head, body, (6,))
 
 
+def over_settings(result: Result) -> Markup:
+    """Answers under other splits of the records, stretches and floors."""
+    items = result.get("over_settings", [])
+    if not items:
+        return Markup()
+    body = [
+        [
+            row["vary"], row["setting"], ", ".join(map(text.words, row["names"])) or "nothing",
+            text.odds_text(row["odds"]), ", ".join(map(text.words, row["against"])) or "nothing",
+            _share(row["closed"]),
+        ]
+        for row in items
+    ]  # fmt: skip
+    head = ["Varied", "Setting", "Wins there", "Odds of the name", "Against", "It closes"]
+    return html.paragraph(_SETTINGS, soft=True) + table(head, body, (5,))
+
+
 def rivals(result: Result) -> Markup:
     """Explanations of other names, the best first."""
     items = result["rivals"]
@@ -200,6 +217,10 @@ _CELLS = (
 _RIVALS = (
     "The best explanations of another name, fitted in the same way. Gain: how much better what "
     "was found explains the data than the rival does, in log-likelihood, with its interval."
+)
+_SETTINGS = (
+    "Does the name hang on a setting? For each split the model and its rivals are fitted again to "
+    "the other records. Where another answer wins by 3 : 1, nothing is named for sure."
 )
 _ERRORS = (
     "NRMSE: rms of the error over the standard deviation of the measurement. Windowed: mean "

@@ -264,7 +264,7 @@ def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
     if c.closed < limits.closed:
         lacks.append(f"it closes only {c.closed:.0%} of the gap")
     strengths = [e for e in c.estimates if e.absent is not None]
-    if strengths and not any(e.absent < e.low or e.absent > e.high for e in strengths):
+    if strengths and not any(e.excludes_absent for e in strengths):
         lacks.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
     return lacks + [alarm.split(": ", 1)[1] for alarm in found]
 

@@ -8,23 +8,22 @@ is Coulomb friction, and must not make it ambiguous.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from loco_sim.effects.base import EFFECTS
-
 from ..fitting.fit import Fitted, fit
 from ..fitting.search import Found, Search
 from ..fitting.seen import finish
-from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..statistics import evidence, identify
+from . import stable
 from .candidates import Candidate, Estimate, Rival
 from .decide import (
     LIMITS,
+    MORE,
+    NAMED,
     NO_GAP,
     UNKNOWN,
     Decision,
@@ -33,15 +32,22 @@ from .decide import (
     decide,
     has_gap,
 )
+from .rivals import (
+    RIVAL_NAMES,
+    RIVAL_PLACES,
+    elsewhere,
+    few,
+    leading,
+    occam,
+    paid,
+    ratio,
+    sharp,
+    trifle,
+)
 from .sensitivity import sensitivities
 from .traded import LeftOut, Nominal, little_off, strayed
 
-RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
 LEADING = 4  # models of which the simplest that nobody beats is selected
-COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
-TRIFLE = 0.1, 0.02  # of the low end of a prior, and of the high end of a two-sided one
-MOST_PRICE = 100.0  # odds that all parameters together cost at most
-NO_RIVAL = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
@@ -59,6 +65,8 @@ class Judged:
         rivals: Other models of as many effects, each with the evidence of the best over it.
         identifiability: Analysis of the best model's parameters; None without any.
         left_out: Models that nominal values imitate.
+        alarms: What is not to be believed, a sentence each.
+        over_settings: Answers under other splits, stretches and floors, where a name was given.
     """
 
     decision: Decision
@@ -70,6 +78,7 @@ class Judged:
     identifiability: identify.Identifiability | None
     left_out: tuple[LeftOut, ...] = ()
     alarms: tuple[str, ...] = ()
+    over_settings: tuple[stable.Row, ...] = ()
 
     @property
     def after(self) -> Fitted:
@@ -93,6 +102,11 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     else:
         decision = decide((), found.given.held, base.held, limits, (base.whole, base.whole))
         judged = Judged(decision, found.given, base, base, (), (), None)
+    if judged.decision.verdict in (NAMED, MORE):
+        others = [model for model, _ in judged.rivals]
+        table = tuple(stable.rows(search, judged.best, base, others, search.params.seed))
+        decision = stable.downgraded(judged.decision, table)
+        judged = replace(judged, decision=decision, over_settings=table)
     refitted = [*search.nominal, *little_off(case, base)]
     if refitted and judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
         text = (
@@ -106,36 +120,6 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         *strayed(case, judged.after, limits),
     )
     return replace(judged, alarms=alarms)
-
-
-def occam(a: Fitted, b: Fitted) -> float:
-    """Price of the first model for parameters that the second lacks, and for odd ones [nat].
-
-    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion,
-    and what the priors of shapes say, both within limits.
-    """
-    price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
-    most = math.log(MOST_PRICE)
-    both = price * (a.paid - b.paid), a.strain - b.strain
-    return sum(min(max(nat, -most), most) for nat in both)
-
-
-def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
-    """All strengths are far below what the effect has on any robot.
-
-    Only where that can be said: friction in N·m is large on one robot and nothing on another.
-    """
-    priors = EFFECTS[hypothesis.effect].identity.priors
-    for c, at in zip(hypothesis.coordinates, x, strict=True):
-        if not c.strength:
-            continue
-        prior = priors.get(c.name)
-        if prior is None or c.unit not in COMPARABLE:
-            return False
-        least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
-        if abs(c.value(at)) > least:
-            return False
-    return True
 
 
 class _Judgement:
@@ -180,7 +164,7 @@ class _Judgement:
             m
             for m, over in judged.rivals
             if over.odds <= limits.odds
-            and _ratio(m, judged.best) <= _sharp(limits, judged.best).worse
+            and ratio(m, judged.best) <= sharp(limits, judged.best).worse
             and m.key not in out
         ]
         for model in near[:RIVAL_PLACES]:
@@ -206,7 +190,7 @@ class _Judgement:
         best, lost = self._pruned(best, limits)
         swaps = [self._swaps(best, i) for i in range(len(best.parts))]
         rest = self._finished([m for each in swaps for m in each])
-        estimates, known = sensitivities(self.case, best)
+        estimates, known = sensitivities(self.case, best, doubtful=True)
         candidates, rivals = [], []
         for i, (hypothesis, _) in enumerate(best.parts):
             mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
@@ -217,9 +201,9 @@ class _Judgement:
             candidates.append(replace(made, traded=traded))
         base = self.found.base
         whole = base.whole, best.whole
-        sharp = _sharp(limits, best)
+        near = sharp(limits, best)
         before, after = self._weighed(self.found.given, best)
-        decision = decide(candidates, before, after, sharp, whole, self.enough)
+        decision = decide(candidates, before, after, near, whole, self.enough)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         given = self.found.given
         return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
@@ -251,7 +235,7 @@ class _Judgement:
 
     def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
-        if self._odds(a, b).odds <= limits.odds and _ratio(b, a) <= _sharp(limits, a).worse:
+        if self._odds(a, b).odds <= limits.odds and ratio(b, a) <= sharp(limits, a).worse:
             return False
         more = self._closed(a) - self._closed(b)
         plain = self._explains(b, limits) and more <= LEAST_SHARE
@@ -289,7 +273,7 @@ class _Judgement:
                     fitted.setdefault(other[0].key, model)
         new = [
             (s.hypothesis, s.x)
-            for s in _leading(self.found.screened, mine)
+            for s in leading(self.found.screened, mine)
             if s.hypothesis.key not in (*fitted, *others)
         ]
         rest = tuple(part for i, part in enumerate(best.parts) if i != index)
@@ -297,7 +281,7 @@ class _Judgement:
         tasks = [((*rest, part), self.search.setting) for part in new[:room]]
         models = [*fitted.values(), *self.search.each(fit, tasks)]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
-        return _few(models, mine, others)
+        return few(models, mine, others)
 
     def _closed(self, model: Fitted) -> float:
         """Share of the gap of the model as it came, on the data that judge."""
@@ -307,7 +291,7 @@ class _Judgement:
     def _weighed(self, without: Fitted, model: Fitted) -> tuple[evidence.Score, evidence.Score]:
         """Both on the data that judge; on all where the first leaves nothing in them."""
         pair = without, model
-        return tuple(self._score(m) if _elsewhere(without) else m.held for m in pair)
+        return tuple(self._score(m) if elsewhere(without) else m.held for m in pair)
 
     def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
         """Evidence on the data that judge, and share of the gap of the second that is closed.
@@ -320,7 +304,7 @@ class _Judgement:
         before, after = self._weighed(b, a)
         over = evidence.compare(after, before, rng, trials)
         closed = evidence.closed_by(before.residuals, after.residuals)
-        return (_paid(over, occam(a, b)) if _elsewhere(b) else over), closed
+        return (paid(over, occam(a, b)) if elsewhere(b) else over), closed
 
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
@@ -329,7 +313,7 @@ class _Judgement:
 
     def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence on all data for a model over the same without an effect, parameters paid."""
-        return _paid(self._odds(a, b), occam(a, b))
+        return paid(self._odds(a, b), occam(a, b))
 
     def _score(self, model: Fitted) -> evidence.Score:
         if model.key not in self.scores:
@@ -351,7 +335,7 @@ class _Judgement:
             (other,) = [h for h, _ in model.parts if h.key not in others]
             small = trifle(*next(part for part in model.parts if part[0] is other))
             closed = self._closed(model)
-            made.append(Rival(other.effect, other.place, over, closed, small, _ratio(model, best)))
+            made.append(Rival(other.effect, other.place, over, closed, small, ratio(model, best)))
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
@@ -360,53 +344,6 @@ class _Judgement:
             tuple(made),
             trifle(*best.parts[index]),
             total=self._total(best, without),
-            worse=_ratio(without, best),
-            elsewhere=_elsewhere(without),
+            worse=ratio(without, best),
+            elsewhere=elsewhere(without),
         )
-
-
-def _elsewhere(model: Fitted) -> bool:
-    """A model leaves a gap, but none in the data that judge."""
-    return has_gap(model.whole) and not has_gap(model.held.residuals)
-
-
-def _paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
-    return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
-
-
-def _sharp(limits: Limits, model: Fitted) -> Limits:
-    """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
-    noise = evidence.rms(model.whole) <= limits.adequate_rms
-    return limits.replace(worse=min(limits.worse, NO_RIVAL)) if noise else limits
-
-
-def _ratio(a: Fitted, b: Fitted) -> float:
-    """Ratio of the residuals of two models on all data, 1 where that judges better."""
-    more = evidence.rms(a.whole) / evidence.rms(b.whole)
-    return more if _elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
-
-
-def _leading(screened: Sequence, mine: Hypothesis) -> list:
-    """Best hypothesis of each other effect that may explain something, look-alikes first."""
-    alike = {a.name for a in EFFECTS[mine.effect].identity.look_alikes}
-    best: dict[str, object] = {}
-    for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
-        if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
-            best.setdefault(s.hypothesis.effect, s)
-    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in alike, -s.share))
-
-
-def _few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
-    """Best model of each of a few other names, and the best of a few other places."""
-    kept, names, places = [], set(), set()
-    for model in models:
-        (other,) = [h for h, _ in model.parts if h.key not in others]
-        if other.effect != mine.effect and other.effect not in names and len(names) < RIVAL_NAMES:
-            names.add(other.effect)
-            kept.append(model)
-        elif (
-            other.effect == mine.effect and other.place not in places and len(places) < RIVAL_PLACES
-        ):
-            places.add(other.place)
-            kept.append(model)
-    return kept

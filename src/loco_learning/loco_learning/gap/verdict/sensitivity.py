@@ -13,24 +13,27 @@ from loco_sim.effects.base import EFFECTS
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..statistics import evidence, identify
+from ..statistics import evidence, identify, robust
+from . import doubt
 from .candidates import Estimate
 
 STRENGTH_STEP, LOG_STEP = (
     0.05,
     0.1,
 )  # of a strength, and on the logarithm of a shape or nominal value
+NORMAL = 1.96  # standard errors of a 95 % interval
 UNLIKELY = 1e-3  # probability below which parts of the data want other values
 
 
 def sensitivities(
-    case: Case, model: Fitted
+    case: Case, model: Fitted, doubtful: bool = False
 ) -> tuple[dict[str, tuple[Estimate, ...]], identify.Identifiability | None]:
     """Parameters of a model with intervals, and what the data can tell of them.
 
     Args:
         case: Model and data.
         model: Fitted to it.
+        doubtful: Whether intervals know that masses, inertias and drives are not known exactly.
 
     Returns:
         Estimates by key of the hypothesis, and the analysis of all coordinates; None where
@@ -47,34 +50,49 @@ def sensitivities(
     steady = identify.stability(matrix, identify.flat(model.whole), halves(model.whole), weight)
     errors = np.sqrt(known.errors**2 + steady.spread**2 / len(steady.shifts))
     spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
+    doubts = doubt.columns(case, model) if doubtful else np.zeros((len(matrix), 0))
+    groups = robust.clusters(model.whole)
+    half = robust.half_widths(matrix, doubts, identify.flat(model.whole), groups, weight)
+    half = np.maximum(half, NORMAL * errors)
     found, at = {}, 0
     for hypothesis, x in model.parts:
         rows = slice(at, at + len(x))
-        found[hypothesis.key] = estimates(hypothesis, x, errors[rows], spread[rows])
+        found[hypothesis.key] = estimates(hypothesis, x, half[rows], spread[rows], errors[rows])
         at += len(x)
     return found, known
 
 
 def estimates(
-    hypothesis: Hypothesis, x: Sequence[float], errors: np.ndarray, spread: np.ndarray
+    hypothesis: Hypothesis,
+    x: Sequence[float],
+    half: np.ndarray,
+    spread: np.ndarray,
+    errors: np.ndarray,
 ) -> tuple[Estimate, ...]:
     """Parameters of one effect with 95 % intervals, in their units.
 
     Args:
         hypothesis: Hypothesis that was fitted.
         x: Coordinates of the hypothesis.
-        errors: Their standard errors.
+        half: Half of their 95 % intervals.
         spread: Their deviation between parts of the data.
+        errors: Their standard errors with the robot exactly as its file says.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     found = []
-    for c, at, error, wide in zip(hypothesis.coordinates, x, errors, spread, strict=True):
-        ends = sorted(_unbounded(c, at + sign * 1.96 * error) for sign in (-1.0, 1.0))
+    rows = zip(hypothesis.coordinates, x, half, spread, errors, strict=True)
+    for c, at, far, wide, error in rows:
+        ends, near = (
+            tuple(sorted(_unbounded(c, at + side * by) for side in (-1.0, 1.0)))
+            for by in (far, NORMAL * error)
+        )
         sign = 1 if passive and c.strength and c.one_sided else 0
         wide = abs(wide * c.size) if c.strength else 0.0
         absent = 0.0 if c.strength else None
         bounds = (c.low, c.high)
-        found.append(Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide))
+        found.append(
+            Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide, near)
+        )
     return tuple(found)
 
 

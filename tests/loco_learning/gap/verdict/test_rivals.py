@@ -9,7 +9,7 @@ import pytest
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.statistics import evidence
-from loco_learning.gap.verdict import judge, sensitivity
+from loco_learning.gap.verdict import rivals, sensitivity
 from loco_sim.effects.coordinates import Coordinate
 
 TORQUE = Coordinate("torque", 0.05, (1.0,), 0.0, 10.0, "N·m", strength=True)
@@ -34,34 +34,36 @@ def fitted(h: Hypothesis, shape: float = 0.0) -> Fitted:
 
 def test_a_parameter_more_costs_and_one_less_pays():
     simple, rich = fitted(COULOMB), fitted(STRIBECK)
-    assert judge.occam(simple, simple) == 0.0
-    assert judge.occam(rich, simple) == pytest.approx(-judge.occam(simple, rich))
-    assert judge.occam(rich, simple) == pytest.approx(0.5 * np.log(1000.0), rel=0.1)
+    assert rivals.occam(simple, simple) == 0.0
+    assert rivals.occam(rich, simple) == pytest.approx(-rivals.occam(simple, rich))
+    assert rivals.occam(rich, simple) == pytest.approx(0.5 * np.log(1000.0), rel=0.1)
 
 
 def test_a_shape_that_no_robot_has_costs_as_its_prior_says():
     usual, odd = fitted(STRIBECK), fitted(STRIBECK, 2.1)
-    assert judge.occam(odd, usual) == pytest.approx(0.5 * (2.1 / 0.7) ** 2)
-    assert judge.occam(fitted(STRIBECK, 70.0), usual) == pytest.approx(np.log(judge.MOST_PRICE))
+    assert rivals.occam(odd, usual) == pytest.approx(0.5 * (2.1 / 0.7) ** 2)
+    assert rivals.occam(fitted(STRIBECK, 70.0), usual) == pytest.approx(np.log(rivals.MOST_PRICE))
 
 
 def test_a_trifle_is_told_only_where_sizes_compare():
-    assert judge.trifle(COMMAND_DELAY, [0.01])
-    assert not judge.trifle(COMMAND_DELAY, [0.5])
-    assert not judge.trifle(COULOMB, [1e-9])
+    assert rivals.trifle(COMMAND_DELAY, [0.01])
+    assert not rivals.trifle(COMMAND_DELAY, [0.5])
+    assert not rivals.trifle(COULOMB, [1e-9])
 
 
 def test_intervals_are_in_the_unit_and_may_pass_zero():
     strength, shape = sensitivity.estimates(
-        STRIBECK, [1.0, 0.0], np.array([1.0, 0.5]), np.array([0.2, 0.2])
+        STRIBECK, [1.0, 0.0], np.array([2.0, 0.98]), np.array([0.2, 0.2]), np.array([0.4, 0.5])
     )
     assert strength.value == pytest.approx(0.05)
-    assert strength.low == pytest.approx(0.05 - 1.96 * 0.05)
+    assert strength.low == pytest.approx(0.05 - 2.0 * 0.05)
+    assert strength.near[0] == pytest.approx(0.05 - 1.96 * 0.4 * 0.05) and strength.excludes_absent
     assert (strength.absent, strength.sign) == (0.0, 1)
     assert strength.spread == pytest.approx(0.01)
     assert shape.absent is None
     assert shape.low == pytest.approx(0.1 * np.exp(-0.98))
-    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], np.array([np.inf, 1.0]), np.zeros(2))
+    wide = np.array([np.inf, 1.0])
+    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), wide)
     assert (unknown.low, unknown.high) == (-np.inf, np.inf)
 
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wide an interval has to be when residuals are no noise and the robot is not quite the file.
+
+Residuals of a model that is never exact hang together in time and are alike within a record.
+What a whole record pulls at a parameter is therefore one draw: the sandwich over records
+(White 1980; Liang and Zeger 1986), with Student's law for as few draws as there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from .identify import DEAD
+
+FEW = 4  # records from which on each is a cluster; fewer are halved
+
+
+def clusters(whole: Sequence[np.ndarray]) -> np.ndarray:
+    """Cluster of each value of `identify.flat`, (N,): its record, its half where these are few."""
+    parts = 1 if len(whole) >= FEW else 2
+    groups = [
+        np.repeat(parts * i + np.arange(len(r)) * parts // max(len(r), 1), r.shape[1])
+        for i, r in enumerate(whole)
+    ]
+    return np.concatenate(groups)
+
+
+def half_widths(
+    columns: np.ndarray,
+    doubts: np.ndarray,
+    residual: np.ndarray,
+    groups: np.ndarray,
+    weight: np.ndarray,
+) -> np.ndarray:
+    """Half of the 95 % interval of each parameter, (P,); inf where the data do not show it.
+
+    Three variances are added: what the clusters pull apart, what noise leaves with all doubts
+    free within their priors, and what the fit would move if these were refitted.
+
+    Args:
+        columns: (N, P) change of the residual [floors] per unit of a parameter, at the fit.
+        doubts: (N, K) the same per deviation of values that are known to that alone.
+        residual: (N,) predicted minus measured [floors], NaN = not measured.
+        groups: (N,) cluster of each row.
+        weight: (N,) information of each row (`identify.weights`).
+    """
+    both = np.concatenate([columns, doubts], axis=1)
+    used = np.isfinite(both).all(1) & np.isfinite(residual) & (weight > 0.0)
+    count, root = columns.shape[1], np.sqrt(weight[used])
+    j, r, groups = both[used] * root[:, None], residual[used] * root, groups[used]
+    half = np.full(count, np.inf)
+    alive = np.linalg.norm(j[:, :count], axis=0) > DEAD
+    keys = np.unique(groups)
+    if len(keys) < 2 or not alive.any():
+        return half
+    mine, free = j[:, :count][:, alive], np.concatenate([j[:, :count][:, alive], j[:, count:]], 1)
+    prior = np.diag([0.0] * mine.shape[1] + [1.0] * (free.shape[1] - mine.shape[1]))
+    given, joint = _inverse(mine.T @ mine), _inverse(free.T @ free + prior)
+    pulls = np.array([given @ (mine[groups == k].T @ r[groups == k]) for k in keys])
+    apart = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
+    noise, moved = np.diag(joint)[: len(apart)], (joint @ (free.T @ r))[: len(apart)]
+    quantile = stats.t.ppf(0.975, len(keys) - 1)
+    half[alive] = quantile * np.sqrt(apart + noise + np.square(moved))
+    return half
+
+
+def _inverse(gram: np.ndarray) -> np.ndarray:
+    """Inverse of a Gram matrix whose columns may differ by orders of magnitude."""
+    size = np.sqrt(np.diag(gram))
+    return np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(
+        size, size
+    )

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Models beside each other: prices of parameters, what is too small to matter, and a few rivals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from loco_sim.effects.base import EFFECTS
+
+from ..fitting.fit import Fitted
+from ..hypotheses.hypotheses import Hypothesis
+from ..statistics import evidence
+from .decide import Limits, has_gap
+
+RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
+COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
+TRIFLE = 0.1, 0.02  # of the low end of a prior, and of the high end of a two-sided one
+MOST_PRICE = 100.0  # odds that all parameters together cost at most
+NO_RIVAL = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
+
+
+def occam(a: Fitted, b: Fitted) -> float:
+    """Price of the first model for parameters that the second lacks, and for odd ones [nat].
+
+    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion,
+    and what the priors of shapes say, both within limits.
+    """
+    price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
+    most = math.log(MOST_PRICE)
+    both = price * (a.paid - b.paid), a.strain - b.strain
+    return sum(min(max(nat, -most), most) for nat in both)
+
+
+def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
+    """All strengths are far below what the effect has on any robot.
+
+    Only where that can be said: friction in N·m is large on one robot and nothing on another.
+    """
+    priors = EFFECTS[hypothesis.effect].identity.priors
+    for c, at in zip(hypothesis.coordinates, x, strict=True):
+        if not c.strength:
+            continue
+        prior = priors.get(c.name)
+        if prior is None or c.unit not in COMPARABLE:
+            return False
+        least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
+        if abs(c.value(at)) > least:
+            return False
+    return True
+
+
+def elsewhere(model: Fitted) -> bool:
+    """A model leaves a gap, but none in the data that judge."""
+    return has_gap(model.whole) and not has_gap(model.held.residuals)
+
+
+def paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
+    """Evidence less a price [nat]."""
+    return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
+
+
+def sharp(limits: Limits, model: Fitted) -> Limits:
+    """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
+    noise = evidence.rms(model.whole) <= limits.adequate_rms
+    return limits.replace(worse=min(limits.worse, NO_RIVAL)) if noise else limits
+
+
+def ratio(a: Fitted, b: Fitted) -> float:
+    """Ratio of the residuals of two models on all data, 1 where that judges better."""
+    more = evidence.rms(a.whole) / evidence.rms(b.whole)
+    return more if elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
+
+
+def leading(screened: Sequence, mine: Hypothesis) -> list:
+    """Best hypothesis of each other effect that may explain something, look-alikes first."""
+    alike = {a.name for a in EFFECTS[mine.effect].identity.look_alikes}
+    best: dict[str, object] = {}
+    for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
+        if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
+            best.setdefault(s.hypothesis.effect, s)
+    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in alike, -s.share))
+
+
+def few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
+    """Best model of each of a few other names, and the best of a few other places."""
+    kept, names, places = [], set(), set()
+    for model in models:
+        (other,) = [h for h, _ in model.parts if h.key not in others]
+        if other.effect != mine.effect and other.effect not in names and len(names) < RIVAL_NAMES:
+            names.add(other.effect)
+            kept.append(model)
+        elif (
+            other.effect == mine.effect and other.place not in places and len(places) < RIVAL_PLACES
+        ):
+            places.add(other.place)
+            kept.append(model)
+    return kept
