@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How wide an interval has to be when residuals are no noise and the robot is not quite the file.
+"""Intervals for residuals that are no noise, of a robot that is not quite as its file says.
 
 Residuals of a model that is never exact hang together in time and are alike within a record.
 What a whole record pulls at a parameter is therefore one draw: the sandwich over records

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the data say if the robot is not exactly as its file says: no mass is known to a percent.
+"""Values of a robot that nobody knows exactly: no mass is known to a percent.
 
 A size is found with all masses, inertias and drives as they are written. If these are a little
 off, so is the size, in all records alike: no resampling of the data shows it. Each of them

@@ -65,7 +65,7 @@ class Judged:
         rivals: Other models of as many effects, each with the evidence of the best over it.
         identifiability: Analysis of the best model's parameters; None without any.
         left_out: Models that nominal values imitate.
-        alarms: What is not to be believed, a sentence each.
+        alarms: Parameters and values that are not to be believed, a sentence each.
         over_settings: Answers under other splits, stretches and floors, where a name was given.
     """
 

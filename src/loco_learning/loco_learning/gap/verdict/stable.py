@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a name hangs on a setting: other splits of the records, other stretches, other floors.
+"""Names under other settings: other splits of the records, other stretches, other floors.
 
 For each split the named model and its nearest rivals are fitted again to the other records, from
 where they are, and the record that was left out judges. Stretches and floors need no fit. A name
@@ -32,8 +32,8 @@ class Row:
     """Answer under one setting.
 
     Attributes:
-        vary: What was changed: split, stretch or floor.
-        setting: How, in words.
+        vary: Kind of setting: split, stretch or floor.
+        setting: Setting in words.
         names: Effects of the model that wins there; none where the model as it came does.
         odds: Of the named model over the best of the others, below 1 where that wins.
         against: Names of this other model.
