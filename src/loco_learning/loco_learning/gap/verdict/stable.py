@@ -35,7 +35,7 @@ class Row:
         vary: Kind of setting: split, stretch or floor.
         setting: Setting in words.
         names: Effects of the model that wins there; none where the model as it came does.
-        odds: Of the named model over the best of the others, below 1 where that wins.
+        odds: Odds of the named model over the best of the others, below 1 where that wins.
         against: Names of this other model.
         closed: Share of the gap that the named model closes there.
         flips: Another answer wins by more than chance.
@@ -92,7 +92,7 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
 
 
 def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str, list]]:
-    """What is varied, how, and the residuals of all models that judge there."""
+    """Kind and words of each setting, with the residuals of all models under it."""
     case = search.case
     judging = _loudest(models[1], SPLITS)
     tasks = [(m, i, search.setting) for i in judging for m in models]
