@@ -133,6 +133,14 @@ def test_a_page_of_little_is_drawn_too():
     assert "Not shown" not in pages.page(bare, curves())
 
 
+def test_a_setting_that_overthrows_a_name_is_on_the_page():
+    row = {"vary": "split", "setting": "steps judges", "names": [], "odds": 0.02, "against": [],
+           "closed": -0.4, "flips": True}  # fmt: skip
+    words = " ".join(Reader(pages.page(result(over_settings=[row]), curves())).words)
+    assert "steps judges nothing 0.02 : 1 nothing -40 %" in words
+    assert "hang on a setting" not in " ".join(Reader(pages.page(result(), curves())).words)
+
+
 def test_alarms_and_corrections_are_seen():
     shown = pages.page(
         result(
