@@ -142,6 +142,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "write one self-contained HTML page about a bag",
             "cli.options.bags:report", "report.terminal:show_report",
         ),
+        "compare": Command(
+            "write a page with two or more runs on the same axes, and what differs beyond noise",
+            "cli.options.bags:compare", "report.compare:show_comparison",
+        ),
         "view": Command(
             "show bags in Rerun: legs move, forces, curves; the second bag is a ghost",
             "cli.options.bags:view", "view.terminal:show_view",

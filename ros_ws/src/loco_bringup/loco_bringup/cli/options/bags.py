@@ -67,6 +67,13 @@ def report(p: ArgumentParser) -> None:
     p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
 
 
+def compare(p: ArgumentParser) -> None:
+    """Options of `loco compare`."""
+    p.add_argument("bag", type=Path, nargs="+", help="bags of one robot, the reference first")
+    p.add_argument("--out", type=Path, default=Path("compare.html"),
+                   help="HTML file (default compare.html here)")  # fmt: skip
+
+
 def view(p: ArgumentParser) -> None:
     """Options of `loco view`."""
     p.add_argument("bag", type=Path, nargs="*", help="bag folders or .mcap files of runs")
