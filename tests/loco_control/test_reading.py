@@ -201,3 +201,29 @@ def test_a_loader_that_stumbles_names_its_source_cut_to_200_characters():
     with pytest.raises(ParameterError) as caught:
         load("x" * 300)
     assert str(caught.value).startswith("'" + "x" * 198 + "… is not a gait: ")
+
+
+def test_levels_are_counted_from_the_top_whatever_stands_beside_them():
+    most, beside = reading.DEEPEST, "a, " * 100
+    assert reading.parse_yaml("[" * most + "]" * most, "x")
+    for before in ("", beside):
+        text = f"[{before}" + "[" * most + "]" * most + "]"
+        with pytest.raises(ParameterError, match=f"more than {most} levels deep$"):
+            reading.parse_yaml(text, "x")
+    wide = f"[{beside}" + "[" * (most - 1) + "]" * (most - 1) + "]"
+    assert len(reading.parse_yaml(wide, "x")) == 101
+
+
+def test_a_peer_may_name_files_below_the_folders_and_no_others(tmp_path):
+    bags, other = tmp_path / "bags", tmp_path / "other"
+    bags.mkdir()
+    other.mkdir()
+    (bags / "link").symlink_to(other)
+    assert reading.allowed(bags / "a" / ".." / "b", [other, bags]) == bags / "b"
+    for path in (other, bags / ".." / "other", bags / "link" / "x", "a\0b"):
+        with pytest.raises(ParameterError, match=f"is not below {bags}; the parameter folders"):
+            reading.allowed(path, [bags])
+    with pytest.raises(ParameterError, match="is not below any folder; "):
+        reading.allowed(bags, [])
+    with pytest.raises(ParameterError, match="is not below"):
+        reading.allowed(bags, [""])  # which is not the folder that we are in

@@ -107,6 +107,7 @@ def test_after_a_stop_the_first_command_is_limited_in_rate(bench):
 
 def test_a_silent_operator_stops_the_robot(bench):
     plant = Plant(bench, heartbeat=0.5)
+    assert 0.5e9 / 4 in [timer.timer_period_ns for timer in plant.b.node.timers]
     beats = plant.b.publisher("heartbeat")
     end = time.monotonic() + 1.0
     while time.monotonic() < end:

@@ -145,3 +145,12 @@ def test_a_supervisor_that_says_done_needs_no_guard(told):
 def test_without_it_every_process_is_ended_and_its_memory_freed(told):
     assert told("12 345\n 13 678 \n", "0.5") == ([({12: "345", 13: "678"}, 0.5)], 1)
     assert told("12 345\n12 400\n") == ([({12: "400"},)], 1)  # restarted under the same pid
+
+
+def test_the_guard_as_a_process_ends_what_it_was_told_when_its_pipe_closes(child):
+    one = child()
+    subprocess.run(
+        [sys.executable, "-m", "loco_bringup.graph.guard", "0.02"],
+        input=f"{one.pid} {guard.start_of(one.pid)}\n", text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert one.wait(0.0) == -signal.SIGTERM

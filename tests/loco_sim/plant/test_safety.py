@@ -250,3 +250,14 @@ def test_a_limit_of_jerk_alone_leaves_the_acceleration_free(hyq):
     got, _ = safety.limit(command(hyq.standing + 0.5), None)
     assert np.allclose(got.q, hyq.standing + 0.5)
     assert not any(safety.limited.values())
+
+
+@pytest.mark.parametrize(("kind", "order"), [("acceleration", 2), ("jerk", 3)])
+def test_each_limit_of_smoothness_holds_alone(hyq, kind, order):
+    """From rest, the first command moves by one step of the difference that is limited."""
+    most = 200.0
+    safety = Safety(hyq, SafetyParams(**{kind: most}), DT)
+    safety.limit(command(hyq.standing), None)
+    moved = safety.limit(command(hyq.standing + 0.1), None)[0].q - hyq.standing
+    np.testing.assert_allclose(moved, most * DT**order, rtol=1e-6)
+    assert {k: n for k, n in safety.limited.items() if n} == {kind: 1}
