@@ -227,3 +227,23 @@ def test_a_peer_may_name_files_below_the_folders_and_no_others(tmp_path):
         reading.allowed(bags, [])
     with pytest.raises(ParameterError, match="is not below"):
         reading.allowed(bags, [""])  # which is not the folder that we are in
+
+
+def test_levels_and_values_behind_aliases_count(monkeypatch):
+    text = "- &a [[[x]]]\n- [*a]\n"  # 6 levels; 1 + 4 + 5 values
+    monkeypatch.setattr(reading, "DEEPEST", 6)
+    monkeypatch.setattr(reading, "MOST_NODES", 10)
+    assert reading.parse_yaml(text, "x") == [[[["x"]]], [[[["x"]]]]]
+    assert reading.parse_yaml("[&a [x, x], *a, x, x, x]", "x")[1:3] == [["x", "x"], "x"]
+    with pytest.raises(ParameterError, match="more than 10 values"):
+        reading.parse_yaml("[&a [x, x], *a, x, x, x, x]", "x")
+    with pytest.raises(ParameterError, match="nested more than 6 levels deep with its aliases"):
+        reading.parse_yaml("&a [*a]", "x")
+    monkeypatch.setattr(reading, "DEEPEST", 5)
+    with pytest.raises(ParameterError, match="5 levels"):
+        reading.parse_yaml(text, "x")
+
+
+def test_a_mapping_may_be_merged_from_two():
+    text = "a: &a {x: 1}\nb: &b {y: 2}\nc: {<<: *a, <<: *b}\n"
+    assert reading.parse_yaml(text, "x")["c"] == {"x": 1, "y": 2}

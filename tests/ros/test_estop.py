@@ -121,6 +121,18 @@ def test_a_silent_operator_stops_the_robot(bench):
     beats.publish(Empty())
 
 
+def test_an_operator_may_fall_silent_before_the_start(bench):
+    b = bench(JointSimNode, JOINT_TOPICS, heartbeat=0.2)
+    events, beats = b.listen("events"), b.publisher("heartbeat")
+    b.wait(lambda: beats.get_subscription_count())
+    end = time.monotonic() + 1.0
+    beats.publish(Empty())
+    while time.monotonic() < end:
+        b.executor.spin_once(timeout_sec=0.02)
+    assert not [e for e in events if e.kind == "estop"]
+    assert not b.node._estop.reason
+
+
 def test_no_heartbeat_is_wanted_by_default(bench):
     plant = Plant(bench)
     end = time.monotonic() + 1.0

@@ -2,6 +2,7 @@
 """Commands within the limits pass untouched; others come back to them; excess stops."""
 
 import xml.etree.ElementTree as ElementTree
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -151,6 +152,8 @@ def test_trip_ticks_are_those_in_a_row(hyq, ticks):
     assert ticks_to_trip(safety, moving(0, 40.0))[0] == ticks
     safety.reset()
     assert ticks_to_trip(safety, moving(0, 40.0))[0] == ticks  # a reset begins to count anew
+    safety.resume(SimpleNamespace(q=np.zeros(12)))
+    assert ticks_to_trip(safety, moving(0, 40.0))[0] == ticks  # and so does the end of a stop
 
 
 @pytest.mark.parametrize(
