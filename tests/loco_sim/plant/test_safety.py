@@ -264,3 +264,8 @@ def test_each_limit_of_smoothness_holds_alone(hyq, kind, order):
     moved = safety.limit(command(hyq.standing + 0.1), None)[0].q - hyq.standing
     np.testing.assert_allclose(moved, most * DT**order, rtol=1e-6)
     assert {k: n for k, n in safety.limited.items() if n} == {kind: 1}
+
+
+def test_at_the_limit_of_speed_the_power_is_the_reason(hyq):
+    _, why = ticks_to_trip(Safety(hyq, SafetyParams(), DT), moving(2, 2.5 * SPEED, EFFORT))
+    assert "takes 4500 W, more than 2700" in why
