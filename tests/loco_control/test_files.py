@@ -8,6 +8,8 @@ import resource
 import shutil
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,29 @@ def test_a_killed_writer_leaves_the_old_file(tmp_path):
     done = subprocess.run([sys.executable, "-c", DIES, str(path)], check=False, timeout=60)
     assert done.returncode == 9
     assert path.read_text() == "old"
+    write_whole(path, "new")  # takes what the killed one left
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == ["file"]
+
+
+def test_two_writers_of_a_file_wait_for_each_other(tmp_path):
+    """Each writes in two pieces; the file is that of one of them, never a mixture."""
+    path, began = tmp_path / "file", threading.Event()
+
+    def slowly(file):
+        file.write(b"first")
+        file.flush()
+        began.set()
+        time.sleep(0.2)
+        file.write(b"first")
+
+    one = threading.Thread(target=write_whole, args=(path, slowly))
+    one.start()
+    assert began.wait(10.0)
+    write_whole(path, "second")
+    assert path.read_text() == "second"
+    one.join()
+    assert os.listdir(tmp_path) == ["file"]
 
 
 def test_the_whole_content_is_on_the_disk_before_it_takes_the_name(tmp_path, monkeypatch):

@@ -19,7 +19,8 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
     """Write a file such that readers see its old content or its new one, never a part.
 
     The content goes into a file beside it, is flushed to the disk, and then takes the name.
-    The folder is made if it is missing; whatever goes wrong, the old file stays as it was.
+    The folder is made if it is missing; whatever goes wrong, the old file stays as it was. The file
+    beside it that a killed process leaves is used and gone when the same is written again.
 
     Args:
         path: The file.
@@ -33,20 +34,36 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(part, "wb") as file:
+    part = path.with_name(f".{path.name}.part")
+    with _alone(part) as file:
+        try:
             if callable(content):
                 content(file)
             else:
                 file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
     return path
+
+
+def _alone(path: Path) -> BinaryIO:
+    """An empty file that this process alone has open; waits for others that write the same."""
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), os.lstat(path)):
+                    os.ftruncate(handle, 0)
+                    return os.fdopen(handle, "wb")
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)  # whoever had it has just given it its name
 
 
 @contextlib.contextmanager
@@ -105,19 +122,20 @@ def check_writable(folder: str | Path) -> None:
         ) from None
 
 
-def claim(folder: Path, own: str) -> None:
+def claim(folder: Path, *own: str) -> None:
     """Refuse a folder for results that holds something else or cannot be written.
 
     Args:
         folder: The folder; it need not exist, and is not made.
-        own: Name of a file that earlier results of the same command have; they are replaced.
+        own: Names of files of which earlier results of the same command have one; they are
+            replaced.
 
     Raises:
         ParameterError: The folder is a file, holds other files, or nothing can be written in it.
     """
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / own).is_file():
+    if folder.is_dir() and any(folder.iterdir()) and not any((folder / o).is_file() for o in own):
         raise ParameterError(f"{folder} holds other files; choose another --out")
     check_writable(folder)
 

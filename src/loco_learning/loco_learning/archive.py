@@ -20,7 +20,7 @@ FORMATS = {  # kinds of file and their versions
     "log": 2,
     "msd_gait": 1,
     "msd_loop": 1,
-    "case": 1,
+    "case": 2,
 }
 
 

@@ -40,7 +40,7 @@ def found(monkeypatch, records):
     """The workflow answers at once; recordings are those of a model."""
     asked = {}
 
-    def find(model, fit, held, params, progress, workers, keep):
+    def find(model, fit, held, params, progress, workers, keep, memory):
         asked.update(model=model, fit=fit, held=held, params=params, workers=workers)
         progress(0.5, "screening", "coulomb_friction")
         known = result(

@@ -22,7 +22,7 @@ JOINTS = ("lf_kfe_joint", "rf_kfe_joint", "lh_kfe_joint", "rh_kfe_joint")
 def made_fit(seed, name="seven"):
     values = parameter_set(name).default
     history = [Generation(i, 10 * i, 2.0 / i, 3.0, 0.3 / i, values) for i in range(1, 6)]
-    return Fit(seed, values, 0.4 + 0.01 * seed, 3.2, history, "plateau", 12.0)
+    return Fit(seed, values, 0.4 + 0.01 * seed, 3.2, history, "plateau")
 
 
 def made_comparison(name, fitted):
@@ -41,7 +41,7 @@ def result(request):
     options = to_dict(CalibrationParams(parameters=request.param))
     rows = tuple(made_comparison(n, n == "sine") for n in ("sine", "walk"))
     fits = tuple(made_fit(seed, request.param) for seed in range(3))
-    return results.Result("tigrillo", True, options, JOINTS, fits, rows, 600.0, 2)
+    return results.Result("tigrillo", True, options, JOINTS, fits, rows)
 
 
 def test_a_result_is_read_back_as_it_was_saved(result, tmp_path):
@@ -61,7 +61,7 @@ def test_a_result_that_is_not_one_is_refused(result, tmp_path):
     path = result.save(tmp_path)
     values = json.loads(path.read_text())
     path.write_text(json.dumps({**values, "format": 99}))
-    with pytest.raises(ParameterError, match="format 99; this version reads 1"):
+    with pytest.raises(ParameterError, match="format 99; this version reads 2"):
         results.load(tmp_path)
     path.write_text(json.dumps({"format": 1, "fits": []}))
     with pytest.raises(ParameterError, match="not a whole calibration result"):

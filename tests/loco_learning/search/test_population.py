@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import json
+import contextlib
 import os
 import random
 import signal
@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError, ParameterError
+from loco_learning.jobs.journal import Journal
 from loco_learning.search import evaluations
 from loco_learning.search.evaluations import FILE, Evaluations
 from loco_learning.search.population import PopulationParams, Score, minimise, seed_of
@@ -232,21 +233,28 @@ def test_an_unreachable_scheduler_gets_one_clear_message(tmp_path, monkeypatch):
 # ---- mistakes
 
 
+def rewritten(folder, *rows):
+    """Write a record of these rows with right check sums; returns its text."""
+    with contextlib.closing(Journal(folder / FILE, rows[0])) as journal:
+        for row in rows[1:]:
+            journal.append(row)
+    return (folder / FILE).read_text()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "is a record of kind 'optimisation', format 2; wanted is"),
-        ({"kind": "log"}, "is a record of kind 'log'"),
-        ({"sigma": 0.2}, "another optimisation: sigma is 0.2 there, 0.3 here"),
-        ({"problem": {"gait": "walk"}}, "another optimisation: problem is"),
+        ({"format": 3}, "belongs to other work: format is 3 there, 2 here"),
+        ({"kind": "log"}, "belongs to other work: kind is 'log' there"),
+        ({"sigma": 0.2}, "belongs to other work: sigma is 0.2 there, 0.3 here"),
+        ({"problem": {"gait": "walk"}}, "belongs to other work: problem is"),
     ],
 )
 def test_a_record_of_something_else_is_refused_and_left_alone(
     undisturbed, tmp_path, change, message
 ):
-    first, *rest = record(undisturbed[0]).decode().splitlines()
-    text = "\n".join([json.dumps({**json.loads(first), **change}), *rest]) + "\n"
-    (tmp_path / FILE).write_text(text)
+    header, rows = evaluations.read(undisturbed[0])
+    text = rewritten(tmp_path, {**header, **change}, *rows)
     with pytest.raises(ParameterError, match=message) as caught:
         minimise(toys.Valley(), QUICK, tmp_path)
     assert isinstance(caught.value, LocoError) and "\n" not in str(caught.value)
@@ -256,9 +264,9 @@ def test_a_record_of_something_else_is_refused_and_left_alone(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hello\n", "is not the record of an optimisation"),
-        ("[1]\n", "is not the record of an optimisation"),
-        ('{"kind": "optimisation"}\n', "is not the record"),
+        ("hello\n", "line 1, is broken: it has no check sum"),
+        ("[1]\n", "line 1, is broken"),
+        ('{"kind": "optimisation"}\n', "line 1, is broken: it has no check sum, as .* older"),
     ],
 )
 def test_a_file_that_is_no_record_is_refused(tmp_path, text, message):
@@ -278,19 +286,18 @@ def test_a_broken_line_is_named(undisturbed, tmp_path):
 
 
 def test_points_that_another_search_drew_are_refused(undisturbed, tmp_path):
-    lines = record(undisturbed[0]).decode().splitlines()
-    row = json.loads(lines[4])
-    row["x"][0] += 1e-9
-    (tmp_path / FILE).write_text("\n".join([*lines[:4], json.dumps(row), *lines[5:]]) + "\n")
+    header, rows = evaluations.read(undisturbed[0])
+    rows[3]["x"][0] += 1e-9
+    rewritten(tmp_path, header, *rows)
     with pytest.raises(ParameterError, match="generation 0 of the record was not drawn by"):
         minimise(toys.Valley(), QUICK, tmp_path)
 
 
 def test_two_searches_cannot_write_the_same_record(undisturbed, tmp_path):
-    header = json.loads(record(undisturbed[0]).decode().splitlines()[0])
+    header, _ = evaluations.read(undisturbed[0])
     first = Evaluations(tmp_path / FILE, header)
     first.append(0, 0, 0.3, np.zeros(3), Score(1.0))
-    with pytest.raises(ParameterError, match="another optimisation is writing"):
+    with pytest.raises(ParameterError, match="another process is writing"):
         Evaluations(tmp_path / FILE, header)
     first.close()
     assert len(Evaluations(tmp_path / FILE, header).rows) == 1

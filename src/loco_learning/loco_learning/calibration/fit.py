@@ -15,7 +15,6 @@ its generations are spent; the thesis saw a second descent after 500 generations
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -127,7 +126,7 @@ class Calibration:
         Raises:
             ParameterError: Another search in the folder, or nobody at the scheduler.
         """
-        began, course = time.perf_counter(), _Course(self.parameters, tell)
+        course = _Course(self.parameters, tell)
         budget, run, ended = self._budget(), 0, ""
         while not ended:
             place = Path(folder) / f"run_{run}" if folder else None
@@ -149,8 +148,7 @@ class Calibration:
         values, error = course.values, course.best
         if not error < before:
             values, error = self.parameters.default, before
-        seconds = time.perf_counter() - began
-        return Fit(self.options.seed, values, error, before, course.history, ended, seconds)
+        return Fit(self.options.seed, values, error, before, course.history, ended)
 
     def _budget(self) -> int:
         o = self.options

@@ -33,7 +33,6 @@ class Fit:
     before: float  # error of the default body
     history: list[Generation] = field(repr=False)
     ended: str  # why it stopped
-    seconds: float  # wall time
 
     @property
     def ratio(self) -> float:
@@ -60,5 +59,5 @@ def plateau(best: list[float], share: float = 0.95) -> int:
 
 def fit_from_dict(values: dict[str, Any]) -> Fit:
     """Undo `Fit.to_dict`."""
-    fields = {k: values[k] for k in ("seed", "values", "error", "before", "ended", "seconds")}
+    fields = {k: values[k] for k in ("seed", "values", "error", "before", "ended")}
     return Fit(**fields, history=[Generation(**g) for g in values["history"]])

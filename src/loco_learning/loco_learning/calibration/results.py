@@ -20,7 +20,7 @@ from .objective import Evaluation
 from .parameters import parameter_set
 from .progress import Fit, fit_from_dict
 
-FORMAT = 1
+FORMAT = 2
 FILE = "calibration.json"
 
 
@@ -83,8 +83,6 @@ class Result:
         joints: Passive joints, columns of the curves.
         fits: Searches, one per seed.
         comparisons: Recordings, the fitted one first.
-        seconds: Wall time of all.
-        workers: Processes that evaluated.
     """
 
     robot: str
@@ -93,8 +91,6 @@ class Result:
     joints: tuple[str, ...]
     fits: tuple[Fit, ...]
     comparisons: tuple[Comparison, ...]
-    seconds: float
-    workers: int
 
     @property
     def best(self) -> Fit:

@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+from loco_sim.effects.coordinates import Coordinate
 from loco_sim.plant.model import Model
 
 from ..jobs import pool
 from ..jobs.base import Jobs
+from ..jobs.kept import Memory
 from . import stages
 from .contents import add, contents, details
-from .fitting.fit import Setting, rough, specs_of
+from .fitting.fit import Fitted, Setting, rough, specs_of
+from .fitting.screen import Screened
 from .fitting.search import Search, call
 from .hypotheses import hints
 from .hypotheses.bundles import bundles
-from .hypotheses.hypotheses import offer, separable, untried
+from .hypotheses.hypotheses import Hypothesis, offer, separable, untried
 from .hypotheses.likely import likely
 from .params import GapParams
 from .prediction import case as cases
@@ -29,6 +33,7 @@ from .prediction import horizon, led
 from .prediction import nominal as nominals
 from .prediction.forward import ForwardParams
 from .recordings.record import Record
+from .statistics.evidence import Score
 from .verdict.decide import has_gap
 from .verdict.judge import judge
 
@@ -46,6 +51,7 @@ def find(
     progress: Callable[[float, str, str], Any] | None = None,
     workers: int = 1,
     keep: Callable[[dict[str, Any]], Any] | None = None,
+    memory: Memory | None = None,
 ) -> dict[str, Any]:
     """Compare a model with measurements and name what it lacks.
 
@@ -58,6 +64,7 @@ def find(
         workers: Processes; the result is the same for any number.
         keep: Called with the contents of ``gap.json`` as soon as the verdict is known, before
             anything is added that the verdict does not need.
+        memory: Results of jobs that were done before a kill; see `memory_of`.
 
     Returns:
         Contents of ``gap.json``.
@@ -66,19 +73,19 @@ def find(
     report = progress or (lambda fraction, stage, best: None)
     fit, judges = stages.parted(model, records), stages.parted(model, held_out)
     if params.window or not all(fit):
-        return search(model, records, held_out, params, report, workers, keep)
+        return search(model, records, held_out, params, report, workers, keep, memory)
 
     def half(start: float) -> Report:
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
 
-    air = search(model, fit[0], judges[0], params, half(0.0), workers, keep)
+    air = search(model, fit[0], judges[0], params, half(0.0), workers, keep, memory)
 
     def both(ground: dict[str, Any]) -> dict[str, Any]:
         return stages.joined(air, ground)
 
     then = search(
         stages.after(model, air), fit[1], judges[1], params, half(0.5), workers,
-        keep and (lambda ground: keep(both(ground))),
+        keep and (lambda ground: keep(both(ground))), memory,
     )  # fmt: skip
     return both(then)
 
@@ -91,6 +98,7 @@ def search(
     report: Report,
     workers: int,
     keep: Callable[[dict[str, Any]], Any] | None,
+    memory: Memory | None,
 ) -> dict[str, Any]:
     """Do what `find` does for records that are all in the air or all on the ground."""
     report(0.0, "reading the model", "")
@@ -108,7 +116,12 @@ def search(
     offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
     hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
     not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins
-    tasks = pool.start(call, (case,), workers if workers > 1 else 0)
+
+    def started() -> Jobs:
+        place = pool.start(call, (case,), workers if workers > 1 else 0)
+        return memory.keeping(place) if memory else place
+
+    tasks = started()
 
     def searching(fraction: float, stage: str, best: str) -> None:
         report(SEARCH * fraction, stage, best)
@@ -122,7 +135,7 @@ def search(
             parts = rough(case, first, setting)[1]
             case = cases.prepare(forward, records, held_out, specs_of(parts))
             tasks.close()
-            tasks = pool.start(call, (case,), workers if workers > 1 else 0)
+            tasks = started()
         alone = not forward.fine_steps
         bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=alone)
         seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
@@ -140,6 +153,27 @@ def search(
         tasks.close()
     report(1.0, "done", " + ".join(result["names"]))
     return result
+
+
+def memory_of(
+    path: Path,
+    model: Model,
+    records: Sequence[Record],
+    held_out: Sequence[Record],
+    params: GapParams,
+) -> Memory:
+    """Memory of a search, for `find` with the same arguments.
+
+    Args:
+        path: File of the results until the search is done.
+        model: Robot, overrides and effects.
+        records: Records to fit.
+        held_out: Records to judge on.
+        params: Settings.
+    """
+    robot = model.make_robot()
+    inputs = (model, robot, tuple(records), tuple(held_out), params)
+    return Memory(path, inputs, (Fitted, Hypothesis, Coordinate, Screened, Score))
 
 
 def each(tasks: Jobs, function: Callable, arguments: Sequence[tuple]) -> Iterator[Any]:

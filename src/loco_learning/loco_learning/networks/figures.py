@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from loco_control.files import write_whole
 
 from .results import KMH, Results, author_power, band, converged_at, knee, loops_of, power_speed
 
@@ -43,8 +46,8 @@ def write(results: Results, folder: Path) -> list[Path]:
         except (KeyError, IndexError, ValueError) as error:
             log.warning("no figure %s: lacks results (%s)", name, error)
             continue
-        paths.append(folder / f"figure_{name.replace('.', '_')}.png")
-        canvas.savefig(paths[-1])
+        path = folder / f"figure_{name.replace('.', '_')}.png"
+        paths.append(write_whole(path, partial(canvas.savefig, format="png")))
     return paths
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from loco_control.files import write_whole
 from loco_sim.msd.params import PRESETS
 
 from . import figures as msd_figures
@@ -48,9 +49,7 @@ def write(name: str, preset: str, data: Path, folder: Path) -> tuple[Path, list[
         file = figures.get(f"figure_{number.replace('.', '_')}")
         if file:
             lines += [f"## Figure {number}", "", f"{caption}.", "", f"![{caption}]({file})", ""]
-    page = folder / "README.md"
-    page.write_text("\n".join(lines))
-    return page, verdicts
+    return write_whole(folder / "README.md", "\n".join(lines)), verdicts
 
 
 def _table(results: Results, path: Path) -> None:

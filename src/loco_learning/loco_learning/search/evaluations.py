@@ -9,9 +9,7 @@ it was, and ends with the same file, byte for byte, as one that was left alone.
 
 from __future__ import annotations
 
-import fcntl
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +17,11 @@ import numpy as np
 
 from loco_control.exceptions import MissingFileError, ParameterError
 
+from ..jobs import journal
+from ..jobs.journal import Journal
 from .score import Score
 
-FORMAT = 1
+FORMAT = 2
 FILE = "evaluations.jsonl"
 
 
@@ -41,33 +41,13 @@ class Evaluations:
     """
 
     def __init__(self, path: str | Path | None, header: Mapping[str, Any]):
-        self.header = {"kind": "optimisation", "format": FORMAT, **json.loads(json.dumps(header))}
-        self.rows: list[dict[str, Any]] = []
-        self._file: Any = None
-        if path is not None:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            self._open(Path(path))
-
-    def _open(self, path: Path) -> None:
-        file = open(path, "a+", encoding="utf-8")  # noqa: SIM115, closed by `close`
+        self._journal = Journal(path, {"kind": "optimisation", "format": FORMAT, **header})
+        self.header, self.rows = self._journal.header, self._journal.rows
         try:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise ParameterError(f"another optimisation is writing {path}") from error
-            end = _whole(path)
-            if end:
-                header, self.rows = _parse(path, end)
-                _compare(path, header, self.header)
-                file.truncate(end)
-            else:
-                file.truncate(0)
-                file.write(json.dumps(self.header) + "\n")
-                file.flush()
-        except BaseException:
-            file.close()
+            _check(path, self.header, self.rows)
+        except ParameterError:
+            self.close()
             raise
-        self._file = file
 
     def append(
         self, generation: int, index: int, sigma: float, x: np.ndarray, score: Score
@@ -76,10 +56,7 @@ class Evaluations:
         row = {"generation": generation, "index": index, "sigma": float(sigma)}
         row |= {"x": [float(v) for v in x], "value": float(score.value)}
         row |= {"reason": score.reason, "extra": score.extra}
-        self.rows.append(row)
-        if self._file:
-            self._file.write(json.dumps(row) + "\n")
-            self._file.flush()
+        self._journal.append(row)
 
     def generation(self, number: int) -> list[dict[str, Any]]:
         """Rows of a generation, as many as there are, in order of their index."""
@@ -88,8 +65,7 @@ class Evaluations:
 
     def close(self) -> None:
         """Let go of the file."""
-        if self._file:
-            self._file.close()
+        self._journal.close()
 
 
 def read(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -103,7 +79,15 @@ def read(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     path = path / FILE if path.is_dir() else path
     if not path.is_file():
         raise MissingFileError(f"there is no record of an optimisation {path}")
-    return _parse(path, _whole(path))
+    header, rows, _ = journal.read(path)
+    version = (header.get("kind"), header.get("format"))
+    if version != ("optimisation", FORMAT):
+        raise ParameterError(
+            f"{path} is a record of kind {version[0]!r}, format {version[1]}; wanted is "
+            f"'optimisation', format {FORMAT}"
+        )
+    _check(path, header, rows)
+    return header, rows
 
 
 def columns(rows: list[dict[str, Any]], population: int) -> dict[str, np.ndarray]:
@@ -125,41 +109,12 @@ def columns(rows: list[dict[str, Any]], population: int) -> dict[str, np.ndarray
     }
 
 
-def _whole(path: Path) -> int:
-    """Bytes up to the end of the last whole line: what a killed process began is left out."""
-    return path.read_bytes().rfind(b"\n") + 1
-
-
-def _parse(path: Path, end: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    try:
-        lines = path.read_bytes()[:end].decode().splitlines()
-        header = json.loads(lines[0])
-        version = (header["kind"], header["format"])
-    except (ValueError, KeyError, IndexError, TypeError) as error:
-        raise ParameterError(f"{path} is not the record of an optimisation ({error})") from error
-    if version != ("optimisation", FORMAT):
-        raise ParameterError(
-            f"{path} is a record of kind {version[0]!r}, format {version[1]}; wanted is "
-            f"'optimisation', format {FORMAT}"
-        )
-    return header, [_row(path, number, line, header) for number, line in enumerate(lines[1:])]
-
-
-def _row(path: Path, number: int, line: str, header: dict[str, Any]) -> dict[str, Any]:
-    try:
-        row = json.loads(line)
-        place = divmod(number, header["population"])
-        if (row["generation"], row["index"]) != place or len(row["x"]) != len(header["names"]):
-            raise ValueError("not the evaluation that belongs here")
-    except (ValueError, KeyError, TypeError) as error:
-        raise ParameterError(f"{path}, line {number + 2}, is broken: {error}") from error
-    return row
-
-
-def _compare(path: Path, recorded: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    for key in (*header, *recorded):
-        if recorded.get(key) != header.get(key):
-            raise ParameterError(
-                f"{path.parent} holds another optimisation: {key} is {recorded.get(key)!r} there, "
-                f"{header.get(key)!r} here; choose another folder or remove that one"
-            )
+def _check(path: Any, header: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Raise if a row is not the evaluation that belongs to its place."""
+    for number, row in enumerate(rows):
+        try:
+            place = divmod(number, header["population"])
+            if (row["generation"], row["index"]) != place or len(row["x"]) != len(header["names"]):
+                raise ValueError("not the evaluation that belongs here")
+        except (ValueError, KeyError, TypeError) as error:
+            raise ParameterError(f"{path}, line {number + 2}, is broken: {error}") from None

@@ -37,15 +37,14 @@ class CaseResult:
     experiment: dict[str, Any]
     verdict: dict[str, Any]
     metrics: dict[str, dict[str, float]]  # by phase and name
-    real_time_factor: float
     at: dict[str, Any] = field(default_factory=dict)  # place in a grid: value by axis
     key: str = ""  # digest of what decides the run
-    seconds: float = float("nan")  # processor time that it took [s]
+    seconds: float = float("nan")  # processor time that it took [s]; it is not saved
     curves: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def save(self, path: Path) -> None:
-        """Write to one ``.npz`` file, whole or not at all."""
-        meta = {k: v for k, v in vars(self).items() if k != "curves"}
+        """Write what is the same in every run to one ``.npz`` file, whole or not at all."""
+        meta = {k: v for k, v in vars(self).items() if k not in ("curves", "seconds")}
         archive.write(path, "case", meta, self.curves, compress=True)
 
     @classmethod
@@ -92,7 +91,7 @@ def run_case(
         if not settings:
             raise
         verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
-        result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {}, float("nan"))
+        result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {})
     return replace(result, at=at, key=key, seconds=time.process_time() - started)
 
 
@@ -106,7 +105,6 @@ def reduce(log: Log, name: str, variant: str, curves: bool = True) -> CaseResult
         experiment=json.loads(json.dumps(to_dict(log.experiment))),
         verdict=trial.judge(log).as_dict(),
         metrics=metrics.table(log),
-        real_time_factor=len(log) * log.dt / log.wall_time,
         curves={key: values for part in parts for key, values in part(log).items()},
     )
 

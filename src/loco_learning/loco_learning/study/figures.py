@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -230,8 +231,8 @@ def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list
     columns = table_of(study, results)
     written.append(write_whole(folder / "cases.npz", lambda file: np.savez(file, **columns)))
     for name in study.figures:
-        written.append(folder / f"{name}.png")
-        FIGURES[name](results).savefig(written[-1])
+        draw = partial(FIGURES[name](results).savefig, format="png")
+        written.append(write_whole(folder / f"{name}.png", draw))
     return written
 
 
@@ -286,7 +287,6 @@ def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
         for name in ("frequency", "lag"):
             values = [case.verdict[name] for case in cases]
             row[f"{name} mean"], row[f"{name} std"] = np.mean(values), np.std(values)
-        row["real-time factor"] = np.mean([case.real_time_factor for case in cases])
         made.append(row)
     return made
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import NameUnknownError
+from loco_control.reading import understood
 
 from ..plain import read_yaml
 from ..study import study as studies
@@ -56,13 +57,25 @@ class Entry:
 def plan(name: str) -> dict[str, Entry]:
     """Entries of a plan by name.
 
+    Args:
+        name: One of ``plans.yaml``, or a path that ends in ``.yaml``: a plan of your own.
+
     Raises:
         NameUnknownError: There is no such plan.
+        MissingFileError: There is no such file.
+        ParameterError: The file is not a plan.
     """
+    if name.endswith(".yaml"):
+        return _own(name)
     plans = read_yaml(file("plans.yaml"))
     if name not in plans:
         raise NameUnknownError("plan", name, plans)
     return {key: Entry(key, **values) for key, values in plans[name].items()}
+
+
+@understood("plan")
+def _own(path: str) -> dict[str, Entry]:
+    return {str(key): Entry(str(key), **values) for key, values in read_yaml(Path(path)).items()}
 
 
 class Evidence:

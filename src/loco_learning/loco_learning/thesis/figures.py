@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from loco_control.files import write_whole
 
 from ..study import figures as study_figures
 from ..study import maps
@@ -86,7 +89,7 @@ def write(evidence: Evidence, folder: Path) -> list[tuple[Path, str]]:
             log.info("no %s: %s", draw.__name__, error)
             continue
         path = folder / f"{draw.__name__}.png"
-        made.savefig(path)
+        write_whole(path, partial(made.savefig, format="png"))
         number = draw.__name__.removeprefix("figure_").replace("_", ".")
         drawn.append(
             (path, f"Figure {number}: {draw.__doc__ or ''}".replace("Figure terrain: ", ""))

@@ -52,7 +52,6 @@ def _header(result: Result) -> Markup:
     for row in result.comparisons[1:]:
         name = row.name.removeprefix("surrogate_").replace("_", " ")
         cards.append((f"Ratio on {name}, not fitted", f"{row.ratio(result.loss):.1f}", ""))
-    cards.append(("Wall time", f"{result.seconds / 60.0:.1f}", "min"))
     text = (
         f"Body parameters of {result.robot} fitted by CMA-ES to the recording "
         f"{result.comparisons[0].name}; {len(result.fits)} searches."
@@ -79,7 +78,6 @@ def _model(model: Model) -> Markup:
 
 def _settings(result: Result) -> Markup:
     rows = [[k, str(v)] for k, v in result.options.items() if k != "seed"]
-    rows.append(["workers", str(result.workers)])
     return html.table(["Setting", "Value"], rows)
 
 

@@ -6,9 +6,9 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from loco_control.exceptions import MissingFileError, ParameterError
@@ -104,7 +104,6 @@ def prepare(
 
 def calibrate(job: Job, tell: Tell | None = None) -> results.Result:
     """Search with every seed, compare the best body with all recordings, write everything."""
-    began = time.perf_counter()
     _claim(job)
     fits = [search(job, seed, tell) for seed in job.seeds]
     best = min(fits, key=lambda fit: fit.error)
@@ -112,7 +111,7 @@ def calibrate(job: Job, tell: Tell | None = None) -> results.Result:
     model = reference.with_body(best.values)
     result = results.Result(
         job.robot, job.surrogate, to_dict(job.options), tuple(reference.joints), tuple(fits),
-        tuple(compare(job, model)), time.perf_counter() - began, job.workers,
+        tuple(compare(job, model)),
     )  # fmt: skip
     write(result, model, job.folder)
     return result
@@ -144,14 +143,14 @@ def compare(job: Job, model: Model) -> list[results.Comparison]:
 def write(result: results.Result, model: Model, folder: Path) -> None:
     """Model, result, tables, figures and page."""
     for name, draw in figures.FIGURES.items():
-        draw(result).savefig(folder / f"{name}.png")
+        write_whole(folder / f"{name}.png", partial(draw(result).savefig, format="png"))
     text = "\n".join(
         results.markdown(*figure)
         for figure in (
             results.body_table(result), results.recording_table(result), results.seed_table(result)
         )
     )  # fmt: skip
-    (folder / "tables.md").write_text(text, encoding="utf-8")
+    write_whole(folder / "tables.md", text)
     model.save(folder / "model.yaml")
     write_page(result, model, folder / "calibration.html")
     result.save(folder)

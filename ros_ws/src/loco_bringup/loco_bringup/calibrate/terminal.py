@@ -69,8 +69,7 @@ def show(result: Result, folder: Path) -> None:
     plateaus = [fit.plateau for fit in result.fits]
     console.print(
         f"  {len(errors)} searches: {min(errors):.4g} to {max(errors):.4g}; plateau at generation "
-        f"{min(plateaus)} to {max(plateaus)}; {result.seconds / 60.0:.1f} min, "
-        f"{result.workers} workers"
+        f"{min(plateaus)} to {max(plateaus)}"
     )
     console.print(f"  page: {folder / 'calibration.html'}")
 

@@ -6,13 +6,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from loco_control.exceptions import ParameterError
-from loco_control.files import check_writable
+from loco_control.files import check_writable, write_whole
 from loco_learning.gaits import figures as gait_figures
 from loco_learning.gaits import search as gait_search
 from loco_learning.gaits.legged import problem_of
@@ -61,7 +62,7 @@ def optimise_gait(
     best, optimum, _ = min(found, key=lambda item: item[1].value)
     best.save(folder / "gait.yaml")
     figure = gait_figures.convergence([place for *_, place in found], params.gait)
-    figure.savefig(folder / "convergence.png")
+    write_whole(folder / "convergence.png", partial(figure.savefig, format="png"))
     if gif:
         gait_figures.animate(best, folder / "gait.gif")
     console.print(_table(found))

@@ -201,6 +201,10 @@ GROUPS: dict[str, dict[str, Command]] = {
             "stop, kill and damage everything, and judge the robot (resumable)",
             "cli.options.workshop:chaos", "workshop.stress.chaos_terminal:show_chaos",
         ),
+        "crash": Command(
+            "kill long commands and fill their disk, and see whether they come to the same end",
+            "cli.options.workshop:crash", "workshop.stress.crash_terminal:show_crash",
+        ),
         "fuzz": Command(
             "damage input for the parsers of files, texts and messages (exit code 1: a find)",
             "cli.options.workshop:fuzz", "workshop.fuzz.terminal:show_fuzz",

@@ -32,6 +32,7 @@ from loco_sim.plant.model import Model
 from .importing import load
 
 RESULT, MODEL, PAGE, ARRAYS, JOB = "gap.json", "model.yaml", "gap.html", "gap.npz", "job.json"
+JOURNAL = "search.jsonl"  # results of a search that is not done; it is gone afterwards
 
 Tell = Callable[[float, str, str], None]  # share of the work done, stage, best name so far
 
@@ -158,12 +159,13 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     """Search, and write `RESULT`, `MODEL`, `JOB`, `ARRAYS` and `PAGE` into the folder.
 
     The first three are there as soon as the verdict is known, and again with all that is added
-    to it: nothing that comes after the verdict can cost it.
+    to it: nothing that comes after the verdict can cost it. A search that was killed goes on
+    from `JOURNAL` when the same is asked for again.
 
     Raises:
         LocoError: A mistake in what was given; nothing is written.
     """
-    claim(folder, JOB)
+    claim(folder, JOB, JOURNAL)
     params = options_of(job)
     tell = tell or (lambda share, stage, best: None)
     tell(0.0, "reading", "")
@@ -172,10 +174,12 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     def keep(result: Mapping[str, Any]) -> None:
         write_result(job, plain(result), folder)
 
-    result = plain(workflow.find(model, fit, held, params, tell, job.workers, keep))
-    keep(result)
-    tell(1.0, "page", "")
-    write_page(result, compare(result, model, fit, held), folder)
+    with workflow.memory_of(folder / JOURNAL, model, fit, held, params) as memory:
+        found = workflow.find(model, fit, held, params, tell, job.workers, keep, memory)
+        result = plain(found)
+        keep(result)
+        tell(1.0, "page", "")
+        write_page(result, compare(result, model, fit, held), folder)
     return result
 
 

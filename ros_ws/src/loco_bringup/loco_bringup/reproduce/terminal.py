@@ -58,7 +58,7 @@ def reproduce(
     only_cost: bool = False,
 ) -> int:
     """Run the entries of a plan that the claims of `what` need; judge and write the page."""
-    folder = folder or Path("results") / f"thesis_{plan}"
+    folder = folder or Path("results") / f"thesis_{Path(plan).stem}"
     if not only_cost:
         check_writable(folder)
     entries = evidence.plan(plan)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from functools import partial
 from pathlib import Path
 
 from loco_control.files import write_whole
@@ -35,7 +36,7 @@ def write(study: Study, results: list[CaseResult], folder: Path) -> Path:
             drawn.append(("regions", maps.region_map(sheet, study.map), REGIONS))
         for name, figure, caption in drawn:
             place = "_".join([sheet.title.replace(", ", "_").replace(" ", "_"), name])
-            figure.savefig(folder / f"map_{place}.png")
+            write_whole(folder / f"map_{place}.png", partial(figure.savefig, format="png"))
             title = f"{sheet.title}, {name.replace('_', ' ')}"
             content = html.clickable(figure, maps.BOX, _grid(sheet), title, caption)
             sections.append(html.part(title, lambda content=content: content))

@@ -44,6 +44,22 @@ docs/faults.md says what has to happen each time. Stop it and start it again: it
     p.add_argument("--out", type=Path, default=Path("results/chaos"), help="results folder")
 
 
+def crash(p: ArgumentParser) -> None:
+    """Options of `loco crash`."""
+    p.description += """
+
+optimise, study, gap, gap battery, reproduce and calibrate, small: each is killed with all its
+processes, or its disk gets full; it is started again, and all files are compared byte by byte with
+those of a run that was left alone. Exit code 1: something differs, is torn or left over.
+  loco crash --kills 2 --disks 1 --only study
+"""
+    p.add_argument("--kills", type=int, default=20, help="kills of each command (default 20)")
+    p.add_argument("--disks", type=int, default=5, help="full disks of each (default 5)")
+    p.add_argument("--seed", type=int, default=0, help="seed of moments and sizes")
+    p.add_argument("--only", nargs="+", metavar="NAME", help="these commands only")
+    p.add_argument("--out", type=Path, default=Path("results/crash"), help="results folder")
+
+
 def fuzz(p: ArgumentParser) -> None:
     """Options of `loco fuzz`."""
     p.description += (

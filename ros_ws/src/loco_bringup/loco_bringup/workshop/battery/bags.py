@@ -25,6 +25,7 @@ from .physics import machines
 from .physics.plant import Reading
 
 BAGS, TRUTH, RESULTS = "bags", "truth", "results"
+TIMES = "times.csv"  # the only file of a battery that differs from run to run
 NEXT = "next"  # bag of the experiment that an ambiguous verdict proposed
 
 
@@ -72,6 +73,28 @@ def result(folder: Path, name: str) -> dict[str, Any] | None:
     """The result of a case, None if there is none yet."""
     path = folder / RESULTS / f"{name}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+
+
+def note_time(folder: Path, case: str, what: str, wall: float, cpu: float) -> None:
+    """Append the time that a part of a case took.
+
+    Args:
+        folder: Folder of the battery.
+        case: Name of the case.
+        what: The part: search, followed or baselines.
+        wall: Time [s].
+        cpu: Processor time [s].
+    """
+    with open(folder / TIMES, "a", encoding="utf-8") as file:
+        file.write(f"{case},{what},{wall:.2f},{cpu:.2f}\n")
+
+
+def times(folder: Path, what: str) -> list[float]:
+    """Times [s] that a part took, of all cases that were run."""
+    path = folder / TIMES
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    cells = [line.split(",") for line in lines]
+    return [float(row[2]) for row in cells if len(row) == 4 and row[1] == what]
 
 
 def write_bag(folder: Path, reading: Reading, robot: str) -> None:

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -59,17 +58,16 @@ def run(
 
     Returns:
         Values by name: whitened rms on the held-out records before and after, effects, number of
-        simulations, seconds.
+        simulations.
     """
     case = cases.prepare(Forward(model, [*records, *held_out]), records, held_out)
     before = weigh(case, (), {}).held.rms
     results = {}
     for name in names:
-        began, count = time.perf_counter(), case.count
+        count = case.count
         effects, after = METHODS[name](case, model, seed)
         results[name] = {
             "before": before, "after": after, "found": effects, "simulations": case.count - count,
-            "seconds": round(time.perf_counter() - began, 2),
         }  # fmt: skip
     return results
 

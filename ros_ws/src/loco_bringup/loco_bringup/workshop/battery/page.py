@@ -10,6 +10,8 @@ from typing import Any
 
 from markupsafe import Markup
 
+from loco_control.files import write_whole
+
 from ...page import html
 from ...page.html import document, part
 from . import bags, score, score_text
@@ -33,8 +35,8 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
         "confusion": table, "rows": rows,
     })  # fmt: skip
     text = score_text.markdown(figures, rows, title, later)
-    (folder / "score.md").write_text(text, encoding="utf-8")
-    (folder / "score.html").write_text(page(title, figures, rows, table, later), encoding="utf-8")
+    write_whole(folder / "score.md", text)
+    write_whole(folder / "score.html", page(title, figures, rows, table, later))
     head, targets = score_text.acceptance(figures, later)
     shown = [head, *targets] if later else targets
     lines = [f"  {a:78s} " + "  ".join(f"{b:>6s}" for b in rest) for a, *rest in shown]
@@ -53,15 +55,14 @@ def page(
     later: Mapping[str, Any] | None = None,
 ) -> str:
     """The page."""
-    seconds = score_text.number(found["seconds median"])
     columns = ("case", "robot", "hidden", "size", "shows", "verdict", "names", "before", "after",
-               "place", "size error", "seconds", *(score_text.THEN if later else ()))  # fmt: skip
+               "place", "size error", *(score_text.THEN if later else ()))  # fmt: skip
     cells = [_case(r) for r in rows]
     if later:
         cells = [(*a, *b) for a, b in zip(cells, score_text.then(rows), strict=True)]
     header = html.paragraph(
-        f"{found['cases']} cases, {found['errors']} ended by an error; median {seconds} s per "
-        "case. Hidden effects, dynamics, drives and sensors are made by code of their own",
+        f"{found['cases']} cases, {found['errors']} ended by an error. "
+        "Hidden effects, dynamics, drives and sensors are made by code of their own",
         Markup("({});").format(html.code("docs/gap_battery.md")),
         "the workflow sees bags and a model only.",
     )
@@ -121,8 +122,7 @@ def _case(r: Mapping[str, Any]) -> tuple[str, ...]:
     shows = ", ".join(score_text.number(v) for v in r["shows"])
     place = "" if r["place"] is None else "right" if r["place"] else "wrong"
     error = ", ".join(score_text.percent(s["error"]) for s in r["sizes"])
-    seconds = score_text.number(r["seconds"])
-    return case, robot, true, size, shows, verdict, names, before, after, place, error, seconds
+    return case, robot, true, size, shows, verdict, names, before, after, place, error
 
 
 def _mark(r: Mapping[str, Any]) -> str:

@@ -34,7 +34,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
 
     Args:
         truth: Hidden effects, as `cases.truth` writes them.
-        result: Parts of gap.json, with the seconds it took.
+        result: Parts of gap.json.
     """
     true = sorted({e["effect"] for e in truth["effects"]})
     how = truth.get("condition", {})
@@ -46,7 +46,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "case": truth["name"], "robot": truth["robot"], "kind": kind, "size": truth["size"],
         "true": true, "shows": truth["shows"], "verdict": verdict, "said": names,
         "condition": (how.get("way") or "clean", OFF if how.get("off") else EXACT),
-        "seconds": result.get("seconds"), "options": options, "error": result.get("error", ""),
+        "options": options, "error": result.get("error", ""),
     }  # fmt: skip
     twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
     if true == ["sensor_latency"] and get(truth["robot"]).torque_noise:
@@ -74,8 +74,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["place"], cells["sizes"] = _found(truth, result)
     cells["closed"], cells["before"], cells["after"] = _gap(result)
     cells["baselines"] = {
-        name: {"after": found.get("after"), "seconds": found.get("seconds")}
-        for name, found in result.get("baselines", {}).items()
+        name: {"after": found.get("after")} for name, found in result.get("baselines", {}).items()
     }
     later = result.get("followed")
     cells["experiment"] = later["experiment"] if later else ""
@@ -221,8 +220,6 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             s["inside"] for s in sizes if s["inside"] is not None),
         "held-out gap closed median": median(
             r["closed"] for r in [*larger, *pairs] if r["closed"] is not None),
-        "seconds median": median(r["seconds"] for r in rows if r["seconds"] is not None),
-        "seconds most": max((r["seconds"] for r in rows if r["seconds"] is not None), default=None),
         "held-out error": held_out(rows),
     }  # fmt: skip
 

@@ -69,9 +69,8 @@ def markdown(
     later: Mapping[str, Any] | None = None,
 ) -> str:
     """The whole score."""
-    seconds = figures["seconds median"]
     count = f"{figures['cases']} cases, {figures['errors']} of them ended by an error"
-    parts = [f"# {title}", count + f"; median {seconds:.0f} s per case." if seconds else count]
+    parts = [f"# {title}", f"{count}."]
     parts.append(table(*acceptance(figures, later)))
     parts.append("## By size, robot and condition (single effects)")
     parts.append(table(*rates(figures)))

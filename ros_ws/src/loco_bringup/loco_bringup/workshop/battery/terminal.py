@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from statistics import median
 
 from loco_control.files import check_writable
 
 from ...terminal import bar, console
+from . import bags
 from . import battery as gap_battery
 from .page import write_score
 
@@ -30,4 +32,6 @@ def show_battery(a: argparse.Namespace) -> int:
         return 0
     for line in write_score(folder, results):
         console.print(line)
+    if seconds := bags.times(folder, "search"):
+        console.print(f"median {median(seconds):.1f} s per case, in {folder / bags.TIMES}")
     return 0

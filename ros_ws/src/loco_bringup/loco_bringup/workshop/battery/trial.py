@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import shutil
 import tempfile
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -52,14 +54,17 @@ def work(
     place = folder / bags.BAGS / case.name
     result = bags.result(folder, case.name)
     if result is None:
-        result = {"case": case.name, **examined(place, case.robot, case.seed)}
+        with _timed(folder, case.name, "search"):
+            result = {"case": case.name, **examined(place, case.robot, case.seed)}
         bags.keep(folder, result)
     if follow and unfollowed(result):
-        result["followed"] = followed(folder, case, result)
+        with _timed(folder, case.name, "followed"):
+            result["followed"] = followed(folder, case, result)
         bags.keep(folder, result)
     missing = lacking(result, baselines)
     if missing:
-        results = compared(place, case.robot, case.seed, missing)
+        with _timed(folder, case.name, "baselines"):
+            results = compared(place, case.robot, case.seed, missing)
         result["baselines"] = {**result.get("baselines", {}), **results}
         bags.keep(folder, result)
     return result
@@ -119,15 +124,20 @@ def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> 
         more: Names of further bags to fit.
     """
     model, fit, held = read(place, robot, more)
-    began, spent = time.perf_counter(), time.process_time()
     try:
         found = workflow.find(model, fit, held, GapParams(seed=seed))
-        result = {key: found[key] for key in KEPT if key in found}
+        return {key: found[key] for key in KEPT if key in found}
     except LocoError as error:
-        result = {"verdict": "error", "names": [], "terms": [], "error": str(error)}
-    result["seconds"] = round(time.perf_counter() - began, 2)
-    result["cpu"] = round(time.process_time() - spent, 2)
-    return result
+        return {"verdict": "error", "names": [], "terms": [], "error": str(error)}
+
+
+@contextlib.contextmanager
+def _timed(folder: Path, case: str, what: str) -> Iterator[None]:
+    """Write down the time that the block takes: in results it would differ from run to run."""
+    began, spent = time.perf_counter(), time.process_time()
+    yield
+    wall, cpu = time.perf_counter() - began, time.process_time() - spent
+    bags.note_time(folder, case, what, wall, cpu)
 
 
 def compared(place: Path, robot: str, seed: int, names: tuple[str, ...]) -> dict[str, Any]:

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A file to which finished work is appended, so that a killed command goes on where it was.
+
+First line: what the work belongs to. Every other line is one piece of it, with a check sum. A line
+that a killed process or a full disk cut short is cut off, and its work is done again.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import ParameterError
+
+log = logging.getLogger(__name__)
+
+_SUM = ', "crc": "'  # begins the check sum that ends each line
+
+
+class Journal:
+    """Rows in memory and in a file that this process alone writes.
+
+    Args:
+        path: The file, made when it is missing; None keeps rows in memory only.
+        header: What the rows belong to, with `kind` and `format`: plain values.
+        anew: Whether a file of something else, or a broken one, is begun anew with a warning.
+
+    Attributes:
+        header: Header as JSON gives it back.
+        rows: Rows of plain values, in the order in which they were appended.
+
+    Raises:
+        ParameterError: The file is broken, belongs to something else or is being written by
+            another process.
+        OSError: It cannot be written.
+    """
+
+    def __init__(self, path: str | Path | None, header: Mapping[str, Any], anew: bool = False):
+        self.header: dict[str, Any] = json.loads(json.dumps(header))
+        self.rows: list[dict[str, Any]] = []
+        self.path = Path(path) if path is not None else None
+        self._file: Any = None
+        if self.path is not None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._open(self.path, anew)
+
+    def _open(self, path: Path, anew: bool) -> None:
+        file = open(path, "ab", buffering=0)  # noqa: SIM115, closed by `close`
+        try:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise ParameterError(f"another process is writing {path}") from error
+            end = 0
+            try:
+                header, rows, end = read(path)
+                if end:
+                    _compare(path, header, self.header)
+                    self.rows = rows
+            except ParameterError as error:
+                if not anew:
+                    raise
+                log.warning("work that was begun is done anew: %s", error)
+                end = 0
+            os.ftruncate(file.fileno(), end)
+            if not end:
+                _put(file, _line(self.header))
+        except BaseException:
+            file.close()
+            raise
+        self._file = file
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Keep a row; it survives the death of this process.
+
+        Raises:
+            OSError: There is no room for it; the file ends with the row before.
+        """
+        self.rows.append(dict(row))
+        if self._file:
+            _put(self._file, _line(row))
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file:
+            self._file.close()
+            self._file = None
+
+    def remove(self) -> None:
+        """Let go of the file and remove it: what it was kept for is done."""
+        if self._file and self.path:
+            self.path.unlink(missing_ok=True)
+        self.close()
+
+
+def read(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
+    """Header and rows of a journal, and the bytes up to the end of its last whole line.
+
+    Raises:
+        ParameterError: A line that ends is broken.
+    """
+    data = path.read_bytes()
+    end = data.rfind(b"\n") + 1
+    rows = [_parsed(path, n, line) for n, line in enumerate(data[:end].splitlines(), start=1)]
+    return (rows[0], rows[1:], end) if rows else ({}, [], 0)
+
+
+def _line(row: Mapping[str, Any]) -> bytes:
+    text = json.dumps(row)[:-1]
+    return f'{text}{_SUM}{zlib.crc32(text.encode()):08x}"}}\n'.encode()
+
+
+def _parsed(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    text, mark, rest = line.decode("ascii", "replace").rpartition(_SUM)
+    try:
+        if not mark:
+            raise ValueError("it has no check sum, as files of other kinds and older versions")
+        if rest != f'{zlib.crc32(text.encode()):08x}"}}':
+            raise ValueError("its check sum is wrong")
+        row = json.loads(text + "}")
+    except (ValueError, RecursionError) as error:
+        raise ParameterError(f"{path}, line {number}, is broken: {error}") from None
+    return row
+
+
+def _put(file: Any, data: bytes) -> None:
+    """Append, all or nothing."""
+    end = os.fstat(file.fileno()).st_size
+    view = memoryview(data)
+    try:
+        while view:
+            view = view[file.write(view) :]
+    except OSError:
+        os.ftruncate(file.fileno(), end)
+        raise
+
+
+def _compare(path: Path, recorded: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    for key in (*header, *recorded):
+        if recorded.get(key) != header.get(key):
+            raise ParameterError(
+                f"{path} belongs to other work: {key} is {recorded.get(key)!r} there, "
+                f"{header.get(key)!r} here; choose another folder or remove that one"
+            )

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a killed command had done is there, and nothing else that its journal may hold."""
+
+from __future__ import annotations
+
+import base64
+import pickle
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.jobs import journal, pool
+from loco_learning.jobs.journal import Journal
+from loco_learning.jobs.kept import Memory, digest
+
+HEADER = {"kind": "test", "format": 1, "what": "rows"}
+ROWS = [{"key": i, "x": [0.1 * i, float("inf")], "text": "é\n"} for i in range(5)]
+
+
+@pytest.fixture
+def written(tmp_path):
+    path = tmp_path / "work.jsonl"
+    with closing(Journal(path, HEADER)) as one:
+        for row in ROWS:
+            one.append(row)
+    return path
+
+
+def test_a_journal_cut_anywhere_goes_on_to_the_same_bytes(written):
+    whole = written.read_bytes()
+    for end in range(0, len(whole), 7):
+        written.write_bytes(whole[:end])
+        with closing(Journal(written, HEADER)) as one:
+            assert one.rows == ROWS[: len(one.rows)]
+            for row in ROWS[len(one.rows) :]:
+                one.append(row)
+        assert written.read_bytes() == whole
+
+
+def test_a_changed_byte_of_a_whole_line_is_seen(written):
+    whole = bytearray(written.read_bytes())
+    for at in range(0, len(whole) - 1, 11):
+        changed = bytearray(whole)
+        changed[at] ^= 1
+        written.write_bytes(changed)
+        with pytest.raises(ParameterError, match=r"work.jsonl, line \d, is broken"):
+            Journal(written, HEADER)
+        assert written.read_bytes() == changed
+
+
+def test_a_journal_of_other_work_is_refused_or_begun_anew(written, caplog):
+    with pytest.raises(ParameterError, match="belongs to other work: what is 'rows' there"):
+        Journal(written, {**HEADER, "what": "columns"})
+    with closing(Journal(written, {**HEADER, "what": "columns"}, anew=True)) as one:
+        assert one.rows == []
+    assert "work that was begun is done anew" in caplog.text
+    assert journal.read(written)[0]["what"] == "columns"
+
+
+def test_a_row_without_room_leaves_the_file_as_it_was(written, monkeypatch):
+    before = written.read_bytes()
+    with closing(Journal(written, HEADER)) as one:
+        real = one._file.write
+        monkeypatch.setattr(one, "_file", Full(one._file, real))
+        with pytest.raises(OSError, match="no room"):
+            one.append({"key": 9})
+    assert written.read_bytes() == before
+
+
+class Full:
+    """A file on a disk that takes ten bytes more."""
+
+    def __init__(self, file, write):
+        self.fileno, self.close, self._write, self._calls = file.fileno, file.close, write, 0
+
+    def write(self, data):
+        self._calls += 1
+        if self._calls > 1:
+            raise OSError(28, "no room")
+        return self._write(data[:10])
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Result of a job."""
+
+    value: np.ndarray
+    of: str = ""
+
+
+def work(scale, x):
+    work.calls += 1
+    return Answer(scale * np.arange(3.0) + x, f"{x}")
+
+
+def search(memory, scale=2.0):
+    """Results of two places, the later of which depends on the first."""
+    with memory:
+        first = list(memory.keeping(pool.start(work, (scale,))).ordered([(1.0,), (2.0,), (1.0,)]))
+        jobs = [(float(first[0].value[1]),)]
+        return first + list(memory.keeping(pool.start(work, (scale,))).ordered(jobs))
+
+
+def test_a_search_begun_again_runs_only_what_is_missing(tmp_path):
+    path, work.calls = tmp_path / "search.jsonl", 0
+    wanted = search(Memory(path, (1,), (Answer,)))
+    assert (work.calls, path.exists()) == (4, False)  # a search that is done leaves nothing
+    for broken in range(1, 4):
+        path.unlink(missing_ok=True)
+        work.calls = 0
+
+        class Killed(Memory):
+            def keep(self, key, result, at=broken):
+                if work.calls > at:
+                    raise SystemExit
+                return super().keep(key, result)
+
+        with pytest.raises(SystemExit):
+            search(Killed(path, (1,), (Answer,)))
+        assert path.exists()
+        work.calls = 0
+        found = search(Memory(path, (1,), (Answer,)))
+        assert work.calls == (1 if broken > 1 else 2)  # the third job is the first again
+        for a, b in zip(found, wanted, strict=True):
+            assert a.of == b.of and a.value.tobytes() == b.value.tobytes()
+
+
+def test_results_of_other_inputs_are_not_taken(tmp_path, caplog):
+    path, work.calls = tmp_path / "search.jsonl", 0
+    with pytest.raises(SystemExit), Memory(path, (1,), (Answer,)) as memory:
+        next(memory.keeping(pool.start(work, (2.0,))).ordered([(1.0,)]))
+        raise SystemExit
+    search(Memory(path, (2,), (Answer,)))
+    assert work.calls == 5
+    assert "belongs to other work: inputs is" in caplog.text
+
+
+def test_a_journal_can_name_nothing_but_results(tmp_path):
+    """Somebody else's journal must not run what it likes."""
+    path = tmp_path / "search.jsonl"
+    memory = Memory(path, (1,), (Answer,))
+    for value in (print, np.save, Memory):
+        text = base64.b64encode(pickle.dumps(value)).decode()
+        memory._known["key"] = text
+        with pytest.raises(ParameterError, match="a journal of results names"):
+            memory.known("key")
+
+
+def test_digests_tell_values_apart_and_nothing_else():
+    values = [1, 1.0, "1", b"1", None, True, [1], (1,), {"a": 1}, {"a": 1.0}, np.ones(1),
+              np.ones(2), np.ones(1, np.float32), np.float64(1.0), Answer(np.ones(1)),
+              Answer(np.ones(1), "a"), search, work, [[1], 2], [1, [2]]]  # fmt: skip
+    assert len({digest(v) for v in values}) == len(values)
+    assert digest(np.ones((4, 4))[::2]) == digest(np.ones((2, 4)))
+    with pytest.raises(TypeError, match="no digest of a object"):
+        digest(object())
