@@ -59,3 +59,14 @@ def test_claims_are_judged_from_what_ran_and_the_rest_is_open(tmp_path, monkeypa
     assert "clock slip" in rows["8.6"]["found"]
     page = (tmp_path / "README.md").read_text()
     assert "| 8.6 |" in page and "[clock](clock/table.md)" in page
+
+
+def test_a_plan_of_your_own_is_a_file(tmp_path, capsys):
+    path = tmp_path / "mine.yaml"
+    path.write_text("gaits: {study: tigrillo_gaits, engine: mujoco, overrides: {duration: 0.5}}\n")
+    assert list(evidence.plan(str(path))) == ["gaits"]
+    assert evidence.plan(str(path))["gaits"].load().variants["bound"].duration == 0.5
+    for text in ("gaits: 3\n", "gaits: {studies: a}\n", "[1]\n"):
+        path.write_text(text)
+        assert call("tigrillo", "--plan", str(path)) == 2
+        assert "mine.yaml" in capsys.readouterr().err

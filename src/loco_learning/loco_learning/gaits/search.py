@@ -31,6 +31,7 @@ from loco_control.gait.oscillators import CpgParams, pattern
 from loco_control.params import Params, parameter, to_dict
 from loco_sim.robot.description import Description
 
+from ..jobs.kept import digest
 from ..runs.experiment import Experiment
 from ..runs.gait_file import Gait
 from ..runs.log import Log
@@ -125,6 +126,7 @@ class GaitProblem:
         return {
             **to_dict(self.params),
             "robot": Path(e.robot).name,
+            "content": digest(e.plant),
             "overrides": e.overrides,
             "effects": list(e.effects),
         }

@@ -24,6 +24,7 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 from ..jobs import pool
+from ..jobs.kept import versions
 from .cma import Search
 from .evaluations import FILE, Evaluations, columns
 from .score import Score, score
@@ -263,6 +264,7 @@ def _header(problem: Problem, search: Search, options: PopulationParams) -> dict
     describe = getattr(problem, "describe", dict)
     return {
         "problem": describe(),
+        "versions": versions(),
         "names": list(problem.names),
         "low": [float(v) for v in search.low],
         "high": [float(v) for v in search.high],

@@ -23,6 +23,7 @@ from . import trial
 
 COARSE = 10  # slow curves keep each tenth tick
 FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
+CLOCKED = "step_time"  # the metric that tells of this machine and differs from run to run
 REFUSED = "refused"  # the failure of a case that the plant refuses to run
 TRACE = 3.0  # strides of joint angles kept from the end of each phase
 
@@ -68,6 +69,7 @@ def run_case(
     at: dict[str, Any],
     key: str,
     curves: bool = True,
+    timed: bool = False,
 ) -> CaseResult:
     """Run one case; the function that workers call.
 
@@ -80,13 +82,14 @@ def run_case(
         at: Place in the grid, value by axis.
         key: Digest of what decides the run.
         curves: Keep curves for figures, too.
+        timed: Keep `CLOCKED`, too.
     """
     from ..runs.rollout import rollout  # loads physics, in the worker
 
     started = time.process_time()
     experiment = override(base, settings) if settings else base
     try:
-        result = reduce(rollout(experiment, seed), name, variant, curves)
+        result = reduce(rollout(experiment, seed), name, variant, curves, timed)
     except ParameterError as error:  # a corner of the grid that cannot be run
         if not settings:
             raise
@@ -95,8 +98,10 @@ def run_case(
     return replace(result, at=at, key=key, seconds=time.process_time() - started)
 
 
-def reduce(log: Log, name: str, variant: str, curves: bool = True) -> CaseResult:
-    """Verdict, metrics and, if asked for, curves of a log."""
+def reduce(
+    log: Log, name: str, variant: str, curves: bool = True, timed: bool = False
+) -> CaseResult:
+    """Verdict, metrics and, if asked for, curves and `CLOCKED` of a log."""
     parts = (_error, _feet, _cycle, _trunk, _traces) if curves else ()
     return CaseResult(
         name=name,
@@ -104,7 +109,10 @@ def reduce(log: Log, name: str, variant: str, curves: bool = True) -> CaseResult
         seed=log.seed,
         experiment=json.loads(json.dumps(to_dict(log.experiment))),
         verdict=trial.judge(log).as_dict(),
-        metrics=metrics.table(log),
+        metrics={
+            phase: {name: v for name, v in values.items() if timed or name != CLOCKED}
+            for phase, values in metrics.table(log).items()
+        },
         curves={key: values for part in parts for key, values in part(log).items()},
     )
 

@@ -25,7 +25,7 @@ from ..plain import read_yaml
 from ..runs import experiment as experiments
 from ..runs.experiment import Experiment, override
 from . import grid
-from .case import REFUSED, CaseResult, run_case
+from .case import CLOCKED, REFUSED, CaseResult, run_case
 
 log = logging.getLogger(__name__)
 
@@ -224,7 +224,12 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     cases = list(study.cases())
     old = {case.name: _stored(folder, case) for case in cases}
-    done = {n: r for n, r in old.items() if r and REFUSED not in r.verdict["failed"]}
+    timed = CLOCKED in study.metrics
+    done = {
+        name: result for name, result in old.items()
+        if result and REFUSED not in result.verdict["failed"]
+        and not (timed and any(CLOCKED not in row for row in result.metrics.values()))
+    }  # fmt: skip
     missing = [case for case in cases if case.name not in done]
     first = [missing[i] for i in _spread(len(missing))] if on_cost else []
     rest = [case for case in missing if case not in first]
@@ -235,7 +240,8 @@ def run(
     with place as jobs:
         for batch in (first, rest):
             arguments = [
-                (c.name, c.variant, c.seed, c.base, c.settings, c.at, c.key, curves) for c in batch
+                (c.name, c.variant, c.seed, c.base, c.settings, c.at, c.key, curves, timed)
+                for c in batch
             ]
             for _, result in jobs.results(arguments):
                 result.save(folder / f"{result.name}.npz")

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Long commands killed at random moments, and on a disk that gets full, then started again.
 
-Each command runs once undisturbed. Then, in a new folder each time, it is killed with all its
-processes (SIGKILL), or its disk has room for a part of the results only; it is started again, and
-every file is compared byte by byte with that of the undisturbed run.
+Each command runs once undisturbed. Then it is killed with all its processes (SIGKILL) and started
+again in the same folder, with one worker or two, until it comes to its end; or its disk has room
+for a part of the results only. At each end every file is compared byte by byte with that of the
+undisturbed run.
 """
 
 from __future__ import annotations
@@ -47,17 +48,17 @@ _FRICTION = ("coulomb_friction", "viscous_friction")
 _RECORDS = "gap battery --cases 1 --bags-only --robots servo_pendulum --workers 1 --out"
 _CASE = f"bags/{BAGS}/case_0000"
 COMMANDS = {  # {} is the folder of what they read
-    "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2 --workers 2",
-    "study": "study {}/study.yaml --workers 2",
+    "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2",
+    "study": "study {}/study.yaml",
     "gap": f"gap {{}}/{_CASE}/fit_chirp {{}}/{_CASE}/fit_steps --hold-out {{}}/{_CASE}/hold_out "
-    f"--robot servo_pendulum --effects {' '.join(_FRICTION)} --workers 2",
+    f"--robot servo_pendulum --effects {' '.join(_FRICTION)}",
     "gap battery": "gap battery --cases 2 --robots servo_pendulum --effects "
-    f"{' '.join(_FRICTION)} --baselines sparse --workers 2",
-    "reproduce": "reproduce all --plan {}/plan.yaml --workers 2",
-    "calibrate": "calibrate {}/bags/sine --generations 2 --seeds 2 --workers 2",
+    f"{' '.join(_FRICTION)} --baselines sparse",
+    "reproduce": "reproduce all --plan {}/plan.yaml",
+    "calibrate": "calibrate {}/bags/sine --generations 2 --seeds 2",
 }
 JOURNALS = (".jsonl", TIMES)  # files that grow line by line: their last line may be cut short
-TRIES = 10  # runs per kill that may end before the kill comes
+GOOD, REFUSED = (0, 3), 2  # exit codes; 3: even the best gait falls
 PATIENCE = 600.0  # longest run of a command [s]
 
 
@@ -67,17 +68,19 @@ class Row:
 
     Attributes:
         command: Name of the command.
-        kills: Runs that were killed.
+        kills: How often it was killed.
         full: Runs whose disk got full.
-        same: Of all of these, how many had the same files after they were started again.
-        torn: Files that were cut short when the run had ended.
-        left: Files and processes that were left after all.
-        notes: What went wrong, a sentence each.
+        ends: Times that it came to its end after that.
+        same: How many of these had the files of the undisturbed run.
+        torn: Files that were cut short when a run had ended.
+        left: Files and processes that were left over.
+        notes: What went wrong, a line each.
     """
 
     command: str
     kills: int = 0
     full: int = 0
+    ends: int = 0
     same: int = 0
     torn: int = 0
     left: int = 0
@@ -85,8 +88,8 @@ class Row:
 
     @property
     def ok(self) -> bool:
-        """Every run ended with the same files, and nothing was torn or left."""
-        return self.same == self.kills + self.full and not (self.torn or self.left or self.notes)
+        """Every end was the same, and nothing was torn or left."""
+        return self.same == self.ends > 0 and not (self.torn or self.left or self.notes)
 
 
 def run(
@@ -96,11 +99,11 @@ def run(
 
     Args:
         name: One of `COMMANDS`.
-        kills: Runs to kill.
+        kills: How often it is killed.
         disks: Runs on a disk that gets full.
-        seed: Seed of moments and sizes.
-        folder: Folder of inputs and results; it is removed afterwards if all is well.
-        tell: Called with the row so far after each run.
+        seed: Seed of moments, sizes and numbers of workers.
+        folder: Folder of inputs and results; what is of the command is removed if all is well.
+        tell: Called with the row so far after each kill and each full disk.
 
     Raises:
         GraphError: The undisturbed run failed.
@@ -108,30 +111,23 @@ def run(
     place = folder / name.replace(" ", "_")
     shutil.rmtree(place, ignore_errors=True)
     prepare(place / "inputs", name)
-    row, draw = Row(name), random.Random(f"{seed} {name}")
-    began = time.monotonic()
-    code, said = _finish(_start(name, place, "whole"))
-    length = time.monotonic() - began
-    if code not in (0, 3):
-        raise GraphError(f"the undisturbed `loco {name}` ended with code {code}: {said[-300:]}")
-    whole = contents(place / "whole")
-    for number in range(kills):
-        out = f"kill_{number}"
-        for _ in range(TRIES):
-            shutil.rmtree(place / out, ignore_errors=True)
-            if _killed(name, place, out, length * draw.random(), row):
-                break
+    trial = _Trial(name, place, random.Random(f"{seed} {name}"))
+    trial.undisturbed()
+    begun = False
+    while trial.row.kills < kills:
+        begun = trial.killed()
+        if begun:
+            tell(trial.row)
         else:
-            raise GraphError(f"`loco {name}` ended before it could be killed, {TRIES} times")
-        row.kills += 1
-        _again(name, place, out, whole, row)
-        tell(row)
+            trial.compare()
+    if begun:
+        trial.end()
     for _ in range(disks):
-        _full(name, place, whole, draw, row)
-        tell(row)
-    if row.ok:
+        trial.fill()
+        tell(trial.row)
+    if trial.row.ok:
         shutil.rmtree(place)
-    return row
+    return trial.row
 
 
 def prepare(folder: Path, name: str) -> None:
@@ -141,7 +137,7 @@ def prepare(folder: Path, name: str) -> None:
     makes = {"gap": f"{_RECORDS} {folder}/bags", "calibrate": f"rollout tigrillo_sine --set "
              f"duration=4.5 --out {folder}/bags/sine"}  # fmt: skip
     if name in makes:
-        code, said = _finish(_popen(makes[name].split()))
+        code, said = finish(start(makes[name].split()))
         if code:
             raise GraphError(f"no recordings for `loco {name}`: {said[-300:]}")
 
@@ -161,70 +157,109 @@ def torn(now: dict[str, bytes], whole: dict[str, bytes]) -> list[str]:
     ]  # fmt: skip
 
 
-def _killed(name: str, place: Path, out: str, after: float, row: Row) -> bool:
-    """Kill a run after a time [s] and look at its files; False if it had ended before."""
-    process = _start(name, place, out)
-    try:
-        process.wait(after)
-        return False
-    except subprocess.TimeoutExpired:
-        pass
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-    row.left += _survivors(process.pid)
-    return True
+class _Trial:
+    """Runs of one command."""
 
+    def __init__(self, name: str, place: Path, draw: random.Random):
+        self.row, self._draw, self._place = Row(name), draw, place
+        self._length = 0.0
+        self._whole: dict[str, bytes] = {}
 
-def _full(name: str, place: Path, whole: dict[str, bytes], draw: random.Random, row: Row) -> None:
-    """Run with room for a part of the results, then with enough.
+    @property
+    def out(self) -> Path:
+        """Folder of the results that are being worked on."""
+        return self._place / f"run_{self.row.ends}"
 
-    The disk is a file system in memory where one may be mounted, else each file has a limit.
-    """
-    out = f"full_{row.full}"
-    shutil.rmtree(place / out, ignore_errors=True)
-    (place / out).mkdir()
-    sizes = [len(data) for data in whole.values()]
-    mounted = _mount(f"size={4096 * draw.randint(2, max(3, sum(sizes) // 4096))}", place / out)
-    try:
-        code, said = _finish(
-            _start(name, place, out, 0 if mounted else draw.choice(sizes) // 2 + 1)
+    def undisturbed(self) -> None:
+        """Run once, for its files and its length.
+
+        Raises:
+            GraphError: It failed.
+        """
+        began, out = time.monotonic(), self._place / "whole"
+        code, said = finish(self._start(out))
+        if code not in GOOD:
+            raise GraphError(f"`loco {self.row.command}` alone ended with {code}: {said[-300:]}")
+        self._length, self._whole = time.monotonic() - began, contents(out)
+
+    def killed(self) -> bool:
+        """Start it and kill it at a random moment; False if it came to its end before."""
+        process = self._start(self.out)
+        try:
+            process.communicate(timeout=self._length * self._draw.random())
+            return False
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+        self.row.kills += 1
+        if _survivors(process.pid):
+            self.row.left += 1
+            self._note("processes are left")
+        self._look_for_torn()
+        return True
+
+    def fill(self) -> None:
+        """Run with room for a part of the results, then with enough.
+
+        The disk is a file system in memory where one may be mounted, else each file has a limit.
+        """
+        out = self.out
+        out.mkdir()
+        sizes = [len(data) for data in self._whole.values()]
+        size = 4096 * self._draw.randint(2, max(3, sum(sizes) // 4096))
+        mounted = _mount(f"size={size}", out)
+        try:
+            limit = 0 if mounted else self._draw.choice(sizes) // 2 + 1
+            code, said = finish(self._start(out, limit))
+            self.row.full += 1
+            if "Traceback" in said or code not in (*GOOD, REFUSED):
+                self._note(f"a full disk ended it with {code}: {said[-200:]}")
+            self._look_for_torn()
+            if mounted:
+                _mount("remount,size=1G", out)
+            self.end()
+        finally:
+            if mounted:
+                subprocess.run(["umount", str(out)], check=True)
+
+    def end(self) -> None:
+        """Start it once more, leave it alone, and compare."""
+        code, said = finish(self._start(self.out))
+        if code not in GOOD:
+            self._note(f"started again it ended with {code}: {said[-200:]}")
+        self.compare()
+
+    def compare(self) -> None:
+        """Compare the files of a run that came to its end; the next one has a new folder."""
+        after = contents(self.out)
+        more = sorted(set(after) - set(self._whole))
+        other = [path for path in self._whole if after.get(path) != self._whole[path]]
+        self.row.left += len(more)
+        for path in more:
+            self._note(f"{path} is left")
+        for path in other:
+            self._note(f"{path} differs")
+        self.row.ends += 1
+        self.row.same += not other
+
+    def _look_for_torn(self) -> None:
+        for path in torn(contents(self.out), self._whole):
+            self.row.torn += 1
+            self._note(f"{path} is cut short")
+
+    def _note(self, text: str) -> None:
+        self.row.notes.append(f"run {self.row.ends}: {' '.join(text.split())}")
+
+    def _start(self, out: Path, limit: int = 0) -> subprocess.Popen:
+        words = COMMANDS[self.row.command].replace("{}", str(self._place / "inputs")).split()
+        return start(
+            [*words, "--workers", str(self._draw.choice((1, 2))), "--out", str(out)], limit
         )
-        row.full += 1
-        lines = said.strip().splitlines()
-        if "Traceback" in said or code not in (0, 1, 2, 3):
-            row.notes.append(f"full disk: code {code}, {lines[-1] if lines else 'no word'}")
-        if mounted:
-            _mount("remount,size=1G", place / out)
-        _again(name, place, out, whole, row)
-    finally:
-        if mounted:
-            subprocess.run(["umount", str(place / out)], check=True)
 
 
-def _again(name: str, place: Path, out: str, whole: dict[str, bytes], row: Row) -> None:
-    """Start a disturbed run again and compare what it leaves."""
-    before = contents(place / out)
-    row.torn += len(cut := torn(before, whole))
-    row.notes += [f"{out}: {path} is cut short" for path in cut]
-    code, said = _finish(_start(name, place, out))
-    if code not in (0, 3):
-        row.notes.append(f"{out}: started again it ended with code {code}: {said[-200:]}")
-        return
-    after = contents(place / out)
-    row.left += len(more := sorted(set(after) - set(whole)))
-    row.notes += [f"{out}: {path} is left" for path in more]
-    other = [path for path in whole if after.get(path) != whole[path]]
-    row.notes += [f"{out}: {path} differs" for path in other]
-    row.same += not other
+def start(words: list[str], limit: int = 0) -> subprocess.Popen:
+    """Start loco in a session of its own; a limit above 0 is the largest size of a file [bytes]."""
 
-
-def _start(name: str, place: Path, out: str, limit: int = 0) -> subprocess.Popen:
-    """Start a command; `limit` is the largest size of a file [bytes], 0 for none."""
-    words = [w.replace("{}", str(place / "inputs")) for w in COMMANDS[name].split()]
-    return _popen([*words, "--out", str(place / out)], limit)
-
-
-def _popen(words: list[str], limit: int = 0) -> subprocess.Popen:
     def limited() -> None:
         if limit:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -236,7 +271,7 @@ def _popen(words: list[str], limit: int = 0) -> subprocess.Popen:
     )  # fmt: skip
 
 
-def _finish(process: subprocess.Popen) -> tuple[int, str]:
+def finish(process: subprocess.Popen) -> tuple[int, str]:
     """Exit code and output of a run that is left alone."""
     try:
         said, _ = process.communicate(timeout=PATIENCE)
@@ -247,15 +282,15 @@ def _finish(process: subprocess.Popen) -> tuple[int, str]:
     return process.returncode, said
 
 
-def _survivors(group: int, patience: float = 5.0) -> int:
-    """1 if processes of a group are there some seconds after they were killed."""
+def _survivors(group: int, patience: float = 5.0) -> bool:
+    """Whether processes of a group are there some seconds after they were killed."""
     end = time.monotonic() + patience
     with suppress(ProcessLookupError):
         while time.monotonic() < end:
             os.killpg(group, 0)
             time.sleep(0.05)
-        return 1
-    return 0
+        return True
+    return False
 
 
 def _mount(options: str, folder: Path) -> bool:

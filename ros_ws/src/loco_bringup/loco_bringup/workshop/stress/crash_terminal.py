@@ -12,7 +12,7 @@ from loco_control.files import check_writable, write_whole
 from ...terminal import bar, console
 from . import crash
 
-HEAD = ("command", "killed", "full disk", "the same bytes", "torn files", "left over")
+HEAD = ("command", "kills", "full disks", "ends with the same bytes", "torn files", "left over")
 
 
 def show_crash(a: argparse.Namespace) -> int:
@@ -51,7 +51,7 @@ def table(rows: Sequence[crash.Row]) -> str:
     """Markdown of the rows."""
     lines = [HEAD, ("---",) * len(HEAD)]
     lines += [
-        (f"`{r.command}`", *map(str, (r.kills, r.full)), f"{r.same} of {r.kills + r.full}",
+        (f"`{r.command}`", *map(str, (r.kills, r.full)), f"{r.same} of {r.ends}",
          *map(str, (r.torn, r.left)))
         for r in rows
     ]  # fmt: skip
