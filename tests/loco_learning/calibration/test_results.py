@@ -63,7 +63,7 @@ def test_a_result_that_is_not_one_is_refused(result, tmp_path):
     path.write_text(json.dumps({**values, "format": 99}))
     with pytest.raises(ParameterError, match="format 99; this version reads 2"):
         results.load(tmp_path)
-    path.write_text(json.dumps({"format": 1, "fits": []}))
+    path.write_text(json.dumps({"format": 2, "fits": []}))
     with pytest.raises(ParameterError, match="not a whole calibration result"):
         results.load(tmp_path)
     path.write_text("[1, 2")

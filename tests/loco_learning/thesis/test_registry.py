@@ -69,7 +69,7 @@ def test_what_was_not_run_is_not_decided(tmp_path):
 
 
 def case(variant="reflex", seed=0, verdict=None, at=None, **phases):
-    return CaseResult("c", variant, seed, {}, verdict or {}, phases, 1.0, at=at or {})
+    return CaseResult("c", variant, seed, {}, verdict or {}, phases, at=at or {})
 
 
 class Given(Evidence):

@@ -28,7 +28,7 @@ class Journal:
 
     Args:
         path: The file, made when it is missing; None keeps rows in memory only.
-        header: What the rows belong to, with `kind` and `format`: plain values.
+        header: Description of the work, with `kind` and `format`: plain values.
         anew: Whether a file of something else, or a broken one, is begun anew with a warning.
 
     Attributes:
@@ -38,7 +38,7 @@ class Journal:
     Raises:
         ParameterError: The file is broken, belongs to something else or is being written by
             another process.
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
 
     def __init__(self, path: str | Path | None, header: Mapping[str, Any], anew: bool = False):

@@ -45,7 +45,7 @@ def versions() -> dict[str, str]:
 
 
 def digest(*values: Any) -> str:
-    """Digest of plain values, arrays, dataclasses, paths and functions, 32 hexadecimal digits.
+    """Digest of plain values, arrays, objects of such, paths and functions, 32 hexadecimal digits.
 
     Raises:
         TypeError: A value is none of these.
@@ -75,6 +75,8 @@ def _feed(whole: Any, value: Any) -> None:
         whole.update(f"{kind}{len(text)}".encode() + text)
     elif callable(value) and hasattr(value, "__qualname__"):
         whole.update(f"{value.__module__}.{value.__qualname__}".encode())
+    elif hasattr(value, "__dict__"):
+        _feed(whole, [kind, vars(value)])
     else:
         raise TypeError(f"no digest of a {type(value).__name__}")
 

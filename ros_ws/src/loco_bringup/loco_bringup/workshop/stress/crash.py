@@ -68,13 +68,13 @@ class Row:
 
     Attributes:
         command: Name of the command.
-        kills: How often it was killed.
+        kills: Number of runs that were killed.
         full: Runs whose disk got full.
         ends: Times that it came to its end after that.
-        same: How many of these had the files of the undisturbed run.
+        same: Ends with the files of the undisturbed run.
         torn: Files that were cut short when a run had ended.
         left: Files and processes that were left over.
-        notes: What went wrong, a line each.
+        notes: Mistakes, a line each.
     """
 
     command: str
@@ -99,7 +99,7 @@ def run(
 
     Args:
         name: One of `COMMANDS`.
-        kills: How often it is killed.
+        kills: Number of runs to kill.
         disks: Runs on a disk that gets full.
         seed: Seed of moments, sizes and numbers of workers.
         folder: Folder of inputs and results; what is of the command is removed if all is well.
@@ -174,7 +174,7 @@ class _Trial:
         """Run once, for its files and its length.
 
         Raises:
-            GraphError: It failed.
+            GraphError: The run failed.
         """
         began, out = time.monotonic(), self._place / "whole"
         code, said = finish(self._start(out))
