@@ -38,7 +38,7 @@ def searched(monkeypatch):
     made = []
     found = {False: ("named", [RUBS]), True: ("named", [LOAD])}
 
-    def search(model, records, held_out, params, report, workers, keep):
+    def search(model, records, held_out, params, report, workers, keep, memory):
         made.append((model.effects, [r.name for r in records], [r.name for r in held_out]))
         kept = result(model, *found[stages.free(model, records[0])])
         if keep:
