@@ -195,3 +195,81 @@ def test_what_a_tensor_lacks_to_be_that_of_a_body(tensor, words):
 def test_robots_of_others_pass(name):
     path = DATA / f"{name}.urdf"
     assert list(urdf_check.problems(ET.parse(path).getroot(), path.parent)) == []
+
+
+def told(urdf, folder=Path(), bolted=False):
+    """Problems of a text, as one."""
+    return "; ".join(urdf_check.problems(urdf_check.parse(urdf), folder, bolted))
+
+
+ZERO = 'ixx="0" iyy="0" izz="0"'
+
+
+def test_a_link_that_moves_needs_inertia_one_that_is_fixed_does_not():
+    some = 'ixx="0.1" iyy="0.1" izz="0.1"'
+    moving = GOOD.replace(f"{some} ixy", f"{ZERO} ixy")
+    assert told(moving).count("it has mass but no inertia") == 2
+    tip = f'<link name="tip">{BODY.replace(some, ZERO)}</link>'
+    fixed = WITH_TIP.replace('<link name="tip"/>', tip)
+    assert told(fixed) == ""
+    wrong = fixed.replace(ZERO, 'ixx="-0.1" iyy="0.1" izz="0.1"')
+    assert "'tip'" in told(wrong) and "a moment of -0.1 kg" in told(wrong)
+
+
+@pytest.mark.parametrize("said", ["", '<mass value="nan"/>', "<mass/>", '<mass value="heavy"/>'])
+def test_what_has_no_mass_that_is_a_number_weighs_nothing(said):
+    link = ET.fromstring(f"<link><inertial>{said}</inertial></link>")
+    assert urdf_check.mass_of(link) == 0.0
+    assert urdf_check.mass_of(ET.fromstring("<link/>")) == 0.0
+
+
+def test_moments_may_be_negative_by_what_is_rounded_off():
+    share = urdf_check.ROUNDING
+    assert urdf_check.inertia_fault([-share, 0.0, 0.0, 1.0, 0.0, 1.0]) == ""
+    fault = urdf_check.inertia_fault([-2.0 * share, 0.0, 0.0, 1.0, 0.0, 1.0])
+    assert fault.endswith("a moment of -2e-06 kg·m²")
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ('<sphere radius="0"/>', ""),  # a toe
+        ('<sphere radius="-1"/>', "radius of its sphere must be above 0, got '-1'"),
+        ('<sphere radius="wide"/>', "radius of its sphere"),
+        ('<box size="1 0 1"/>', "size of its box"),
+        ('<cylinder radius="0" length="1"/>', "radius of its cylinder"),
+    ],
+)
+def test_only_a_sphere_may_be_a_point(body, words):
+    found = told(GOOD.replace(BOX, body, 1))
+    assert (words in found) if words else found == ""
+
+
+def stl(triangles, header=b"", short=0):
+    """A binary file, `short` bytes too short."""
+    data = header.ljust(80) + triangles.to_bytes(4, "little") + bytes(50 * triangles)
+    return data[: len(data) - short]
+
+
+ASCII = b"solid foot\n facet normal 0 0 1\n endfacet\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "whole"),
+    [
+        (stl(1), True),
+        (stl(300), True),
+        (stl(1, b"solid of some program"), True),  # only texts have facets
+        (stl(1, b"made of facets"), True),
+        (stl(1, short=1), False),
+        (stl(300, short=50), False),
+        (stl(0), False),
+        (b"", False),
+        (ASCII + b"endsolid foot\n", True),
+        (ASCII, False),
+    ],
+)
+def test_a_mesh_that_is_cut_off_is_refused(tmp_path, content, whole):
+    (tmp_path / "foot.stl").write_bytes(content)
+    found = told(GOOD.replace(BOX, '<mesh filename="foot.stl"/>', 1), tmp_path)
+    assert found == "" if whole else found.endswith("is cut off")
