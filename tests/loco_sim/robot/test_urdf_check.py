@@ -273,3 +273,49 @@ def test_a_mesh_that_is_cut_off_is_refused(tmp_path, content, whole):
     (tmp_path / "foot.stl").write_bytes(content)
     found = told(GOOD.replace(BOX, '<mesh filename="foot.stl"/>', 1), tmp_path)
     assert found == "" if whole else found.endswith("is cut off")
+
+
+LEAST, MOST = f"{urdf_check.SMALLEST!r}", f"{urdf_check.LARGEST!r}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('mass value="1"', f'mass value="{LEAST}"', ""),
+        ('mass value="1"', f'mass value="{MOST}"', ""),
+        ('mass value="1"', 'mass value="0.9e-12"', "its mass must be"),
+        ('mass value="1"', 'mass value="1.1e9"', "its mass must be"),
+        ('ixx="0.1" iyy="0.1" izz="0.1"', f'ixx="{MOST}" iyy="{MOST}" izz="{MOST}"', ""),
+        ('ixx="0.1"', 'ixx="1.1e9"', "ixx of its inertia must be"),
+        ('lower="-1" upper="1"', 'lower="0.5" upper="0.5"', ""),
+        ('lower="-1" upper="1"', 'lower="0.6" upper="0.5"', "is above its upper limit"),
+        ('effort="3"', 'effort="inf"', ""),
+        ('effort="3"', 'effort="-1"', "effort must be a number of at least 0"),
+        ("<axis", f'<dynamics damping="{MOST}"/><axis', ""),
+        ("<axis", '<dynamics damping="inf"/><axis', "damping must be a number"),
+        ("<axis", '<dynamics friction="-1"/><axis', "friction must be a number"),
+        ('axis xyz="0 1 0"', 'axis xyz="0 1e-8 0"', ""),
+        ('axis xyz="0 1 0"', 'axis xyz="0 1e-10 0"', "points nowhere"),
+    ],
+)
+def test_limits_belong_to_what_is_allowed(old, new, words):
+    assert old in GOOD
+    found = told(GOOD.replace(old, new, 1))
+    assert (words in found) if words else found == ""
+
+
+def test_one_link_is_a_robot_and_one_problem_is_not_more():
+    assert told(f'<robot name="stone"><link name="stone">{BODY}</link></robot>') == ""
+    assert told("<robot/>") == "there is no <link>"
+    with pytest.raises(ParameterError) as caught:
+        urdf_check.check("<robot/>", Path(), "r.urdf")
+    assert str(caught.value) == "r.urdf: there is no <link>"
+
+
+def test_a_root_without_mass_is_for_a_robot_that_is_bolted():
+    rootless = GOOD.replace(BODY, "", 1)
+    assert "is not bolted but has no mass" in told(rootless)
+    assert told(rootless, bolted=True) == ""
+    urdf_check.check(rootless, Path(), "r.urdf", bolted=True)
+    with pytest.raises(ParameterError, match="r.urdf: link 'trunk' is the root"):
+        urdf_check.check(rootless, Path(), "r.urdf")
