@@ -172,6 +172,15 @@ def test_a_mesh_of_a_package_is_found_above_the_urdf(tmp_path, monkeypatch):
     assert urdf_check.mesh_path("package://ant_description/meshes/leg.stl", inside) == mesh
     assert urdf_check.mesh_path("package://another_name/meshes/leg.stl", inside) == mesh
     assert urdf_check.mesh_path("package://ant_description/meshes/arm.stl", inside) is None
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    shared = tmp_path / "share" / "bee" / "wing.stl"
+    shared.parent.mkdir(parents=True)
+    shared.write_bytes(b"")
+    assert urdf_check.mesh_path("package://bee/wing.stl", Path("/")) == shared
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "plain" / "leg.stl").write_bytes(b"")
+    found = urdf_check.mesh_path("package://fly/leg.stl", tmp_path / "plain")
+    assert found == tmp_path / "plain" / "leg.stl"
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     assert urdf_check.mesh_path("package://ant_description/meshes/leg.stl", Path("/")) == mesh
 
@@ -184,6 +193,10 @@ def test_a_mesh_of_a_package_is_found_above_the_urdf(tmp_path, monkeypatch):
         ([0.0, 0.0, 0.0, 1.0, 0.0, 1.0], ""),  # a rod
         ([0.0] * 6, "no inertia"),
         ([-1.0, 0.0, 0.0, -1.0, 0.0, -1.0], "negative"),
+        ([-1.0, 0.0, 0.0, 0.0, 0.0, 0.0], "negative"),
+        ([1.0, 0.0, 0.0, 2.0, 0.0, 4.0], "inertia 1, 2 and 4 kg"),
+        ([-2e-9, 0.0, 0.0, 1e-3, 0.0, 1e-3], "not positive"),  # of small bodies, too
+        ([1e-3, 0.0, 0.0, 1e-3, 0.0, 2.1e-3], "exceeds the sum"),
     ],
 )
 def test_what_a_tensor_lacks_to_be_that_of_a_body(tensor, words):
@@ -245,6 +258,13 @@ def test_only_a_sphere_may_be_a_point(body, words):
     assert (words in found) if words else found == ""
 
 
+@pytest.mark.parametrize("scale", ["1 0 1", "1 1", "a b c"])
+def test_a_mesh_has_three_scales_that_are_not_0(tmp_path, scale):
+    (tmp_path / "foot.stl").write_bytes(stl(1))
+    mesh = f'<mesh filename="foot.stl" scale="{scale}"/>'
+    assert told(GOOD.replace(BOX, mesh, 1), tmp_path).count(f"the scale {scale!r}") == 1
+
+
 def stl(triangles, header=b"", short=0):
     """A binary file, `short` bytes too short."""
     data = header.ljust(80) + triangles.to_bytes(4, "little") + bytes(50 * triangles)
@@ -295,6 +315,8 @@ LEAST, MOST = f"{urdf_check.SMALLEST!r}", f"{urdf_check.LARGEST!r}"
         ("<axis", '<dynamics damping="inf"/><axis', "damping must be a number"),
         ("<axis", '<dynamics friction="-1"/><axis', "friction must be a number"),
         ('axis xyz="0 1 0"', 'axis xyz="0 1e-8 0"', ""),
+        ('origin xyz="0 0 -0.2"', f'origin xyz="0 0 {MOST}"', ""),
+        ('origin xyz="0 0 -0.2"', 'origin xyz="0 0 1.1e9"', "of an origin is not three numbers"),
         ('axis xyz="0 1 0"', 'axis xyz="0 1e-10 0"', "points nowhere"),
     ],
 )
