@@ -100,12 +100,13 @@ def mutants(p: ArgumentParser) -> None:
 def soak(p: ArgumentParser) -> None:
     """Options of `loco soak`."""
     p.description += (
-        "\n\nIn lockstep; memory, descriptors, threads and /dev/shm of each process, once a second."
+        "\n\nMemory, descriptors, threads and /dev/shm of each process, once a second."
         "\nOnly events and diagnostics are recorded, and the bag is removed at the end."
     )
     p.add_argument("experiment", nargs="?", default="hyq_trot_reflex", help="as in `loco run`")
     p.add_argument("--ticks", type=int, default=1_000_000, help="how long (default 1,000,000)")
     p.add_argument("--layout", default="composed", help="composed or processes")
+    p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
     p.add_argument("--out", type=Path, help="folder of table and picture (default results/soak)")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco soak`: a long run in lockstep; do memory, descriptors, threads or /dev/shm grow?
+"""`loco soak`: a long run; do memory, descriptors, threads or /dev/shm grow?
 
 The smallest Python object takes 16 bytes and more, so what is left behind at every tick
 makes at least 16 MB in a million ticks. `LIMIT`, one object in 16 ticks, is far below.
@@ -80,8 +80,9 @@ def soak(
     table: Path,
     layout: str = "composed",
     on_progress: Callable[[Any], Any] = lambda progress: None,
+    clock: str = "lockstep",
 ) -> runner.Outcome:
-    """Run a graph in lockstep and look at its processes about once a second.
+    """Run a graph and look at its processes about once a second.
 
     Args:
         experiment: Experiment to run; its duration is replaced.
@@ -89,9 +90,10 @@ def soak(
         table: CSV file that gets the samples at once: they shall not grow in memory.
         layout: ``composed`` (one process) or ``processes`` (one each).
         on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        clock: ``lockstep``, ``asap`` or ``realtime``.
 
     Raises:
-        ParameterError: Fewer than 1,000 ticks.
+        ParameterError: Fewer than 1,000 ticks, or no such layout or clock.
         GraphError: A node died or never got ready, or nothing ticks.
     """
     if ticks < 1000:
@@ -118,7 +120,7 @@ def soak(
         writer = csv.writer(file)
         writer.writerow(f.name for f in fields(Sample))
         return runner.run_robots(
-            {"": experiment}, Path(folder) / "bag", layout, on_progress=look,
+            {"": experiment}, Path(folder) / "bag", layout, clock, on_progress=look,
             written=WRITTEN, stop_on_fall=False,
         )  # fmt: skip
 

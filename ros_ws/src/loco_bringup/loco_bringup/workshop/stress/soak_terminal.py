@@ -27,11 +27,11 @@ def show_soak(a: argparse.Namespace) -> int:
         def tell(p: soaking.runner.Progress) -> None:
             progress.update(task, completed=p.sim_time / experiment.dt, rtf=p.real_time_factor)
 
-        outcome = soaking.soak(experiment, a.ticks, folder / "soak.csv", a.layout, tell)
+        outcome = soaking.soak(experiment, a.ticks, folder / "soak.csv", a.layout, tell, a.clock)
     samples = soaking.read(folder / "soak.csv")
     verdicts = soaking.judge(samples)
     draw(samples, folder / "soak.png")
-    text = page(experiment.name, a.layout, samples, outcome, verdicts)
+    text = page(experiment.name, f"{a.layout}, {a.clock}", samples, outcome, verdicts)
     (folder / "soak.md").write_text(text)
     console.print(text, markup=False)
     console.print(f"  {folder}: soak.md, soak.csv, soak.png")
@@ -42,16 +42,16 @@ def show_soak(a: argparse.Namespace) -> int:
 
 def page(
     name: str,
-    layout: str,
+    how: str,
     samples: list[soaking.Sample],
     outcome: soaking.runner.Outcome,
     verdicts: list[soaking.Verdict],
 ) -> str:
-    """Markdown table of the verdicts."""
+    """Markdown table of the verdicts; `how` is layout and clock."""
     ticks, wall = (samples[-1].tick, samples[-1].wall) if samples else (0, 0.0)
     memory = [v for v in verdicts if v.what == "memory"]
     lines = [
-        f"`{name}`, {layout}, lockstep: {ticks:,} ticks in {wall / 60:.0f} min, "
+        f"`{name}`, {how}: {ticks:,} ticks in {wall / 60:.0f} min, "
         f"{len(samples):,} samples; {outcome.text}; {outcome.dropped} messages dropped",
         "",
         "| process | memory [MB] | growth [MB in 10⁶ ticks] | memory is "
