@@ -77,6 +77,15 @@ def test_a_signal_is_judged_by_the_age_of_the_last_command(age, takes, safe, rid
     assert (row["repeats"], row["safe"], row["ridden"], row["worst"]) == (1, safe, ridden, age or 0)
 
 
+def test_a_robot_that_was_stopped_for_good_gets_no_more_signals():
+    hits = Hits("SIGSTOP", "recorder", 3, np.random.default_rng(0))
+    events = []
+    progress = SimpleNamespace(sim_time=1.0, events=events, pids={"recorder": 0})
+    assert not hits(progress) and hits.left == 3
+    events.append((1.0, event("estop", 200, "lh_kfe_joint moves at 34.4 rad/s, more than 30")))
+    assert hits(progress) and hits.left == 3
+
+
 def test_a_cell_that_has_run_is_not_run_again_and_an_error_is_a_row(tmp_path, monkeypatch):
     ran = []
 

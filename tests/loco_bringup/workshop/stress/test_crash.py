@@ -2,6 +2,7 @@
 """Long commands that are killed, or whose disk gets full, come to the same end."""
 
 import random
+import signal
 
 import pytest
 
@@ -14,7 +15,8 @@ def test_a_search_for_a_gap_that_is_killed_comes_to_the_same_bytes(tmp_path):
     told = []
     row = crash.run("gap", 1, 1, 3, tmp_path, lambda row: told.append(row.kills + row.full))
     assert row.ok, row.notes
-    assert (row.kills, row.full, row.ends, told) == (1, 1, 2, [1, 2])
+    assert (row.kills, row.full, told) == (1, 1, [1, 2])
+    assert row.ends >= 2  # more when a run ends before it is killed
     assert not list(tmp_path.iterdir())
 
 
@@ -65,3 +67,16 @@ def test_mistakes_are_one_line(arguments, text, capsys):
         cli.main(["crash", *arguments])
     assert end.value.code == 2
     assert text in capsys.readouterr().err
+
+
+def test_an_interrupt_leaves_no_run_behind(monkeypatch):
+    process = crash.start(["top"])
+
+    def interrupted(timeout=None):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(process, "communicate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        crash.finish(process)
+    assert process.returncode == -signal.SIGKILL

@@ -46,6 +46,12 @@ def test_missing_states_and_no_motion_are_no_proof():
     assert not braked.is_damped(20, 22)
 
 
+def test_the_power_of_drives_is_that_which_they_put_in():
+    motion = Motion(states([1.0, 1.0, -1.0, 1.0], [4.0, -9.0, -2.0, 0.0]))
+    assert motion.power(10, 13) == 1.5
+    assert motion.power(20, 22) == 0.0
+
+
 def node_set(folder, plant):
     source = resources.files("loco_bringup") / "node_sets" / "hyq.yaml"
     content = yaml.safe_load(source.read_text())

@@ -53,7 +53,7 @@ class ListenParams(Params):
     skip: float = parameter(5.0, "start of a run that is not used", "s", 0.0, 1e4)
     hold: float = parameter(8.0, "simulated time that the model robot keeps a model", "s", 0.0, 1e4)
     patience: float = parameter(
-        5.0, "wall time that a robot may be missing or silent", "s", 0.1, 600.0
+        20.0, "wall time that a robot may be missing or silent", "s", 0.1, 600.0
     )
 
 

@@ -185,12 +185,8 @@ class _Trial:
     def killed(self) -> bool:
         """Start it and kill it at a random moment; False if it came to its end before."""
         process = self._start(self.out)
-        try:
-            process.communicate(timeout=self._length * self._draw.random())
+        if finish(process, self._length * self._draw.random())[0] != -signal.SIGKILL:
             return False
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
         self.row.kills += 1
         if _survivors(process.pid):
             self.row.left += 1
@@ -271,14 +267,19 @@ def start(words: list[str], limit: int = 0) -> subprocess.Popen:
     )  # fmt: skip
 
 
-def finish(process: subprocess.Popen) -> tuple[int, str]:
-    """Exit code and output of a run that is left alone."""
+def finish(process: subprocess.Popen, patience: float = PATIENCE) -> tuple[int, str]:
+    """Exit code and output of a run, which is killed with its children after `patience` [s].
+
+    It is killed, too, when this process is interrupted.
+    """
     try:
-        said, _ = process.communicate(timeout=PATIENCE)
-    except subprocess.TimeoutExpired:
+        said, _ = process.communicate(timeout=patience)
+    except BaseException as error:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        return -signal.SIGKILL, f"no end within {PATIENCE:g} s"
+        if not isinstance(error, subprocess.TimeoutExpired):
+            raise
+        return -signal.SIGKILL, f"no end within {patience:g} s"
     return process.returncode, said
 
 

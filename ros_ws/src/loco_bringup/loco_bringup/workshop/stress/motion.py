@@ -48,5 +48,10 @@ class Motion:
         rows = self._rows(first, last)
         return bool(self._in[rows].sum() > PUT_IN * self._out[rows].sum())
 
+    def power(self, first: int, last: int) -> float:
+        """Mean power that drives put in during the ticks from `first` to `last` [W]; 0 for none."""
+        rows = self._rows(first, last)
+        return float(self._in[rows].sum() / max(1, rows.stop - rows.start))
+
     def _rows(self, first: int, last: int) -> slice:
         return slice(*np.searchsorted(self._ticks, [first, last + 1]).tolist())
