@@ -174,6 +174,23 @@ def test_a_signal_interrupts_no_callback():
 
 
 @pytest.mark.ros
+def test_a_signal_while_python_ends_does_not_change_the_exit_code():
+    """Python gives up its handlers before it destroys what a module holds."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", ENDS_SLOWLY], stdout=subprocess.PIPE, env=fresh_environment()
+    )
+    try:
+        wait_for_node("slow")
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == b"ending\n"
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+
+
+@pytest.mark.ros
 def test_what_the_kernel_grants_is_told_in_log_and_diagnostics():
     process = subprocess.Popen(
         [sys.executable, "-m", "loco_control.ros.target_node", "--ros-args"]
@@ -238,6 +255,27 @@ class Holder(LocoNode):
             raise SystemExit(5)
 
 raise SystemExit(run_nodes([Holder], []))
+"""
+
+
+ENDS_SLOWLY = """
+import os, sys, time
+from loco_control.ros.node import LocoNode
+from loco_control.ros.executor import run_nodes
+
+class Slow(LocoNode):
+    def __init__(self):
+        super().__init__("slow")
+        self.announce_ready()
+
+class Last:
+    def __del__(self, sleep=time.sleep, write=os.write):
+        write(1, b"ending\\n")
+        sleep(0.5)
+
+code = run_nodes([Slow], [])
+sys.last = Last()  # goes with the interpreter, after its signal handlers
+raise SystemExit(code)
 """
 
 

@@ -59,8 +59,8 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     nodes: list[LocoNode] = []
     guests: list[Node] = []
     code = 0
+    executor = EventsExecutor()
     try:
-        executor = EventsExecutor()
         with _in_process(executor, makers):
             for make in makers:
                 node = make()
@@ -86,10 +86,14 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     finally:
         for node in nodes:
             node.close()
+        executor.shutdown()  # it holds the events of subscriptions, which go with their nodes
         for node in (*nodes, *guests):
             node.destroy_node()
         rclpy.try_shutdown()
         LocoNode.post = None
+        # Python restores the default of what it handles when it ends, and a signal in that time
+        # would be the end of the process; one that is ignored stays ignored.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
 
 
