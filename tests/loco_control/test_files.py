@@ -2,7 +2,6 @@
 """A file is its old content or its new one."""
 
 import errno
-import fcntl
 import os
 import resource
 import shutil
@@ -141,89 +140,47 @@ def test_after_an_error_no_folder_is_left_not_even_above(tmp_path):
 
 
 @pytest.fixture
-def runtime(tmp_path, monkeypatch):
-    """Folder in which the locks of this test lie."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path / "loco"
+def name():
+    """Name of a lock that no other test run takes."""
+    return f"test-lock-{os.getpid()}"
 
 
-def test_a_lock_is_had_once_is_closed_to_others_and_leaves_nothing(runtime):
-    with locked("one"):
-        path = runtime / "one.lock"
-        assert [runtime.stat().st_mode & 0o777, path.stat().st_mode & 0o777] == [0o700, 0o600]
-        with pytest.raises(BlockingIOError), locked("one"):
-            pass
-        with locked("two"):
-            pass
-    assert os.listdir(runtime) == []
-    with locked("one"):
-        pass
+@pytest.mark.parametrize("longer", ["", "x" * 300])
+def test_a_lock_is_had_once_and_holds_one_handle(name, longer):
+    def handles():
+        return len(os.listdir("/proc/self/fd"))
 
-
-def test_a_lock_of_a_killed_process_is_free(runtime):
-    code = "import os; from loco_control.files import locked\nwith locked('one'): os._exit(9)"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 9
-    assert os.listdir(runtime) == ["one.lock"]
-    with locked("one"):
-        pass
-    assert os.listdir(runtime) == []
-
-
-def test_a_lock_leaves_no_handle_open_had_or_not(runtime):
-    with locked("one"):
-        inside = len(os.listdir("/proc/self/fd"))
+    name, before = name + longer, handles()
+    with locked(name):
         for _ in range(3):
-            with pytest.raises(BlockingIOError), locked("one"):
+            with pytest.raises(BlockingIOError, match="in use"), locked(name):
                 pass
-        assert len(os.listdir("/proc/self/fd")) == inside
-    assert len(os.listdir("/proc/self/fd")) == inside - 1
-
-
-def test_a_file_that_its_owner_removes_just_then_is_made_anew(runtime, monkeypatch):
-    path, take, before = runtime / "one.lock", fcntl.flock, len(os.listdir("/proc/self/fd"))
-    gone = []
-
-    def late(handle, how):
-        if not gone:
-            gone.append(path.unlink())
-        take(handle, how)
-
-    monkeypatch.setattr(fcntl, "flock", late)
-    with locked("one"):
-        assert gone and path.is_file()
-        with pytest.raises(BlockingIOError), locked("one"):
-            pass
-        path.unlink()  # by somebody who clears the folder
-    assert len(os.listdir("/proc/self/fd")) == before
-
-
-def test_locks_follow_no_link(runtime, tmp_path):
-    (tmp_path / "other").write_text("keep")
-    runtime.mkdir(mode=0o700)
-    (runtime / "one.lock").symlink_to(tmp_path / "other")
-    with pytest.raises(OSError, match="one.lock"), locked("one"):
-        pass
-    assert (tmp_path / "other").read_text() == "keep"
-
-
-@pytest.mark.parametrize("how", ["link", "open"])
-def test_a_folder_of_locks_that_others_can_enter_is_refused(runtime, tmp_path, how):
-    if how == "link":
-        (tmp_path / "elsewhere").mkdir(mode=0o700)
-        runtime.symlink_to(tmp_path / "elsewhere")
-    else:
-        runtime.mkdir()
-        runtime.chmod(0o755)
-    with pytest.raises(ParameterError, match="mode 0700"), locked("one"):
+        with locked(f"{name}-two"):
+            assert handles() == before + 2
+    assert handles() == before
+    with locked(name):
         pass
 
 
-@pytest.mark.parametrize("runtime", ["", "/nowhere"])
-def test_without_a_runtime_folder_the_locks_lie_in_one_of_the_user(tmp_path, monkeypatch, runtime):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with locked("one"):
-        assert (tmp_path / f"loco-{os.getuid()}" / "one.lock").is_file()
+def other(name, change=""):
+    """Exit code of a process that takes a lock: 9 if it has it."""
+    code = f"import os; from loco_control.files import locked\n{change}\n"
+    code += f"try:\n  with locked('{name}'): os._exit(9)\nexcept BlockingIOError: os._exit(1)"
+    return subprocess.run([sys.executable, "-c", code]).returncode
+
+
+def test_a_lock_of_a_killed_process_is_free(name):
+    assert other(name) == 9
+    with locked(name):
+        assert other(name) == 1
+    assert other(name) == 9
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else")
+def test_a_lock_holds_for_all_users(name):
+    with locked(name):
+        assert other(name, "os.setuid(65534)") == 1
+    assert other(name, "os.setuid(65534)") == 9
 
 
 def test_a_folder_that_can_be_written_is_left_as_it_is(tmp_path):

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files and folders that exist whole or not at all, and locks of this user."""
+"""Files and folders that exist whole or not at all, and locks of this machine."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
+import hashlib
 import os
-import stat
+import socket
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .exceptions import ParameterError
+
+_NAME = 100  # longest name of an abstract socket that is used as it is [bytes]
 
 
 def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], Any]) -> Path:
@@ -149,59 +153,26 @@ def _exists(path: Path) -> bool:
     return True
 
 
-def runtime_folder() -> Path:
-    """Folder of what this user's processes share while they run, which nobody else can enter.
-
-    It lies in ``XDG_RUNTIME_DIR``, or in the temporary folder where that is not set.
-
-    Raises:
-        ParameterError: Somebody else owns the folder or can enter it, or it is a link.
-        OSError: The folder cannot be made.
-    """
-    base = os.environ.get("XDG_RUNTIME_DIR", "")
-    here = Path(base) / "loco" if base and os.access(base, os.W_OK) else None
-    folder = here or Path(tempfile.gettempdir()) / f"loco-{os.getuid()}"
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
-    about = folder.lstat()
-    if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & 0o077:
-        raise ParameterError(
-            f"{folder} must be a folder of mode 0700 that is yours, for locks lie in it; remove it"
-        )
-    return folder
-
-
 @contextlib.contextmanager
 def locked(name: str) -> Iterator[None]:
-    """A lock of this user: one process at a time has it, and a killed one frees it.
+    """A lock of this machine: one process of all users has it at a time, and a killed one frees it.
 
-    Its file is there as long as somebody has it.
+    It is the name of an abstract Unix socket, and so of no file: nothing is left over, and it holds
+    in one network namespace, as the traffic of ROS does.
 
     Args:
-        name: Name of the lock, a plain file name.
+        name: Name of the lock.
 
     Raises:
         BlockingIOError: Another process, or another part of this one, has it.
-        ParameterError: The folder of locks is not safe.
-        OSError: The file cannot be made, or is a link.
+        OSError: The system has no such sockets.
     """
-    path = runtime_folder() / f"{name}.lock"
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-    while True:
-        handle = os.open(path, flags, 0o600)
+    name = name if len(name.encode()) <= _NAME else hashlib.sha256(name.encode()).hexdigest()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with contextlib.suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), os.lstat(path)):
-                    break  # else whoever had it has just removed the file
-        except BaseException:
-            os.close(handle)
+            held.bind(f"\0loco/{name}")
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise BlockingIOError(error.errno, f"{name} is in use") from None
             raise
-        os.close(handle)
-    owner = os.getpid()
-    try:
         yield
-    finally:
-        if os.getpid() == owner:  # a fork shares the lock and does not end it
-            path.unlink(missing_ok=True)
-        os.close(handle)

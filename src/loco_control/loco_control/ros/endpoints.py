@@ -32,7 +32,7 @@ def is_named(info: Any) -> bool:
 
 
 def own_host(infos: Iterable[Any]) -> bytes:
-    """Number of this machine, from the endpoints of a topic that this process writes.
+    """Number of this machine, from the endpoints of a topic that this process writes or reads.
 
     Empty if none of them is of this process.
     """

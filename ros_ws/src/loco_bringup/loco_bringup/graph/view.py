@@ -102,7 +102,6 @@ class Onlooker:
         self._heard: set[str] = set()
         row = topic("/diagnostics")
         self._node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
-        self._own = self._node.create_publisher(row.type, row.name, row.qos.writer())
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._never = rclpy.task.Future()
@@ -164,7 +163,7 @@ class Onlooker:
 
     def _endpoints(self) -> list[Endpoint]:
         node, endpoints = self._node, []
-        host = own_host(node.get_publishers_info_by_topic("/diagnostics"))
+        host = own_host(node.get_subscriptions_info_by_topic("/diagnostics"))
         pids = _pids()
         for name, _ in node.get_topic_names_and_types():
             for writes, infos in (

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chaos by circumstances: who watches is killed, the disk is full, memory ends, the clock jumps.
 
-Each repetition is a realtime graph of its own that something happens to after a while. It rides
-that through, or it ends and says why; nothing is left of it but a bag that is whole or is made
-whole.
+Or it has visitors: `loco top`, `loco doctor`, a second run. Each repetition is a realtime graph of
+its own that something happens to after a while. It rides that through, or it ends and says why;
+nothing is left of it but a bag that is whole or is made whole.
 """
 
 from __future__ import annotations
@@ -31,12 +31,14 @@ from .faults import time_outs
 from .traces import Traces, opened_by, tagged
 
 EXPERIMENT = "hyq_trot_open"
+CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 LONG = {"learner.train": 3600.0}
 PATIENCE = 40.0  # wall time until a run that was hit must have ended [s]
 REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
 _GUARD = b"loco_bringup.graph.guard"
 _ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
 _GOES_ON = 3.0  # wall time that it must go on after what it rides through [s]
+_VISIT = 40.0  # wall time that a visitor has, with its start [s]
 _DISK = 700_000  # room for each file; a bag fills it in about a second [bytes]
 _JUMPS = (-3600.0, 3600.0)  # of the wall clock [s]
 _FAKETIME = "libfaketime.so.1"
@@ -122,6 +124,33 @@ def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
     return _looked(not said, "ridden", said, folder, traces)
 
 
+def doctor_beside_top(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Ask `loco doctor` while `loco top` is open; it must find nothing."""
+    return _visited(["doctor", "--json"], [["top"]], 0, "", rng, folder, traces)
+
+
+def doctor_of_a_stopped(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Ask `loco doctor` while a controller is stopped; it must name it."""
+    node = CONTROLLERS[int(rng.integers(len(CONTROLLERS)))]
+
+    def stop(pids: dict[str, int]) -> Callable[[], None]:
+        os.kill(pids[node], signal.SIGSTOP)
+        return lambda: os.kill(pids[node], signal.SIGCONT)
+
+    return _visited(["doctor", "--json"], [], 1, f"{node} (pid", rng, folder, traces, stop)
+
+
+def second_run(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Start a second run on the same domain; it must be refused, and leave nothing."""
+    other = folder.with_name(f"{folder.name}_second")
+    words = ["run", EXPERIMENT, "--out", str(other)]
+    how = _visited(words, [], 1, "another loco run uses ROS domain", rng, folder, traces)
+    if other.exists():
+        traces.notes.append(f"{other.name} is there")
+        return ""
+    return how
+
+
 def kill_supervisor(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
     """Kill `loco run` itself, with its guard or without; all that it started must end."""
     command = ["run", EXPERIMENT, "--layout", "processes", "--clock", "realtime"]
@@ -150,7 +179,13 @@ KILLED: dict[str, Callable[[str, np.random.Generator, Path, Traces], str]] = {
     "supervisor": kill_supervisor,
     "supervisor and guard": kill_supervisor,
 }
-HAPPENS = {"no more memory": end_of_memory, "jump of the wall clock": clock_jump}
+HAPPENS = {
+    "no more memory": end_of_memory,
+    "jump of the wall clock": clock_jump,
+    "doctor beside top": doctor_beside_top,
+    "doctor of a stopped node": doctor_of_a_stopped,
+    "second run": second_run,
+}
 
 
 def run_rough(how: str, what: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
@@ -195,8 +230,12 @@ def _hit(
     folder: Path,
     traces: Traces,
     ends: bool = True,
+    done: Callable[[], bool] = lambda: True,
 ) -> str:
-    """Run a graph, do something to its processes after a while; why it ended, "" if it went on."""
+    """Run a graph, do something to its processes after a while; why it ended, "" if it went on.
+
+    It goes on until `done`, too.
+    """
     due = end = 0.0
 
     def watch(progress: Any) -> bool:
@@ -208,7 +247,7 @@ def _hit(
             end = now + (PATIENCE if ends else _GOES_ON)
             traces.opened = opened_by(progress.pids.values())
             hit(progress.pids)
-        return bool(end) and now >= end
+        return bool(end) and now >= end and (done() or now >= end + _VISIT)
 
     said = ""
     try:
@@ -221,6 +260,52 @@ def _hit(
     except GraphError as error:
         said = str(error).splitlines()[0]
     return said
+
+
+def _visited(
+    words: list[str],
+    others: list[list[str]],
+    code: int,
+    text: str,
+    rng: np.random.Generator,
+    folder: Path,
+    traces: Traces,
+    change: Callable[[dict[str, int]], Callable[[], None]] = lambda pids: lambda: None,
+) -> str:
+    """Start commands beside a graph; the first must end with a code and a text, the graph go on."""
+    visitors: list[subprocess.Popen[str]] = []
+    undo: list[Callable[[], None]] = []
+
+    def come(pids: dict[str, int]) -> None:
+        undo.append(change(pids))
+        visitors.extend(
+            subprocess.Popen(
+                [sys.executable, "-m", "loco_bringup.cli.main", *line],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+            for line in (words, *others)
+        )
+
+    def gone() -> bool:
+        if visitors and visitors[0].poll() is None:
+            return False
+        while undo:
+            undo.pop()()
+        return True
+
+    try:
+        said = _hit(come, rng, folder, traces, ends=False, done=gone)
+    finally:
+        while undo:
+            undo.pop()()
+        for visitor in visitors:
+            visitor.send_signal(signal.SIGINT)
+        answers = [visitor.communicate(timeout=PATIENCE)[0] for visitor in visitors]
+    if not said and (visitors[0].returncode != code or text not in answers[0]):
+        said = f"exit code {visitors[0].returncode}, {' '.join(answers[0].split())[:300]}"
+    return _looked(not said, "ridden", said, folder, traces)
 
 
 def _guards() -> list[int]:

@@ -28,10 +28,9 @@ from ...bag.reader import Bag
 from ...graph import run
 from .faults import SAFE_TICKS, time_outs
 from .motion import Motion
-from .rough import EXPERIMENT, LONG, PATIENCE, REALTIME
+from .rough import CONTROLLERS, EXPERIMENT, LONG, PATIENCE, REALTIME
 from .traces import Traces, opened_by
 
-CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
 KILL = [("SIGKILL", name) for name in CONTROLLERS]
 _STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
