@@ -80,7 +80,7 @@ def test_a_signal_is_judged_by_the_age_of_the_last_command(age, takes, safe, rid
 def test_a_robot_that_was_stopped_for_good_gets_no_more_signals():
     hits = Hits("SIGSTOP", "recorder", 3, np.random.default_rng(0))
     events = []
-    progress = SimpleNamespace(sim_time=1.0, events=events, pids={"recorder": 0})
+    progress = SimpleNamespace(sim_time=4.0, events=events, pids={"recorder": 0})
     assert not hits(progress) and hits.left == 3
     events.append((1.0, event("estop", 200, "lh_kfe_joint moves at 34.4 rad/s, more than 30")))
     assert hits(progress) and hits.left == 3

@@ -27,6 +27,8 @@ from .speaker import said
 from .traces import Traces, opened_by
 
 EXPERIMENT = "hyq_trot_reflex"
+_BEFORE = 50  # ticks before a time-out in which the robot has to be driven
+_DRIVES = 1.0  # power that drives then put in, mean [W]; measured: trotting 15, at rest 0.0002
 SAFE_TICKS = 20  # the safe state has to begin so many ticks after the last command, at most
 COMPOSED = "composed"
 TAKING = ("drop", "delay", "nan", "freeze", "clock_jump")  # of a topic of the tick: the command
@@ -214,3 +216,16 @@ def _upright(bag: Bag) -> np.ndarray:
     stands = np.ones(ticks[-1] + 1, dtype=bool)
     stands[ticks] = ~(low | (lean > (limits.roll, limits.pitch)).any(axis=1))
     return stands
+
+
+def undamped(bag: Bag) -> list[str]:
+    """Times that were announced as the safe state and were not, or could not be told from it."""
+    motion, (late, back) = Motion(bag.records("/robot_state")), time_outs(bag)
+    notes = []
+    for tick, last in late:
+        end = min((b for b in back if b > tick), default=None)
+        if end is not None and end > tick + 1 and motion.is_driven(tick + 1, end):
+            notes.append(f"driven, not damped, in ticks {tick + 1} to {end}")
+        elif motion.power(last - _BEFORE, last) < _DRIVES:
+            notes.append(f"the robot was at rest in the {_BEFORE} ticks before {last}")
+    return notes

@@ -24,10 +24,8 @@ import yaml
 from loco_control.exceptions import GraphError
 from loco_learning.runs import experiment
 
-from ...bag.reader import Bag
 from ...graph import run
-from .faults import SAFE_TICKS, time_outs
-from .motion import Motion
+from .faults import SAFE_TICKS, undamped
 from .rough import CONTROLLERS, EXPERIMENT, LONG, PATIENCE, REALTIME
 from .traces import Traces, opened_by
 
@@ -35,8 +33,7 @@ STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
 KILL = [("SIGKILL", name) for name in CONTROLLERS]
 _STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
 _BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
-_BEFORE = 50  # ticks before a signal in which the robot has to be driven
-_DRIVES = 1.0  # power that drives then put in, mean [W]; measured: trotting 15, at rest 0.0002
+_STANDS = 3.0  # simulated time until a robot walks [s]
 _ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
 
 
@@ -106,7 +103,7 @@ class Hits:
     def __call__(self, progress: Any) -> bool:
         """Do what is due; true when all is done, or the robot was stopped for good."""
         now, self.events = time.monotonic(), progress.events
-        if progress.sim_time <= 0.0:
+        if progress.sim_time < _STANDS:
             return False
         if self._wake:
             if now >= self._wake:
@@ -195,20 +192,7 @@ def _run_on(hits: Hits, folder: Path, nodes: str, row: dict[str, Any], traces: T
         traces.notes.append(hits.trouble)
     bag = traces.look(folder, hits.opened)
     if bag is not None:
-        undamped = _undamped(bag)
-        row["safe"] = max(0, row["safe"] - len(undamped))
+        bad = undamped(bag)
+        row["safe"] = max(0, row["safe"] - len(bad))
         row["damped"] = row["safe"]
-        traces.notes += undamped
-
-
-def _undamped(bag: Bag) -> list[str]:
-    """Times that were announced as the safe state and were not, or could not be told from it."""
-    motion, (late, back) = Motion(bag.records("/robot_state")), time_outs(bag)
-    notes = []
-    for tick, last in late:
-        end = min((b for b in back if b > tick), default=None)
-        if end is not None and end > tick + 1 and motion.is_driven(tick + 1, end):
-            notes.append(f"driven, not damped, in ticks {tick + 1} to {end}")
-        elif motion.power(last - _BEFORE, last) < _DRIVES:
-            notes.append(f"the robot was at rest in the {_BEFORE} ticks before {last}")
-    return notes
+        traces.notes += bad
