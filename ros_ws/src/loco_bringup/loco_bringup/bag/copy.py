@@ -11,18 +11,24 @@ from loco_control.files import whole_folder
 from loco_control.reading import as_text, parse_yaml
 
 from .reader import Bag
-from .writer import BagWriter
+from .writer import BagWriter, Limits
 
 DECIDES = "experiment.yaml"  # what is inside a bag besides: parameters of nodes and weights
 
 
-def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Path:
+def extract(
+    bag: Bag | str | Path,
+    out: str | Path,
+    topics: Sequence[str] | None = None,
+    limits: Limits | None = None,
+) -> Path:
     """Copy topics and the experiment; stamps and bytes of messages stay.
 
     Args:
         bag: Bag folder or ``.mcap`` file.
         out: New bag folder.
-        topics: Names; ``NAME:N`` keeps each N-th message.
+        topics: Names; ``NAME:N`` keeps each N-th message. None for all, with all files inside.
+        limits: Size and time after which the next file of the new bag begins.
 
     Returns:
         Folder of the new bag.
@@ -33,10 +39,12 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
         ParameterError: N is not a whole number from 1.
     """
     bag, out = bag if isinstance(bag, Bag) else Bag(bag), Path(out)
-    periods = {bag.resolve(name): every for name, every in map(_parsed, topics)}
+    chosen = [*bag.topics] if topics is None else topics
+    periods = {bag.resolve(name): every for name, every in map(_parsed, chosen)}
     if not periods:
         raise BagError("no topic to copy; name at least one")
-    files = {name: bag.attachment(name) for name in bag.attachments() if name == DECIDES}
+    inside = [name for name in bag.attachments() if topics is None or name == DECIDES]
+    files = {name: bag.attachment(name) for name in inside}
     messages = []
     for name, every in periods.items():
         times, data = bag.raw(name)
@@ -46,7 +54,7 @@ def extract(bag: Bag | str | Path, out: str | Path, topics: Sequence[str]) -> Pa
         raise BagError(f"{out} holds a bag already; choose another folder")
     try:
         with whole_folder(out) as folder:
-            writer = BagWriter(folder, bag.metadata)
+            writer = BagWriter(folder, bag.metadata, limits=limits)
             try:
                 _announce(bag, writer, periods)
                 for t, name, data in sorted(messages, key=lambda m: m[0]):

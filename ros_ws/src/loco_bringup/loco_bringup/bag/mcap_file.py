@@ -152,6 +152,20 @@ class McapFile(Mcap):
         """Places of the chunks."""
         return self.kind(Opcode.CHUNK)
 
+    @property
+    def block_count(self) -> int:
+        """Blocks that `blocks` yields."""
+        return len(self.chunks) or int(bool(self.kind(Opcode.MESSAGE)))
+
+    def block(self, number: int) -> Records:
+        """One block of `blocks`: a chunk, or all messages of a file without chunks.
+
+        Raises:
+            BagError: The chunk is damaged.
+        """
+        chunks = self.chunks
+        return self._dated(self.records(chunks[number]) if chunks else self.loose())
+
     def blocks(self) -> Iterator[Records]:
         """All messages, a chunk at a time, as they stand in the file.
 

@@ -119,6 +119,11 @@ class McapWriter:
         """Texts by key; they are asked for and written at the end."""
         self._tail.append(lambda: Metadata(metadata=values(), name=name))
 
+    @property
+    def size(self) -> int:
+        """Bytes in the file, and unpacked ones that wait for their chunk."""
+        return self._offset + len(self._buffer)
+
     def flush(self) -> None:
         """Write the chunk in progress.
 
@@ -183,24 +188,30 @@ class McapWriter:
                 total[channel] += count
         return dict(total)
 
-    def finish(self, then: Callable[[], None] = lambda: None, make_room: bool = False) -> None:
-        """Write attachments, metadata and summary, and close the file.
+    def finish(
+        self, then: Callable[[], None] = lambda: None, make_room: bool = False, sync: bool = True
+    ) -> None:
+        """Write attachments, metadata and summary; the file stays open if there is no room.
 
         Args:
             then: A function that writes the rest of the bag, e.g. ``metadata.yaml``.
             make_room: Whether chunks from the end are left out when there is no room.
+            sync: Whether to wait for the disk.
 
         Raises:
             OSError: There is no room even so; the file is whole up to its last chunk.
         """
-        try:
-            while not self._ended(then, make_room and bool(self._chunks)):
-                row = self._chunks.pop()
-                self.messages -= sum(count for _, _, count in _channels_in(row))
-                self._rewind(_CHUNK.unpack_from(row)[0])
+        while not self._ended(then, make_room and bool(self._chunks)):
+            row = self._chunks.pop()
+            self.messages -= sum(count for _, _, count in _channels_in(row))
+            self._rewind(_CHUNK.unpack_from(row)[0])
+        if sync:
             os.fsync(self._fd)
-        finally:
-            os.close(self._fd)
+        self.close()
+
+    def close(self) -> None:
+        """Close the file as it is."""
+        os.close(self._fd)
 
     def _ended(self, then: Callable[[], None], may_fail: bool) -> bool:
         start = self._offset

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import BagError, MissingFileError, NameUnknownError, ParameterError
+from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_control.reading import as_text, parse_yaml
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.plain import Message, deserialize, message_class
 
 from .mcap_chunk import Records, gather
 from .mcap_file import McapFile, of_channels
+from .parts import McapFiles, mcap_paths
 from .writer import LIBRARY
 
 
@@ -34,21 +35,26 @@ class Bag:
     """A recorded bag, given as its folder or as its ``.mcap`` file.
 
     Args:
-        path: Folder that holds one ``*.mcap``, or the file itself.
+        path: Folder that holds one ``*.mcap`` or those of a split bag, or one file.
 
     Attributes:
+        paths: Files of the bag.
+        path: The file, the folder if there are several.
+        folder: Folder of the files.
         topics: Topics by name.
         channels: Numbers that the file uses for each topic.
 
     Raises:
-        MissingFileError: There is no such folder or file.
-        BagError: The file is not a complete MCAP file.
+        MissingFileError: There is no such folder or file, or one of several is missing.
+        BagError: A file is no complete MCAP file, or ``metadata.yaml`` names others.
     """
 
     def __init__(self, path: str | Path):
-        self.path = mcap_path(Path(path))
-        self.folder = self.path.parent
-        self.file = McapFile(self.path)
+        self.paths = mcap_paths(Path(path))
+        whole = len(self.paths) == 1
+        self.folder = self.paths[0].parent
+        self.path = self.paths[0] if whole else self.folder
+        self.file = McapFile(self.path) if whole else McapFiles(self.paths)
         self.summary = self.file.summary
         counts = self.summary.statistics.channel_message_counts
         self.channels: dict[str, list[int]] = {}
@@ -234,22 +240,6 @@ class _Columns:
         if self._codec is None:
             raise BagError(f"{self._bag.path.name} has no message on {self._name}")
         return self._data[: self._filled].view(self._codec.dtype).reshape(-1)
-
-
-def mcap_path(path: Path) -> Path:
-    """The ``.mcap`` file of a bag folder, or the file itself.
-
-    Raises:
-        MissingFileError: There is no such folder or file.
-    """
-    if path.is_dir():
-        files = sorted(path.glob("*.mcap"))
-        if len(files) != 1:
-            raise MissingFileError(f"{path} holds {len(files)} .mcap files, expected one bag")
-        return files[0]
-    if not path.is_file():
-        raise MissingFileError(f"no bag at {path}; `loco list bags` shows those that are there")
-    return path
 
 
 def seconds(records: np.ndarray, path: str) -> np.ndarray:

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import BagError, LocoError, ParameterError
+from loco_control.exceptions import BagError, LocoError, MissingFileError, ParameterError
 from loco_control.files import whole_folder
 from loco_control.reading import parse_yaml, read_yaml
 
 from . import progress as bag_progress
 from .mcap_chunk import Records
 from .mcap_file import McapFile
-from .reader import mcap_path
-from .salvage import Salvage, Salvager
+from .parts import mcap_paths, missing, numbered
+from .salvage import Salvager
 from .writer import LIBRARY, BagWriter
 
 _BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files that a run leaves in its folder
@@ -59,7 +59,7 @@ class Recovery:
 
 
 def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
-    """Copy every whole chunk of a bag into a new bag.
+    """Copy every whole chunk of a bag into a new bag, which is split where the old one is.
 
     The new folder appears at once, when it is complete.
 
@@ -72,40 +72,49 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
         BagError: Nothing in it is whole, or there is no room for the new one.
         ParameterError: `out` exists.
     """
-    file = mcap_path(Path(path))
-    salvager = Salvager(file)
-    salvage = salvager.found
-    if _is_whole(salvage, file):
-        messages = salvage.statistics.message_count if salvage.statistics else 0
-        return Recovery(None, messages, len(salvage.blocks))
-    old = Path(path) if Path(path).is_dir() else file.with_suffix("")
+    path = Path(path)
+    files = numbered(path) if path.is_dir() else mcap_paths(path)
+    salvagers = [Salvager(file) for file in files]
+    found = [salvager.found for salvager in salvagers]
+    chunks = sum(len(salvage.blocks) for salvage in found)
+    if _is_whole(path, salvagers):
+        messages = sum(s.statistics.message_count for s in found if s.statistics)
+        return Recovery(None, messages, chunks)
+    old = path if path.is_dir() else path.with_suffix("")
     target = Path(out) if out else old.with_name(f"{old.resolve().name}_recovered")
     if target.exists():
         raise ParameterError(f"{target} exists already; name another folder with --out")
-    if not salvage.blocks and not salvage.loose:
-        raise BagError(f"{file}: no whole chunk among {salvage.size} bytes; nothing to recover")
-    return _Copy(salvager, file, target).run()
+    if not chunks and not any(salvage.loose for salvage in found):
+        size = sum(salvage.size for salvage in found)
+        raise BagError(f"{path}: no whole chunk among {size} bytes; nothing to recover")
+    lacks = _lacking(files) if path.is_dir() else []
+    return _Copy(salvagers, files, target, lacks).run()
 
 
-def _is_whole(salvage: Salvage, file: Path) -> bool:
-    if salvage.lost or salvage.statistics is None:
+def _is_whole(path: Path, salvagers: list[Salvager]) -> bool:
+    if any(s.found.lost or s.found.statistics is None for s in salvagers):
         return False
     try:
-        McapFile(file)
-    except BagError:
+        files = [McapFile(file).path for file in mcap_paths(path)]
+    except (BagError, MissingFileError):
         return False
-    return (file.parent / "metadata.yaml").is_file()
+    return len(files) == len(salvagers) and (files[0].parent / "metadata.yaml").is_file()
 
 
 class _Copy:
     """Writes the new bag and counts."""
 
-    def __init__(self, salvager: Salvager, file: Path, target: Path):
-        self._salvager, self._found = salvager, salvager.found
-        self._file, self._target = file, target
+    def __init__(
+        self, salvagers: list[Salvager], files: list[Path], target: Path, lacks: list[str]
+    ):
+        self._salvagers, self._files, self._target = salvagers, files, target
+        self._lacks = lacks  # files of the bag that are not there
+        self._folder = files[0].parent
+        self._lost = [item for salvager in salvagers for item in salvager.found.lost]
         self._spans: list[tuple[int, int]] = []  # times of each chunk [ns]
         self._foreign: Counter[int] = Counter()  # messages of channels that nothing describes
         self._written = 0
+        self._topics: set[str] = set()  # that the new bag has
 
     def run(self) -> Recovery:
         """Write beside the target, then put it in place."""
@@ -117,33 +126,41 @@ class _Copy:
         return self._recovery()
 
     def _write(self, folder: Path) -> None:
-        old = _old_metadata(self._file)
-        custom = dict(self._found.metadata.get(LIBRARY) or old.get("custom_data") or {})
+        custom = dict(_old_metadata(self._files).get("custom_data") or {})
+        for salvager in self._salvagers:
+            custom |= salvager.found.metadata.get(LIBRARY) or {}
         writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
-        topics = self._announce(writer)
-        for chunk in self._found.blocks:
-            self._copy(self._salvager.records(chunk), topics, writer)
-        if self._found.loose and not self._found.blocks:
-            self._copy(self._salvager.loose(), topics, writer)
-        for file in self._found.attachments:
-            writer.attach(file.name, file.data, file.media_type)
-        inside = {file.name for file in self._found.attachments}
-        for path in (self._file.parent / name for name in _BESIDE):
+        inside: set[str] = set()
+        for salvager in self._salvagers:
+            writer.split()
+            found = salvager.found
+            topics = self._announce(salvager, writer)
+            for chunk in found.blocks:
+                self._copy(salvager.records(chunk), topics, writer)
+            if found.loose and not found.blocks:
+                self._copy(salvager.loose(), topics, writer)
+            for file in found.attachments:
+                writer.attach(file.name, file.data, file.media_type)
+                inside.add(file.name)
+        for path in (self._folder / name for name in _BESIDE):
             if path.is_file() and path.name not in inside:
                 writer.attach(path.name, path.read_bytes(), "application/octet-stream")
-        writer.custom["recovered_from"] = self._file.name
+        writer.custom["recovered_from"] = (
+            self._files[0].name if len(self._files) == 1 else self._folder.name
+        )
         writer.close()
         if writer.failed:
             raise BagError(f"the recovered bag could not be written: {writer.failed}")
 
-    def _announce(self, writer: BagWriter) -> dict[int, str]:
-        """Topic by channel, of those whose message type is known."""
+    def _announce(self, salvager: Salvager, writer: BagWriter) -> dict[int, str]:
+        """Topic by channel of a file, of those whose message type is known."""
         topics: dict[int, str] = {}
-        for number, channel in sorted(self._found.channels.items()):
-            schema = self._found.schemas.get(channel.schema_id)
+        for number, channel in sorted(salvager.found.channels.items()):
+            schema = salvager.found.schemas.get(channel.schema_id)
             if schema is None:
                 continue
-            if channel.topic not in topics.values():
+            if channel.topic not in self._topics:
+                self._topics.add(channel.topic)
                 hash_ = channel.metadata.get("topic_type_hash", "")
                 qos = _profiles(channel.metadata.get("offered_qos_profiles", ""))
                 text = schema.data.decode(errors="replace")
@@ -172,19 +189,23 @@ class _Copy:
         spans = np.array(self._spans or [(0, 0)], dtype=np.int64)
         seconds = (spans[:, 1].max() - spans[:, 0].min()) / 1e9
         lost, lost_seconds = self._losses(int(spans[:, 0].min()), int(spans[:, 1].max()))
-        notes = [str(item) for item in self._found.lost]
+        several = len(self._files) > 1
+        notes = [f"{name!r:.80} is missing" for name in self._lacks]
+        notes += [(f"{file.name}: " if several else "") + str(item)
+                  for file, s in zip(self._files, self._salvagers, strict=True)
+                  for item in s.found.lost]  # fmt: skip
         notes += [f"{n} messages of channel {c}, which nothing describes"
                   for c, n in self._foreign.items()]  # fmt: skip
-        chunks = len(self._found.blocks)
-        cut = any(item.stop == self._found.size for item in self._found.lost)
-        at_least = cut and self._expected() is None
+        chunks = sum(len(s.found.blocks) for s in self._salvagers)
+        ends = [item.stop == s.found.size for s in self._salvagers for item in s.found.lost]
+        at_least = (any(ends) or bool(self._lacks)) and self._expected() is None
         return Recovery(
             self._target, self._written, chunks, seconds, lost, lost_seconds, at_least, notes
         )
 
     def _losses(self, first: int, last: int) -> tuple[int | None, float | None]:
         """Messages lost and time without any [s], by whoever knows of them."""
-        gone = [item for item in self._found.lost if item.content]
+        gone = [item for item in self._lost if item.content]
         counted = [item.messages for item in gone]
         expected = self._expected()
         if expected:
@@ -196,7 +217,8 @@ class _Copy:
             lost = lost if lost is None else lost + sum(self._foreign.values())
         spans = [item.times for item in gone]
         if not expected and (None in spans or not gone):
-            return lost, None if gone or self._found.statistics is None else 0.0
+            ended = all(s.found.statistics for s in self._salvagers)
+            return lost, None if gone or not ended else 0.0
         inner = sum(s[1] - s[0] for s in spans if s and first <= s[0] and s[1] <= last)
         ends = [s for s in spans if s] + [(begin, end)]
         outer = max(0, first - min(s[0] for s in ends)) + max(0, max(s[1] for s in ends) - last)
@@ -204,30 +226,45 @@ class _Copy:
 
     def _expected(self) -> tuple[int, int, int] | None:
         """Messages that there were, and times of the first and last [ns], if something tells."""
-        if self._found.statistics:
-            s = self._found.statistics
-            return s.message_count, s.message_start_time, s.message_end_time
+        ends = [s.found.statistics for s in self._salvagers]
+        if all(ends) and not self._lacks:
+            each = [s for s in ends if s and s.message_count] or ends[:1]
+            count = sum(s.message_count for s in each)
+            first = min(s.message_start_time for s in each)
+            return count, first, max(s.message_end_time for s in each)
+        if len(self._files) < len(list(self._folder.glob("*.mcap"))):
+            return None  # what follows tells of the whole bag
         first = min((s[0] for s in self._spans), default=0)
-        state = bag_progress.read(self._file.parent)
+        state = bag_progress.read(self._folder)
         if state:
             return state[0], first, state[1]
-        old = _old_metadata(self._file)
+        old = _old_metadata(self._files)
         count = old.get("message_count", 0)
         if not count:
             return None
         try:
+            if not all(file["message_count"] for file in old["files"]):
+                return None  # of a recorder that was killed: it says nothing of the last file
             begin = int(old["starting_time"]["nanoseconds_since_epoch"])
             return int(count), begin, begin + int(old["duration"]["nanoseconds"])
         except (KeyError, TypeError, ValueError):
             return None
 
 
-def _old_metadata(file: Path) -> dict[str, Any]:
-    """Contents of ``metadata.yaml``; none if it cannot be read or is of another file."""
+def _lacking(files: list[Path]) -> list[str]:
+    """Files that ``metadata.yaml`` names, or that lack in the series, and are not there."""
+    named = _old_metadata(files).get("relative_file_paths", [])
+    there = {file.name for file in files}
+    return [str(name) for name in dict.fromkeys([*named, *missing(files)]) if name not in there]
+
+
+def _old_metadata(files: list[Path]) -> dict[str, Any]:
+    """Contents of ``metadata.yaml``; none if it cannot be read or is of other files."""
     try:
-        content = read_yaml(file.parent / "metadata.yaml")
+        content = read_yaml(files[0].parent / "metadata.yaml")
         information = content["rosbag2_bagfile_information"]
-        return information if file.name in information["relative_file_paths"] else {}
+        known = {file.name for file in files} <= set(information["relative_file_paths"])
+        return information if known else {}
     except (LocoError, ValueError, TypeError, KeyError):
         return {}
 

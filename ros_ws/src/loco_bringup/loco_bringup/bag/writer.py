@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a rosbag2 folder: one MCAP file and ``metadata.yaml`` version 9.
+"""Writes a rosbag2 folder: MCAP files, one unless it is split, and ``metadata.yaml`` version 9.
 
 Log and publish time of a message are simulated time, as ``ros2 bag record
 --use-sim-time`` does; so replays and plots do not depend on the host's speed.
@@ -8,6 +8,7 @@ Log and publish time of a message are simulated time, as ``ros2 bag record
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from loco_control.exceptions import BagError
+from loco_control.exceptions import BagError, ParameterError
 from loco_control.files import write_whole
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_control.ros.messages.topics import Topic
@@ -27,10 +28,46 @@ CHUNK_SIZE = 256 * 1024
 LIBRARY = "loco"
 
 
+@dataclass(frozen=True)
+class Limits:
+    """Size and time of a file after which the next file of a bag begins.
+
+    Args:
+        size: Bytes, from 300,000, without the index at the end of the file; 0 for no limit.
+        duration: Time from the first message of a file [s], from 0.1; 0 for no limit.
+
+    Raises:
+        ParameterError: A limit is too small, or no number.
+    """
+
+    size: int = 0
+    duration: float = 0.0
+
+    def __post_init__(self) -> None:
+        rows = ("size", self.size, 300_000, "bytes"), ("duration", self.duration, 0.1, "s")
+        for what, value, least, unit in rows:
+            if not (value == 0 or value >= least):
+                raise ParameterError(
+                    f"the longest {what} of a file of a bag must be 0 (no limit) or at least "
+                    f"{least} {unit}, got {value}"
+                )
+
+
 @dataclass
 class _Channel:
     id: int
     meta: dict[str, Any]
+    about: dict[str, str]  # in the file
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One file of a bag: its name, times of its first and last message [ns], messages."""
+
+    name: str
+    span: tuple[int, int]
+    messages: int
+    counts: dict[int, int]  # by channel
 
 
 class BagWriter:
@@ -43,6 +80,7 @@ class BagWriter:
         folder: New folder of the bag; its name is the name of the bag.
         custom_data: Texts kept in the bag's metadata (experiment, seed, versions).
         chunk_size: Bytes of messages after which a chunk is written.
+        limits: Size and time after which the next file begins.
 
     Attributes:
         written: Messages given to the writer so far.
@@ -57,20 +95,27 @@ class BagWriter:
         folder: Path,
         custom_data: dict[str, str] | None = None,
         chunk_size: int = CHUNK_SIZE,
+        limits: Limits | None = None,
     ):
+        limits = limits or Limits()
         self.folder = Path(folder)
-        self._path = self.folder / f"{self.folder.name}_0.mcap"
+        self._chunk_size = chunk_size
+        self._max_size, self._max_time = limits.size, limits.duration * 1e9  # [bytes], [ns]
+        self._parts: list[_Part] = []  # files that are closed
+        self._begun: int | None = None  # time of the first message of the file [ns]
+        self._path = self._part_path(0)
+        self._has_last = True  # the open file counts
         self.custom = custom_data or {}
         self.written, self.failed = 0, ""
         self._channels: dict[str, _Channel] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[str, bytes] = {}  # definitions by message type
         self._end = 0
         self._open = True
         if self._path.exists():
             raise BagError(f"{self._path} exists already; choose another folder")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._writer = McapWriter(self._path, chunk_size, LIBRARY)
+            self._writer = self._begin(self._path)
             self._write_metadata()
         except OSError as error:
             raise BagError(f"no bag can be written in {self.folder}: {error}") from None
@@ -95,11 +140,41 @@ class BagWriter:
             "offered_qos_profiles": qos,
             "type_description_hash": hash_,
         }
-        self._channels[name] = _Channel(len(self._channels) + 1, meta)
+        self._channels[name] = _Channel(len(self._channels) + 1, meta, about)
         with self._until_full():
             if kind not in self._schemas:
-                self._schemas[kind] = self._writer.schema(kind, "ros2msg", text.encode())
-            self._writer.channel(name, "cdr", self._schemas[kind], about)
+                self._schemas[kind] = text.encode()
+                self._writer.schema(kind, "ros2msg", self._schemas[kind])
+            self._writer.channel(name, "cdr", self._number(kind), about)
+
+    def _number(self, kind: str) -> int:
+        """Number of a message type in every file."""
+        return list(self._schemas).index(kind) + 1
+
+    def _part_path(self, number: int) -> Path:
+        return self.folder / f"{self.folder.name}_{number}.mcap"
+
+    def _begin(self, path: Path) -> McapWriter:
+        """A new file with the types and topics of the bag.
+
+        Raises:
+            OSError: There is no room for it; it is not there.
+        """
+        writer = None
+        try:
+            writer = McapWriter(path, self._chunk_size, LIBRARY)
+            for kind, text in self._schemas.items():
+                writer.schema(kind, "ros2msg", text)
+            for name, channel in self._channels.items():
+                writer.channel(name, "cdr", self._number(channel.meta["type"]), channel.about)
+        except OSError:
+            if writer is not None:
+                writer.close()
+            path.unlink(missing_ok=True)
+            raise
+        writer.metadata("rosbag2", self._serialized)
+        writer.metadata(LIBRARY, lambda: self.custom)
+        return writer
 
     def add_row(self, name: str, row: Topic) -> None:
         """Announce a topic of the table under the name `name`."""
@@ -111,8 +186,11 @@ class BagWriter:
     ) -> None:
         """Append a serialised message with its simulated time [ns]; it is the publish time too."""
         self.written += 1
+        if self._is_over(t):
+            self.split()
         if self.failed:
             return
+        self._begun = t if self._begun is None else min(t, self._begun)
         self._end = max(self._end, t)
         self._progress.tell(self.written, self._end)
         try:
@@ -120,6 +198,37 @@ class BagWriter:
             self._writer.message(self._channels[topic].id, t, data, sent, sequence)
         except OSError as error:
             self._fail(error)
+
+    def _is_over(self, t: int) -> bool:
+        """Whether a message of this time [ns] belongs into the next file."""
+        if self._begun is None:
+            return False
+        full = 0 < self._max_size <= self._writer.size
+        return full or 0 < self._max_time <= t - self._begun
+
+    def split(self) -> None:
+        """Close the file and begin the next one; nothing if it has no message yet.
+
+        All or nothing: without room for both the recording ends with the file that was open.
+        """
+        if self.failed or self._begun is None:
+            return
+        before, path = self._writer, self._path
+        with self._until_full():
+            before.flush()
+            self._path = self._part_path(len(self._parts) + 1)
+            try:
+                self._writer = self._begin(self._path)
+                self._parts.append(_part(path, before))
+                before.finish(self._write_metadata, sync=False)
+            except OSError:
+                if self._writer is not before:
+                    self._writer.close()
+                    self._path.unlink()
+                self._parts = [part for part in self._parts if part.name != path.name]
+                self._writer, self._path = before, path
+                raise
+            self._begun = None
 
     def attach(self, name: str, data: bytes, media_type: str = "text/yaml") -> None:
         """Put a file (configuration, weights) inside the bag."""
@@ -153,21 +262,39 @@ class BagWriter:
         self._open = False
         if not self.failed:
             self.flush()
-        self._writer.metadata("rosbag2", self._serialized)
-        self._writer.metadata(LIBRARY, lambda: self.custom)
         try:
             self._writer.finish(self._write_metadata, make_room=True)
         except OSError as error:
-            raise BagError(
-                f"{self._path} could not be closed: {error.strerror or error}; "
-                f"`loco recover {self.folder}` makes a bag of what is there"
-            ) from None
+            self._writer.close()
+            self._fail(error)
+            if not self._left_out():
+                raise BagError(
+                    f"{self._path} could not be closed: {error.strerror or error}; "
+                    f"`loco recover {self.folder}` makes a bag of what is there"
+                ) from None
         self._progress.done()
+
+    def _left_out(self) -> bool:
+        """Remove a last file that has no room even for its end: those before are a whole bag."""
+        if not self._parts:
+            return False
+        self._has_last = False
+        try:
+            self._path.unlink()
+            self._write_metadata()
+        except OSError:
+            return False
+        return True
 
     @property
     def kept(self) -> tuple[int, float]:
-        """Messages in the file, and simulated time of the newest [s]."""
-        return self._writer.messages, self._writer.span[1] / 1e9
+        """Messages in the files, and simulated time of the newest [s]."""
+        files = self._files()
+        return sum(f.messages for f in files), max(f.span[1] for f in files) / 1e9
+
+    def _files(self) -> list[_Part]:
+        """All files, the one that is open last."""
+        return [*self._parts, *([_part(self._path, self._writer)] if self._has_last else [])]
 
     def _serialized(self) -> dict[str, str]:
         return {"serialized_metadata": yaml.safe_dump(self._information(), sort_keys=False)}
@@ -177,34 +304,39 @@ class BagWriter:
         write_whole(self.folder / "metadata.yaml", yaml.safe_dump(content, sort_keys=False))
 
     def _information(self) -> dict[str, Any]:
-        start, end = self._writer.span
-        counts = self._writer.counts()
-        length = {"nanoseconds": end - start}
-        begin = {"nanoseconds_since_epoch": start}
+        files = self._files()
+        spans = [f.span for f in files if f.messages] or [(0, 0)]
+        start, end = min(s[0] for s in spans), max(s[1] for s in spans)
+        counts = sum((Counter(f.counts) for f in files), Counter[int]())
         return {
             "version": 9,
             "storage_identifier": "mcap",
-            "duration": length,
-            "starting_time": begin,
-            "message_count": self._writer.messages,
+            "duration": {"nanoseconds": end - start},
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": sum(f.messages for f in files),
             "topics_with_message_count": [
-                {"topic_metadata": c.meta, "message_count": counts.get(c.id, 0)}
+                {"topic_metadata": c.meta, "message_count": counts[c.id]}
                 for c in self._channels.values()
             ],
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [self._path.name],
+            "relative_file_paths": [f.name for f in files],
             "files": [
                 {
-                    "path": self._path.name,
-                    "starting_time": begin,
-                    "duration": length,
-                    "message_count": self._writer.messages,
+                    "path": f.name,
+                    "starting_time": {"nanoseconds_since_epoch": f.span[0]},
+                    "duration": {"nanoseconds": f.span[1] - f.span[0]},
+                    "message_count": f.messages,
                 }
+                for f in files
             ],
             "custom_data": self.custom,
             "ros_distro": "jazzy",
         }
+
+
+def _part(path: Path, writer: McapWriter) -> _Part:
+    return _Part(path.name, writer.span, writer.messages, writer.counts())
 
 
 def qos_dict(reliable: bool, latched: bool, depth: int) -> dict[str, Any]:

@@ -13,8 +13,10 @@ from typing import Any
 from ..bag.copy import extract as extract_topics
 from ..bag.export import export as export_topics
 from ..bag.mcap_chunk import chunk_head
+from ..bag.mcap_file import McapFile
 from ..bag.reader import Bag
 from ..bag.recover import recover as recover_bag
+from ..bag.writer import Limits
 from ..terminal import console, table
 
 
@@ -34,7 +36,8 @@ def export(a: argparse.Namespace) -> int:
 
 def extract(a: argparse.Namespace) -> int:
     """`loco extract`: prints the folder that it wrote."""
-    sys.stdout.write(f"{extract_topics(a.bag, a.out, a.topics)}\n")
+    limits = Limits(a.max_bag_size, a.max_bag_duration)
+    sys.stdout.write(f"{extract_topics(a.bag, a.out, a.topics, limits)}\n")
     return 0
 
 
@@ -64,7 +67,9 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
         console.print_json(json.dumps(_about(bag)))
         return
     length = bag.end - bag.start
-    console.print(f"{bag.path}: {length:.2f} s, {bag.path.stat().st_size / 1e6:.1f} MB")
+    console.print(f"{bag.path}: {length:.2f} s, {_size(bag) / 1e6:.1f} MB")
+    if len(bag.paths) > 1:
+        console.print(f"  {len(bag.paths)} files, {bag.paths[0].name} to {bag.paths[-1].name}")
     chunks, size, packed = _packing(bag)
     console.print(
         f"  {chunks} chunks of {size / max(chunks, 1) / 1e3:.0f} kB, packed to {packed} %"
@@ -84,9 +89,14 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     console.print(table("Files inside", ("name", "size"), files))
 
 
+def _size(bag: Bag) -> int:
+    """Size of the files [bytes]."""
+    return sum(path.stat().st_size for path in bag.paths)
+
+
 def _packing(bag: Bag) -> tuple[int, int, int]:
     """Number of chunks, their unpacked size [bytes] and packed share [%]."""
-    heads = [chunk_head(bag.file.data, chunk) for chunk in bag.file.chunks]
+    heads = [chunk_head(f.data, c) for f in map(McapFile, bag.paths) for c in f.chunks]
     size = sum(head.size for head in heads)
     packed = sum(head.stop - head.start for head in heads)
     return len(heads), size, round(100 * packed / max(size, 1))
@@ -98,7 +108,8 @@ def _about(bag: Bag) -> dict[str, Any]:
         "path": str(bag.path),
         "start": bag.start,
         "end": bag.end,
-        "size": bag.path.stat().st_size,
+        "size": _size(bag),
+        "parts": [path.name for path in bag.paths],
         "metadata": bag.metadata,
         "topics": [dataclasses.asdict(t) for t in bag.topics.values()],
         "files": bag.attachments(),

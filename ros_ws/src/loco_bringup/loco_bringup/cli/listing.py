@@ -70,7 +70,7 @@ def _topics() -> tuple[str, tuple, list]:
 
 def _bags() -> tuple[str, tuple, list]:
     rows = []
-    for folder in sorted(p.parent for p in Path("bags").glob("*/*.mcap")):
+    for folder in sorted({p.parent for p in Path("bags").glob("*/*.mcap")}):
         try:
             bag = Bag(folder)
             length = f"{bag.end - bag.start:.1f} s"

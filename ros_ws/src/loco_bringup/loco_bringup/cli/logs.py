@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import argparse
 
+from ..bag.writer import Limits
 from ..record.record import record as record_topics
 from ..record.replayer import Cut, replay_bag
 
 
 def record(a: argparse.Namespace) -> int:
     """`loco record`."""
-    return record_topics(a.topics, a.out, a.exclude, a.duration, a.stamps, a.messages)
+    limits = Limits(a.max_bag_size, a.max_bag_duration)
+    return record_topics(a.topics, a.out, a.exclude, a.duration, a.stamps, a.messages, limits)
 
 
 def replay(a: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from loco_control.exceptions import ParameterError
 from loco_learning.runs.experiment import Experiment, load
 
+from ..bag.writer import Limits
 from ..logs.rollout_bag import run_rollout
 from ..outcome import Outcome, Progress, default_folder, duration_of
 from ..settings import overrides
@@ -27,7 +28,8 @@ def run(a: argparse.Namespace) -> int:
         if getattr(a, name):
             raise ParameterError(f"layout rollout has no nodes, so no --{name}; take composed")
     folder = a.out or default_folder(experiment)
-    outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell))
+    limits = Limits(a.max_bag_size, a.max_bag_duration)
+    outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell, limits))
     return finish(outcome, a.report)
 
 

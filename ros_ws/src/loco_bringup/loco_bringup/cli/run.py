@@ -10,6 +10,7 @@ from loco_control.params import from_dict
 from loco_learning.runs.experiment import load
 from loco_sim.params import TickParams
 
+from ..bag.writer import Limits
 from ..graph import run as runner
 from ..settings import overrides, values_of
 from .rollout import finish, show_run
@@ -29,12 +30,13 @@ def run(a: argparse.Namespace) -> int:
     realtime = values_of("--realtime", a.realtime, "fifo=80")
     if "cpus" in realtime:
         realtime["cpus"] = str(realtime["cpus"])  # one alone is a number
+    limits = Limits(a.max_bag_size, a.max_bag_duration)
     folder = a.out or runner.default_folder(experiment)
     outcome = show_run(
         experiment,
         lambda tell: runner.run(
             experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace,
-            a.fault, realtime=realtime, **tick,
+            a.fault, realtime=realtime, limits=limits, **tick,
         ),
     )  # fmt: skip
     return finish(outcome, a.report)

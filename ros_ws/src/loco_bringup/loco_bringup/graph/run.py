@@ -21,6 +21,7 @@ from loco_control.ros.fault_node import abilities
 from loco_learning.runs.experiment import Experiment
 from loco_sim.params import TickParams
 
+from ..bag.writer import Limits
 from ..outcome import Outcome, Progress, default_folder, describe, duration_of, processor
 from . import node_set
 from .processes import NEVER, RECORDER, Guard, Process, Restart
@@ -99,6 +100,7 @@ def run_robots(
     written: Sequence[str] = (),
     faults: Sequence[str] = (),
     realtime: Mapping[str, Any] | None = None,
+    limits: Limits | None = None,
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -115,6 +117,7 @@ def run_robots(
         written: Topics that go into the bag, all when empty.
         faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
         realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
+        limits: Size and time after which the next file of the bag begins.
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -132,7 +135,9 @@ def run_robots(
         tick = _changes(TickParams(), tick, "tick")
         tick |= {"clock": clock, "speed": float(speed)}
         requests = _changes(RealtimeParams(), realtime or {}, "realtime")
-        plan = _Plan(robots, folder, layout, tick, nodes, helpers, written, faults, requests)
+        plan = _Plan(
+            robots, folder, layout, tick, nodes, helpers, written, faults, requests, limits
+        )
         plan.write()
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
@@ -160,12 +165,13 @@ class _Plan:
         written: Sequence[str],
         faults: Sequence[str],
         realtime: dict[str, Any],
+        limits: Limits | None,
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
         self._helpers, self._written, self._faults = helpers, written, list(faults)
-        self._realtime = realtime
+        self._realtime, self._limits = realtime, limits or Limits()
         self._faulted = _faulted(faults, self._sets.values())
         if faults:
             self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
@@ -232,6 +238,8 @@ class _Plan:
             "faulted": list(self._faulted) or [""],
             "allow_faults": bool(self._faulted),
             "written": list(self._written) or [""],
+            "max_bagfile_size": int(self._limits.size),
+            "max_bagfile_duration": float(self._limits.duration),
         }
 
     def start(self, guard: Guard) -> list[Process]:

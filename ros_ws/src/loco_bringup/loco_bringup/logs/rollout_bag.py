@@ -25,7 +25,7 @@ from loco_learning.runs.rollout import rollout
 from loco_sim.plant.simulation import ending
 from loco_sim.ros.encoders import encoders
 
-from ..bag.writer import BagWriter
+from ..bag.writer import BagWriter, Limits
 from ..outcome import Outcome, Progress, describe, duration_of
 from .bag_log import TOPIC_OF, TRUTH
 
@@ -40,8 +40,9 @@ def run_rollout(
     experiment: Experiment,
     folder: Path,
     on_progress: Callable[[Progress], None],
+    limits: Limits | None = None,
 ) -> Outcome:
-    """Run an experiment in this process, without nodes, into a bag.
+    """Run an experiment in this process, without nodes, into a bag with these limits of files.
 
     Raises:
         ParameterError: It is of a network of masses and springs, which only runs as nodes.
@@ -63,7 +64,7 @@ def run_rollout(
     Path(folder).mkdir(parents=True, exist_ok=True)
     weights = str(Path(folder) / "weights.npz")
     log = rollout(experiment, on_tick=on_tick, save_weights=weights)
-    write_log(log, folder)
+    write_log(log, folder, limits)
     outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_ending(log))
     outcome.real_time_factor = len(log) * experiment.dt / log.wall_time
     return outcome
@@ -79,9 +80,10 @@ def _ending(log: Log) -> str:
     return ending(length, None if log.experiment.plant.fixed_base else log.distance)
 
 
-def write_log(log: Log, folder: Path) -> None:
+def write_log(log: Log, folder: Path, limits: Limits | None = None) -> None:
     """Write a log as a bag, tick by tick, with the bytes that the nodes would publish."""
-    writer = BagWriter(folder, describe(log.experiment, layout="rollout", fall=log.fall))
+    custom = describe(log.experiment, layout="rollout", fall=log.fall)
+    writer = BagWriter(folder, custom, limits=limits)
     write_messages(log, writer)
     _attach(log, writer)
     writer.close()

@@ -63,8 +63,7 @@ class Order:
     def __iter__(self) -> Iterator[tuple[float, str, bytes]]:
         @lru_cache(_KEPT)
         def data_of(block: int) -> bytes:
-            chunks = self._file.chunks
-            return (self._file.records(chunks[block]) if chunks else self._file.loose()).data
+            return self._file.block(block).data
 
         for time, channel, block, start, stop in self._table.tolist():
             data = data_of(block)

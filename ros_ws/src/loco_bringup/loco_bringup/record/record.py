@@ -31,7 +31,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_control.ros.messages.installed import ros_class
 
-from ..bag.writer import BagWriter, qos_dict
+from ..bag.writer import BagWriter, Limits, qos_dict
 from ..terminal import console
 
 DEPTH = 1000  # messages that wait while the disk is slow
@@ -47,6 +47,7 @@ def record(
     duration: float = 0.0,
     stamps: bool = False,
     messages: int = 0,
+    limits: Limits | None = None,
 ) -> int:
     """Record until Ctrl-C, for a time, up to a number of messages, or until the disk is full.
 
@@ -58,6 +59,7 @@ def record(
         stamps: Log by the stamps of messages that begin with one, the others by the newest
             stamp; else by the time of arrival.
         messages: Stop after so many (about, they come in batches); 0 for no limit.
+        limits: Size and time after which the next file of the bag begins.
 
     Returns:
         Exit code: 0, or 1 if nothing came or the disk was full.
@@ -73,7 +75,8 @@ def record(
     except re.error as error:
         raise ParameterError(f"--exclude must be a regular expression: {error}") from None
     folder = out or Path("bags") / f"record_{datetime.now():%Y%m%d-%H%M%S}"
-    writer = BagWriter(folder, {"recorded_at": datetime.now().astimezone().isoformat()})
+    custom = {"recorded_at": datetime.now().astimezone().isoformat()}
+    writer = BagWriter(folder, custom, limits=limits)
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("loco_record", context=context)

@@ -27,7 +27,7 @@ from loco_control.ros.messages.topics import LOST_TICK, Topic, faulty, to_stamp
 from loco_control.ros.node import LocoNode
 from loco_msgs.msg import Event, RecorderStatus
 
-from ..bag.writer import BagWriter
+from ..bag.writer import BagWriter, Limits
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +60,10 @@ class RecorderNode(LocoNode):
         chosen = {space: _chosen(names, TABLES[table]) for space, table in graphs}
         for _, table in graphs:
             _chosen(self._written, TABLES[table])
-        self.writer = BagWriter(folder, {str(k): str(v) for k, v in custom.items()})
+        size = int(self.declare_parameter("max_bagfile_size", 0).value)
+        limits = Limits(size, float(self.declare_parameter("max_bagfile_duration", 0.0).value))
+        custom = {str(k): str(v) for k, v in custom.items()}
+        self.writer = BagWriter(folder, custom, limits=limits)
         self._received, self._dropped, self._stopped = 0, 0, False
         self._next_tick: dict[str, int] = {}
         self.robots = [_Robot(self, space, table) for space, table in graphs]

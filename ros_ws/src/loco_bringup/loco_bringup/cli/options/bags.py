@@ -6,6 +6,8 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
+from .run import split
+
 
 def _bag(p: ArgumentParser) -> None:
     p.add_argument("bag", type=Path, help="bag folder or .mcap file")
@@ -24,6 +26,7 @@ def record(p: ArgumentParser) -> None:
     p.add_argument("--messages", type=int, default=0, help="stop after so many messages")
     p.add_argument("--stamps", action="store_true",
                    help="log by the messages' stamps (simulated time), not by arrival")  # fmt: skip
+    split(p)
 
 
 def replay(p: ArgumentParser) -> None:
@@ -107,5 +110,6 @@ def extract(p: ArgumentParser) -> None:
     """Options of `loco extract`."""
     _bag(p)
     p.add_argument("out", type=Path, help="new bag folder")
-    p.add_argument("--topics", nargs="+", required=True, metavar="TOPIC[:N]",
-                   help="names; with N each N-th message")  # fmt: skip
+    p.add_argument("--topics", nargs="+", metavar="TOPIC[:N]",
+                   help="names, with N each N-th message (default all)")  # fmt: skip
+    split(p)

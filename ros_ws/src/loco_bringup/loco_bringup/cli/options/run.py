@@ -70,7 +70,16 @@ def run(p: ArgumentParser) -> None:
                    "timer_slack=1000")  # fmt: skip
     p.add_argument("--namespace", default="", help="namespace of all nodes")
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
+    split(p)
     p.add_argument("--report", action="store_true", help="write the report when it is done")
+
+
+def split(p: ArgumentParser) -> None:
+    """Options of all commands that write bags of any length."""
+    p.add_argument("--max-bag-size", type=int, default=0, metavar="BYTES",
+                   help="begin the next file of the bag after so many bytes")  # fmt: skip
+    p.add_argument("--max-bag-duration", type=float, default=0.0, metavar="S",
+                   help="begin the next file of the bag after so many seconds")  # fmt: skip
 
 
 def engine(p: ArgumentParser) -> None:

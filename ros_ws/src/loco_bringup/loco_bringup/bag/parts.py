@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag that was split, read as one: NAME_0.mcap, NAME_1.mcap and so on."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Attachment, Channel, Schema, Statistics
+
+from loco_control.exceptions import BagError, LocoError, MissingFileError
+from loco_control.reading import read_yaml
+
+from .mcap_chunk import Records
+from .mcap_file import McapFile, Summary
+
+_NAME = re.compile(r"(.+)_(\d+)\.mcap")
+_OPEN = 8  # files of one bag that are open at a time
+
+
+class McapFiles:
+    """Several complete MCAP files that are read as one, in their order.
+
+    Channels and schemas get numbers of their own: each file has others.
+
+    Args:
+        paths: The files.
+
+    Attributes:
+        summary: Definitions and statistics of all.
+
+    Raises:
+        BagError: A file is cut short, damaged, or no MCAP file.
+    """
+
+    def __init__(self, paths: Sequence[Path]):
+        self._count = len(paths)
+        self._open = lru_cache(_OPEN)(lambda i: McapFile(paths[i]))
+        self._numbers: list[np.ndarray] = []  # per file: new number of a channel by its old one
+        self._blocks: list[tuple[int, int]] = []  # file and place in it, of each block
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._known: dict[tuple, int] = {}
+        counts: Counter[int] = Counter()
+        each = []
+        for i, file in enumerate(self._files()):
+            self._define(file.summary, counts)
+            self._blocks += [(i, k) for k in range(file.block_count)]
+            each.append(file.summary.statistics)
+        self.summary = Summary(self._joined(each, counts), self._channels, self._schemas)
+
+    def _files(self) -> Iterator[McapFile]:
+        return map(self._open, range(self._count))
+
+    def _define(self, old: Summary, counts: Counter[int]) -> None:
+        """Take the definitions of one file, and count its messages under the new numbers."""
+        numbers = np.zeros(1 << 16, np.int64)
+        for number, c in sorted(old.channels.items()):
+            schema = old.schemas.get(c.schema_id)
+            about = (schema.name, schema.encoding, schema.data) if schema else ()
+            new = self._known.setdefault(
+                (c.topic, c.message_encoding, *about), len(self._known) + 1
+            )
+            if new not in self._channels:
+                kind = len(self._schemas) + 1 if schema else 0
+                self._channels[new] = Channel(new, c.topic, c.message_encoding, c.metadata, kind)
+                if schema:
+                    self._schemas[kind] = Schema(kind, schema.data, schema.encoding, schema.name)
+            numbers[number] = new
+            counts[new] += old.statistics.channel_message_counts.get(number, 0)
+        self._numbers.append(numbers)
+
+    def _joined(self, each: list[Statistics], counts: Counter[int]) -> Statistics:
+        timed = [s for s in each if s.message_count] or each
+        return Statistics(
+            attachment_count=sum(s.attachment_count for s in each),
+            channel_count=len(self._channels),
+            channel_message_counts=dict(counts),
+            chunk_count=sum(s.chunk_count for s in each),
+            message_count=sum(s.message_count for s in each),
+            message_start_time=min(s.message_start_time for s in timed),
+            message_end_time=max(s.message_end_time for s in timed),
+            metadata_count=sum(s.metadata_count for s in each),
+            schema_count=len(self._schemas),
+        )
+
+    def block(self, number: int) -> Records:
+        """One block of `blocks`; see `McapFile.block`."""
+        i, k = self._blocks[number]
+        return self._renumbered(i, self._open(i).block(k))
+
+    def blocks(self) -> Iterator[Records]:
+        """All messages, a chunk at a time, file after file; see `McapFile.blocks`."""
+        for i, file in enumerate(self._files()):
+            for records in file.blocks():
+                yield self._renumbered(i, records)
+
+    def _renumbered(self, i: int, records: Records) -> Records:
+        records.channels = self._numbers[i][records.channels]
+        return records
+
+    def attachments(self) -> Iterator[Attachment]:
+        """Files inside the files; see `McapFile.attachments`."""
+        for file in self._files():
+            yield from file.attachments()
+
+    def metadata(self, name: str) -> dict[str, str]:
+        """Metadata of a name; of a key that several files have, the last one counts."""
+        values: dict[str, str] = {}
+        for file in self._files():
+            values |= file.metadata(name)
+        return values
+
+
+def mcap_paths(path: Path) -> list[Path]:
+    """The ``.mcap`` files of a bag folder in their order, or the file itself.
+
+    Raises:
+        MissingFileError: There is no such folder or file, it holds no bag or several, or a file of
+            a bag is missing.
+        BagError: ``metadata.yaml`` names a file outside its folder, or not all that are there.
+    """
+    if not path.is_dir():
+        if not path.is_file():
+            raise MissingFileError(f"no bag at {path}; `loco list bags` shows those that are there")
+        return [path]
+    files = numbered(path)
+    names = _named(path)
+    if names is None:
+        lacks = missing(files)
+        names = [file.name for file in files]
+    else:
+        outside = next((name for name in names if Path(name).name != name), None)
+        if outside is not None:
+            raise BagError(
+                f"{path}/metadata.yaml names {outside!r:.80}, which is not in its folder; "
+                f"`loco recover {path}` makes a bag of what is there"
+            )
+        lacks = [name for name in names if name not in {file.name for file in files}]
+    if lacks:
+        raise MissingFileError(
+            f"{path} lacks {lacks[0]!r:.80}; `loco recover {path}` makes a bag of the rest"
+        )
+    more = {file.name for file in files} - set(names)
+    if more:
+        raise BagError(
+            f"{path}/metadata.yaml does not name {min(more)}; `loco recover {path}` makes a bag "
+            "of all files"
+        )
+    return [path / name for name in dict.fromkeys(names)]
+
+
+def numbered(folder: Path) -> list[Path]:
+    """The ``.mcap`` files of a bag folder in the order of the numbers in their names.
+
+    Raises:
+        MissingFileError: It holds none, or files of several bags.
+    """
+    files = sorted(folder.glob("*.mcap"))
+    if len(files) == 1:
+        return files
+    names = [_NAME.fullmatch(file.name) for file in files]
+    parts = sorted((int(name[2]), file) for name, file in zip(names, files, strict=True) if name)
+    if not files or len(parts) < len(files) or len({name[1] for name in names if name}) > 1:
+        raise MissingFileError(
+            f"{folder} holds {len(files)} .mcap files, expected those of one bag"
+        )
+    return [file for _, file in parts]
+
+
+def missing(files: Sequence[Path]) -> list[str]:
+    """Names that lack in a series NAME_0.mcap, NAME_1.mcap, … as far as its highest number."""
+    names = [_NAME.fullmatch(file.name) for file in files]
+    numbers = {int(name[2]): name[1] for name in names if name}
+    if len(files) < 2 or len(numbers) < len(files):
+        return []
+    name = next(iter(numbers.values()))
+    return [f"{name}_{i}.mcap" for i in range(min(max(numbers), 1 << 16)) if i not in numbers]
+
+
+def _named(folder: Path) -> list[str] | None:
+    """Files that ``metadata.yaml`` names; None if it is missing or tells none."""
+    try:
+        names = read_yaml(folder / "metadata.yaml")["rosbag2_bagfile_information"]
+        names = names["relative_file_paths"]
+    except (LocoError, TypeError, KeyError):
+        return None
+    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    return names if texts and names else None
