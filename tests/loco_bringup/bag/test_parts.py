@@ -15,11 +15,15 @@ from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.bag.writer import BagWriter, Limits
 from loco_bringup.cli import main as cli
+from loco_bringup.gap import importing as gap_import
+from loco_bringup.graph import run as runner
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.record.order import Order
+from loco_bringup.report.report import page_of
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.ros.messages.topics import topic
+from loco_sim.robot import robot as robots
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]  # one set of shared runs
 
@@ -114,6 +118,22 @@ def test_a_run_splits_its_bag_and_verifies(short, tmp_path):
     assert end.value.code == 0
 
 
+def test_a_graph_splits_its_bag(short, tmp_path):
+    runner.run(short, tmp_path / "run", "composed", limits=Limits(duration=1.0))
+    assert len(Bag(tmp_path / "run").paths) == 3
+    assert not recover(tmp_path / "run").folder
+
+
+def test_it_is_one_recording_of_a_gap_search_and_of_a_page(whole, split):
+    robot = robots.load("hyq")
+    one, many = (gap_import.load(folder, robot)[0] for folder in (whole, split))
+    assert set(one.signals) == set(many.signals) and set(one.command) == set(many.command)
+    for name, values in (one.signals | one.command).items():
+        np.testing.assert_array_equal((many.signals | many.command)[name], values)
+    pages = [page_of(Bag(folder), None) for folder in (whole, split)]
+    assert pages[1].replace("run", "composed") == pages[0].replace("run", "composed")
+
+
 def test_it_exports_as_the_whole_bag(whole, split, tmp_path):
     for name, folder in (("whole", whole), ("split", split)):
         export(Bag(folder), tmp_path / name, "csv", ["/robot_state"])
@@ -132,7 +152,7 @@ def test_a_run_that_was_killed_in_its_last_file_is_recovered(copy, whole):
     (copy / "metadata.yaml").unlink()
     data = last.read_bytes()
     last.write_bytes(data[: len(data) // 2])
-    with pytest.raises(BagError):
+    with pytest.raises(BagError, match=f"{last.name} .* `loco recover {copy}` "):
         Bag(copy)
     folder = recover(copy).folder
     assert len(Bag(folder).paths) >= len(list(copy.glob("*.mcap"))) - 1
@@ -174,6 +194,25 @@ def test_metadata_that_names_other_files_is_refused(copy, names, text, capsys):
     assert end.value.code == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and "recover" in err
+
+
+@pytest.mark.parametrize("count", [5, "many", [1]])
+def test_counts_of_metadata_that_are_wrong_are_told_and_those_of_the_files_count(
+    copy, whole, count, capsys
+):
+    information_ = information(copy)
+    information_["files"][1]["message_count"] = count
+    (copy / "metadata.yaml").write_text(
+        yaml.safe_dump({"rosbag2_bagfile_information": information_})
+    )
+    assert content(copy) == content(whole)
+    for options in ([], ["--json"]):
+        with pytest.raises(SystemExit) as end:
+            cli.main(["info", str(copy), *options])
+        assert end.value.code == 0
+        assert f"states {count!r} messages in run_1.mcap" in " ".join(
+            capsys.readouterr().out.split()
+        )
 
 
 @pytest.mark.parametrize("text", ["", "[", "a: &a [*a]", "rosbag2_bagfile_information: 5"])

@@ -75,14 +75,15 @@ class McapFile(Mcap):
 
     Args:
         path: The file.
+        bag: The bag that it is of, which errors say how to recover; default the file alone.
 
     Raises:
         BagError: It is cut short, damaged, or no MCAP file.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, bag: Path | None = None):
         super().__init__(path)
-        self.path = path
+        self.path, self._bag = path, bag or path
         if bytes(self.data[: len(MAGIC)]) != MAGIC:
             raise self._error("it does not begin as MCAP files do")
         if len(self.data) < 2 * len(MAGIC) or bytes(self.data[-len(MAGIC) :]) != MAGIC:
@@ -97,7 +98,7 @@ class McapFile(Mcap):
     def _error(self, why: str) -> BagError:
         return BagError(
             f"{self.path} is not a readable MCAP file: {why}; "
-            f"`loco recover {self.path}` restores what is whole"
+            f"`loco recover {self._bag}` restores what is whole"
         )
 
     def _summary(self) -> Summary:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.records import Attachment, Channel, Schema, Statistics
@@ -39,7 +40,7 @@ class McapFiles:
 
     def __init__(self, paths: Sequence[Path]):
         self._count = len(paths)
-        self._open = lru_cache(_OPEN)(lambda i: McapFile(paths[i]))
+        self._open = lru_cache(_OPEN)(lambda i: McapFile(paths[i], paths[i].parent))
         self._numbers: list[np.ndarray] = []  # per file: new number of a channel by its old one
         self._blocks: list[tuple[int, int]] = []  # file and place in it, of each block
         self._channels: dict[int, Channel] = {}
@@ -58,7 +59,7 @@ class McapFiles:
 
     def _define(self, old: Summary, counts: Counter[int]) -> None:
         """Take the definitions of one file, and count its messages under the new numbers."""
-        numbers = np.zeros(1 << 16, np.int64)
+        numbers = np.zeros(max(old.channels, default=0) + 2, np.int64)  # the last: unknown ones
         for number, c in sorted(old.channels.items()):
             schema = old.schemas.get(c.schema_id)
             about = (schema.name, schema.encoding, schema.data) if schema else ()
@@ -100,7 +101,8 @@ class McapFiles:
                 yield self._renumbered(i, records)
 
     def _renumbered(self, i: int, records: Records) -> Records:
-        records.channels = self._numbers[i][records.channels]
+        numbers = self._numbers[i]
+        records.channels = numbers[np.minimum(records.channels, len(numbers) - 1)]
         return records
 
     def attachments(self) -> Iterator[Attachment]:
@@ -129,7 +131,8 @@ def mcap_paths(path: Path) -> list[Path]:
             raise MissingFileError(f"no bag at {path}; `loco list bags` shows those that are there")
         return [path]
     files = numbered(path)
-    names = _named(path)
+    stated = stated_counts(path)
+    names = None if stated is None else [*stated]
     if names is None:
         lacks = missing(files)
         names = [file.name for file in files]
@@ -151,7 +154,7 @@ def mcap_paths(path: Path) -> list[Path]:
             f"{path}/metadata.yaml does not name {min(more)}; `loco recover {path}` makes a bag "
             "of all files"
         )
-    return [path / name for name in dict.fromkeys(names)]
+    return [path / name for name in names]
 
 
 def numbered(folder: Path) -> list[Path]:
@@ -182,12 +185,22 @@ def missing(files: Sequence[Path]) -> list[str]:
     return [f"{name}_{i}.mcap" for i in range(min(max(numbers), 1 << 16)) if i not in numbers]
 
 
-def _named(folder: Path) -> list[str] | None:
-    """Files that ``metadata.yaml`` names; None if it is missing or tells none."""
+def stated_counts(folder: Path) -> dict[str, Any] | None:
+    """Files that ``metadata.yaml`` names, each with the messages that it states, or None.
+
+    None for all if it is missing or names no file.
+    """
     try:
-        names = read_yaml(folder / "metadata.yaml")["rosbag2_bagfile_information"]
-        names = names["relative_file_paths"]
+        information = read_yaml(folder / "metadata.yaml")["rosbag2_bagfile_information"]
+        names = information["relative_file_paths"]
+        counts: dict[str, Any] = {name: None for name in names if isinstance(name, str)}
+        whole = isinstance(names, list) and len(names) > 0
     except (LocoError, TypeError, KeyError):
         return None
-    texts = isinstance(names, list) and all(isinstance(name, str) for name in names)
-    return names if texts and names else None
+    if not whole or not all(isinstance(name, str) for name in names):
+        return None
+    rows = information.get("files")
+    for row in rows if isinstance(rows, list) else []:
+        if isinstance(row, dict) and row.get("path") in names:
+            counts[row["path"]] = row.get("message_count")
+    return counts

@@ -26,6 +26,7 @@ from .progress import Progress
 
 CHUNK_SIZE = 256 * 1024
 LIBRARY = "loco"
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # in C: a bag may have hundreds of files
 
 
 @dataclass(frozen=True)
@@ -297,11 +298,11 @@ class BagWriter:
         return [*self._parts, *([_part(self._path, self._writer)] if self._has_last else [])]
 
     def _serialized(self) -> dict[str, str]:
-        return {"serialized_metadata": yaml.safe_dump(self._information(), sort_keys=False)}
+        return {"serialized_metadata": _text(self._information())}
 
     def _write_metadata(self) -> None:
         content = {"rosbag2_bagfile_information": self._information()}
-        write_whole(self.folder / "metadata.yaml", yaml.safe_dump(content, sort_keys=False))
+        write_whole(self.folder / "metadata.yaml", _text(content))
 
     def _information(self) -> dict[str, Any]:
         files = self._files()
@@ -333,6 +334,10 @@ class BagWriter:
             "custom_data": self.custom,
             "ros_distro": "jazzy",
         }
+
+
+def _text(content: dict[str, Any]) -> str:
+    return yaml.dump(content, Dumper=_DUMPER, sort_keys=False)
 
 
 def _part(path: Path, writer: McapWriter) -> _Part:

@@ -10,10 +10,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from loco_control.reading import shown
+
 from ..bag.copy import extract as extract_topics
 from ..bag.export import export as export_topics
 from ..bag.mcap_chunk import chunk_head
 from ..bag.mcap_file import McapFile
+from ..bag.parts import stated_counts
 from ..bag.reader import Bag
 from ..bag.recover import recover as recover_bag
 from ..bag.writer import Limits
@@ -74,6 +77,8 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     console.print(
         f"  {chunks} chunks of {size / max(chunks, 1) / 1e3:.0f} kB, packed to {packed} %"
     )
+    for note in _disagreements(bag):
+        console.print(f"  {note}")
     if check:
         console.print("  every chunk and file is whole")
     for key, value in bag.metadata.items():
@@ -87,6 +92,23 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     console.print(table("Topics", ("name", "type", "messages", "rate"), rows))
     files = [(name, f"{size} bytes") for name, size in bag.attachments().items()]
     console.print(table("Files inside", ("name", "size"), files))
+
+
+def _disagreements(bag: Bag) -> list[str]:
+    """Files whose messages ``metadata.yaml`` counts otherwise, a line each.
+
+    It is no error: recorders state what came, also where they dropped some. A file in work has 0.
+    """
+    stated = stated_counts(bag.folder) or {}
+    notes = []
+    for path in bag.paths:
+        count, told = McapFile(path).summary.statistics.message_count, stated.get(path.name)
+        if told and told != count:
+            notes.append(
+                f"metadata.yaml states {shown(told)} messages in {path.name}, "
+                f"the file has {count}, which counts"
+            )
+    return notes
 
 
 def _size(bag: Bag) -> int:
@@ -113,4 +135,5 @@ def _about(bag: Bag) -> dict[str, Any]:
         "metadata": bag.metadata,
         "topics": [dataclasses.asdict(t) for t in bag.topics.values()],
         "files": bag.attachments(),
+        "notes": _disagreements(bag),
     }
