@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag of several files is the same bag."""
 
+import os
 import shutil
 
 import numpy as np
@@ -221,6 +222,15 @@ def test_counts_of_metadata_that_are_wrong_are_told_and_those_of_the_files_count
 def test_metadata_that_tells_nothing_is_not_needed(copy, whole, text):
     (copy / "metadata.yaml").write_text(text)
     assert content(copy) == content(whole)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_file_counts_as_missing(copy, make):
+    (copy / "run_1.mcap").unlink()
+    make(copy / "run_1.mcap")
+    with pytest.raises(MissingFileError, match="lacks 'run_1.mcap'"):
+        Bag(copy)
+    assert recover(copy).folder
 
 
 def test_files_of_several_bags_are_refused(copy):

@@ -163,7 +163,7 @@ def numbered(folder: Path) -> list[Path]:
     Raises:
         MissingFileError: It holds none, or files of several bags.
     """
-    files = sorted(folder.glob("*.mcap"))
+    files = sorted(path for path in folder.glob("*.mcap") if path.is_file())  # a FIFO has no end
     if len(files) == 1:
         return files
     names = [_NAME.fullmatch(file.name) for file in files]
