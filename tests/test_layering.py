@@ -45,6 +45,7 @@ PYBULLET_DOOR = Path("loco_sim/world/bullet.py")
 DOORS = {
     PYBULLET_DOOR: {"pybullet", "pybullet_data"},
     Path("loco_sim/world/mujoco.py"): {"mujoco"},
+    Path("loco_sim/hardware/dynamixel.py"): {"dynamixel_sdk"},
     Path("loco_sim/world/mujoco_model.py"): {"mujoco"},
     # A script that is copied beside an exported model, and runs without loco.
     Path("loco_sim/export/replay_mjcf.py"): {"mujoco"},

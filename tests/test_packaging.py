@@ -136,6 +136,7 @@ ROSDEP = {
     "yaml": "python3-yaml",
 }
 ONLY_PIP = {
+    "dynamixel_sdk",
     "trimesh",
     "mujoco",
     "mkdocs",

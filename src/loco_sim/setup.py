@@ -36,6 +36,7 @@ setup(
             "robot_sim = loco_sim.ros.sim_node:main",
             "joint_sim = loco_sim.ros.joint_sim_node:main",
             "msd_sim = loco_sim.ros.msd_sim_node:main",
+            "driver = loco_sim.ros.driver_node:main",
         ]
     },
     zip_safe=False,

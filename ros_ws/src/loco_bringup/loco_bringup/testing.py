@@ -16,7 +16,8 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,9 @@ import pytest
 from loco_control.exceptions import GraphError
 from loco_control.files import locked
 
-__all__ = ["Graph", "claim_domain", "isolate", "loco_graph"]
+__all__ = ["Graph", "claim_domain", "isolate", "loco_graph", "servo_bus"]
+
+ASSETS = Path(str(resources.files("loco_sim"))) / "assets"
 
 DOMAINS = range(1, 102)  # above 101 the ports of Fast DDS meet those of the system
 
@@ -67,6 +70,37 @@ def isolate() -> None:
         MPLBACKEND="Agg",
         LOCO_TEST_PROCESS=str(os.getpid()),
     )
+
+
+@contextlib.contextmanager
+def servo_bus(
+    robot: str = "servo_pendulum", file: str | Path = "", effects: Sequence[dict[str, Any]] = ()
+) -> Iterator[Any]:
+    """Simulated servos on a serial port, served by a thread.
+
+    Args:
+        robot: Robot, by name or path.
+        file: Wiring file; default ``servos.yaml`` of the robot.
+        effects: Departures from the ideal robot, as experiments list them.
+
+    Yields:
+        A `loco_sim.hardware.simulated_bus.SimulatedBus` with `file`, its wiring file.
+    """
+    from .hardware.simulated import make_bus
+
+    end = threading.Event()
+    with tempfile.TemporaryDirectory(prefix="loco_bus_") as folder:
+        own = Path(folder) / "servos.yaml"
+        bus = make_bus(Path(file or ASSETS / robot / "servos.yaml"), robot, own, effects)
+        bus.file = own
+        thread = threading.Thread(target=bus.serve, args=(end.is_set,), daemon=True)
+        thread.start()
+        try:
+            yield bus
+        finally:
+            end.set()
+            thread.join()
+            bus.close()
 
 
 class Graph:

@@ -128,6 +128,10 @@ class Actuators:
         """Drives, springs and rotors, as `joint_torques` takes them."""
         return self._drives, self._springs, self._rotors
 
+    def limit(self, effort: np.ndarray) -> None:
+        """Change the largest torques of the drives [N·m], (n,)."""
+        self._drives[:, -1] = effort
+
     @property
     def command(self) -> np.ndarray:
         """The command in force as a table of one, (1, COMMANDS, n); not a copy."""

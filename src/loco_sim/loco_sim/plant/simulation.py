@@ -279,6 +279,10 @@ class Simulation:
         """
         self._drive.supply, self._drive.on = supply, on
 
+    def limit(self, effort: np.ndarray) -> None:
+        """Change the largest torques of the drives [N·m], (n,); 0 lets a joint go."""
+        self._drive.limit(effort)
+
     def _reject(self) -> None:
         t = self._tick * self.dt
         if not self._params.safety:

@@ -15,35 +15,25 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 
 from loco_control.exceptions import LocoError, ParameterError
 from loco_control.params import from_dict, to_dict
 from loco_control.reading import FOLDERS, allowed, parse_yaml
 from loco_control.ros.executor import run_nodes
-from loco_control.ros.messages.codec import Codec
-from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
-from loco_control.ros.messages.joint_topics import JOINT_NODES, JOINT_TOPICS
-from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
+from loco_control.types import MotionCommand, RobotState, TrunkTorque
 
 from ..params import SimParams
 from ..plant import model as models
-from ..plant.joint_commands import JointCommands
 from ..plant.simulation import Simulation, ending
 from ..robot import robot as robots
-from .encoders import encoders
-from .plant_node import PlantNode
+from .joint_plant_node import JointPlantNode
 
-EACH_TICK = ("joint_states", "imu/data", "ground_truth/odom")  # others wait for the first two
 MOST_MODEL = 100_000  # characters of a model on the topic
-ALONE = ("/tf", "/clock")  # would meet those of other robots
 
 
-class JointSimNode(PlantNode):
-    """PyBullet plant behind standard messages, for any robot that `loco_sim.robot.robot` reads."""
-
-    table = JOINT_TOPICS
-    controllers = JOINT_NODES
+class JointSimNode(JointPlantNode):
+    """Simulated plant, of any robot that `loco_sim.robot.robot` reads."""
 
     def __init__(self) -> None:
         super().__init__(100.0)
@@ -59,52 +49,18 @@ class JointSimNode(PlantNode):
         self.sim = self._make_sim(model)
         self._from = 0  # tick at the last change of the plant
         self._travelled = self._x = 0.0  # before the last swap, since then [m]
-        self._make_outputs()
-        self._connect()
-        self.input("model", self._on_model)
-        self._hear()
-        self.announce_ready()
+        self._open()
 
     def _make_sim(self, model: models.Model, standing: Any = None) -> Simulation:
         robot = model.make_robot()
         params = from_dict(SimParams, {**to_dict(robot.sim), **self._sim_changes}, "sim")
-        self._commands_of = JointCommands(robot)
         return Simulation(
             params, model.make_effects(), self._seed, 1.0 / self.rate, robot, standing
         )
 
-    def _make_outputs(self) -> None:
-        names = [*EACH_TICK, *(ALONE if self.get_namespace() == "/" else ())]
-        self._said = {name: self.raw_output(name) for name in names}
-        self._encode()
-        self._description = self.output("robot_description")
-        self._description.publish(String(data=self.sim.robot_description))
-        counts = self.sim.adc()
-        self._adc = self.raw_output("knee_adc") if len(counts) else None
-        if self._adc:
-            codec = Codec(Float64MultiArray(data=[0.0] * len(counts)))
-            self._adc_record = codec.record()
-
-    def _encode(self) -> None:
-        """Make the messages anew: a model may have other links of the same joints."""
-        made = encoders(self.sim.robot)
-        self._rows = [(publish, made[name]) for name, publish in self._said.items()]
-
     def _hear(self) -> None:
-        robot = self.sim.robot
-        driven = [robot.joints[i] for i in robot.driven]
-        codec = JointCodec(driven, "joint_command", ("position", "velocity"))
-        self.listen({"joint_command": codec}, self._on_joints, stamp_ns)
-
-    # ---- commands
-
-    def _on_joints(self, command: Joints) -> None:
-        tick = tick_of(command.time, self.rate)
-        self._on_commands(*self._commands_of(tick, tick * self.sim.dt, command.q, command.dq))
-
-    def newest(self) -> int:
-        """Stamp of the newest state [ns]."""
-        return round(self.state.t * 1e9) if self.started else -1
+        self.input("model", self._on_model)
+        super()._hear()
 
     # ---- the plant
 
@@ -147,13 +103,9 @@ class JointSimNode(PlantNode):
 
     def send(self, state: RobotState) -> None:
         """Publish sensors and ground truth, all with one stamp."""
-        truth: GroundTruth = self.sim.ground_truth()
+        truth = self.sim.ground_truth()
         self._x = truth.position[0]
-        for publish, encode in self._rows:
-            publish(encode(state, truth))
-        if self._adc:
-            self._adc_record["data"] = self.sim.adc()
-            self._adc(self._adc_record.tobytes())
+        self._tell(state, truth)
 
     def ending(self) -> str:
         """Text of a run that came to its end."""

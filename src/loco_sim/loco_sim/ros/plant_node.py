@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The part of every plant node: it owns the tick.
 
-It stands where a hardware driver would: it publishes the state of tick k, waits
-for the commands of tick k, steps one control period and publishes the state of
-tick k+1.
+It publishes the state of tick k, waits for the commands of tick k, steps one control
+period and publishes the state of tick k+1. A driver of hardware derives from it too: clocks,
+limits, time-outs and the emergency stop are the same for both.
 """
 
 from __future__ import annotations
@@ -41,12 +41,14 @@ class PlantNode(LocoNode):
 
     Attributes:
         controllers: Nodes that must be ready before the first tick, this one included.
+        margins: Defaults of the limits of `plant.safety`.
         sim: The plant.
         state: Last measurement.
         started: The first tick is out.
     """
 
     controllers: ClassVar[tuple[str, ...]] = ()
+    margins: ClassVar[SafetyParams] = SafetyParams()
     sim: Simulation
     state: RobotState
     _join: TickJoin
@@ -56,7 +58,7 @@ class PlantNode(LocoNode):
         self.rate = self.declare_parameter("control_rate", rate).value
         self.tick = declare(self, TickParams())
         self.timed = self.tick.clock == "realtime"
-        self._limits = declare(self, SafetyParams(), "safety.")
+        self._limits = declare(self, self.margins, "safety.")
         self._stages = declare(self, FallbackParams(), "fallback.")
 
     def _connect(self) -> None:
@@ -74,7 +76,7 @@ class PlantNode(LocoNode):
         self.started = self._finished = False
         self._nudges: Any = None  # timer, while a controller comes back
         self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
-        self._late = 0
+        self._late, self._published, self._began = 0, -1, time.perf_counter()
         self._deadlines: Deadlines | None = None  # clock realtime, when it has begun
         self._silent = self._unreadable = False
         self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
@@ -153,7 +155,7 @@ class PlantNode(LocoNode):
             self._nudges = None
         elif self._held is None:
             self._stuck_at = self.state.tick
-            self._fall_back()
+            self._arrive(self.advance(*self._safe()))
 
     # ---- one tick
 
@@ -204,9 +206,16 @@ class PlantNode(LocoNode):
         self._deadlines = Deadlines(self.rate, self.tick.catch_up)
 
     def _step(self, tick: int) -> None:
-        """Step the tick that we are at with the newest commands, or damped if they are too old."""
-        if tick != self.state.tick or self._held is not None:
-            return
+        """Step the tick that we are at; nothing for another one."""
+        if tick == self.state.tick and self._held is None:
+            self._arrive(self.advance(*self._order()))
+
+    def _order(self) -> tuple[Any, Any]:
+        """Arguments of `advance` now: the newest commands, or the safe state if they are too old.
+
+        To be called once in each tick.
+        """
+        tick = self.state.tick
         last = self._commands[0].tick if self._commands else -1
         self._late += last < tick
         silent = (tick - last) / self.rate > self.tick.command_timeout
@@ -217,17 +226,16 @@ class PlantNode(LocoNode):
             self.event("timeout", f"{text} {last}", *self.now())
         self._silent = silent
         if self._estop.reason or silent or not self._commands:
-            self._fall_back()
-            return
+            return self._safe()
         self._fallback.reset()
         command, trunk = self._commands
-        self._advance(*(self._safety.limit(command, trunk) if self._safety else (command, trunk)))
+        return self._safety.limit(command, trunk) if self._safety else (command, trunk)
 
-    def _fall_back(self) -> None:
-        """One tick in the safe state; the first command after it is limited in rate."""
+    def _safe(self) -> tuple[Any, Any]:
+        """Arguments of `advance` in the safe state; the next command is limited in rate."""
         if self._safety:
             self._safety.resume(self.state)
-        self._advance(*self.safe_command())
+        return self.safe_command()
 
     def safe_command(self) -> tuple[Any, Any]:
         """Arguments of `advance` in the safe state."""
@@ -236,8 +244,9 @@ class PlantNode(LocoNode):
     def _on_estop(self, kind: str, text: str) -> None:
         self.event(kind, text, *self.now())
 
-    def _advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
-        self.state = self.advance(command, trunk)
+    def _arrive(self, state: RobotState) -> None:
+        """A tick is over, with this state: judge it, publish it or end the run."""
+        self.state = state
         if self._safety and (reason := self._safety.trip(self.state)):
             self._estop.engage(reason)
         if self._over():
@@ -270,6 +279,7 @@ class PlantNode(LocoNode):
 
     def _publish(self, state: RobotState) -> None:
         self._pace()
+        self._published = state.tick
         self.send(state)
 
     def _pace(self) -> None:
@@ -281,7 +291,7 @@ class PlantNode(LocoNode):
     def _finish(self, text: str) -> None:
         self._finished = True
         self.publish_diagnostics()
-        self.event("finished", text, self.state.tick - 1, self.state.t)
+        self.event("finished", text, self._published, self.state.t)
 
     # ---- reports
 

@@ -35,8 +35,9 @@ def run(a: argparse.Namespace) -> int:
     outcome = show_run(
         experiment,
         lambda tell: runner.run(
-            experiment, folder, a.layout, a.clock, a.speed, a.nodes, tell, a.namespace,
-            a.fault, realtime=realtime, limits=limits, **tick,
+            experiment, folder, a.layout, "realtime" if a.hardware else a.clock, a.speed, a.nodes,
+            tell, a.namespace, a.fault, realtime=realtime, limits=limits, hardware=a.hardware,
+            **tick,
         ),
     )  # fmt: skip
     return finish(outcome, a.report)

@@ -117,6 +117,14 @@ GROUPS: dict[str, dict[str, Command]] = {
             "topic, node, param, service, action and run, as ros2 has them, without apt",
             "", "ros2.main:run",
         ),
+        "hardware": Command(
+            "ask the servos of a real robot, with the torque off (exit code 1: a fault)",
+            "cli.options.run:hardware", "hardware.terminal:show_servos",
+        ),
+        "hardware simulate": Command(
+            "serve simulated servos on a serial port, with effects and faults",
+            "cli.options.run:hardware_simulate", "hardware.terminal:simulate",
+        ),
         "estop": Command(
             "stop the robots that run: their joints are damped until a reset",
             "cli.options.run:estop", "cli.estop:show_estop",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "effects", "seed", "tick", "gait", "learner", "stance",
           "trunk", "legs", "weights", "plant", "joints", "target", "network", "loop",
-          "faults")  # fmt: skip
+          "faults", "hardware")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,10 @@ class NodeSpec:
 
 
 FAULTS = NodeSpec("faults", "loco_control.ros.fault_node:FaultNode", ("faults",), "faults")
+# Stands in the place of the plant.
+DRIVER = NodeSpec(
+    "robot_sim", "loco_sim.ros.driver_node:DriverNode", ("plant", "tick", "hardware"), "driver"
+)
 
 
 def load(name: str) -> list[NodeSpec]:
@@ -117,8 +121,8 @@ def parameter_file(
         tick: Clock, speed, duration … of `TickParams`.
         run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
             has a file of its own), `weights` (file that the reflex network writes), `faulted`
-            (topics that the node `faults` damages, if any), `faults` (its parameters) and
-            `realtime` (changes of `RealtimeParams`, if any).
+            (topics that the node `faults` damages, if any), `faults` (its parameters),
+            `realtime` (changes of `RealtimeParams`, if any) and `hardware` (wiring file).
     """
     content: dict[str, Any] = {}
     for spec in specs:
@@ -151,6 +155,8 @@ def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any])
     )
     if part == "faults":
         return run["faults"]
+    if part == "hardware":
+        return {"hardware": run["hardware"]}
     if part not in ("tick", "weights") and getattr(experiment, needed, None) is None:
         raise ParameterError(
             f"the node set wants {part!r}, which experiment {experiment.name} has not; "

@@ -24,6 +24,7 @@ from loco_sim.params import TickParams
 from ..bag.writer import Limits
 from ..outcome import Outcome, Progress, default_folder, describe, duration_of, processor
 from . import node_set
+from .hardware import driven
 from .processes import NEVER, RECORDER, Guard, Process, Restart
 from .watch import Watch
 
@@ -101,6 +102,7 @@ def run_robots(
     faults: Sequence[str] = (),
     realtime: Mapping[str, Any] | None = None,
     limits: Limits | None = None,
+    hardware: str = "",
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -118,6 +120,7 @@ def run_robots(
         faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
         realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
         limits: Size and time after which the next file of the bag begins.
+        hardware: Wiring file of the real robot that stands in place of the plant.
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -136,7 +139,17 @@ def run_robots(
         tick |= {"clock": clock, "speed": float(speed)}
         requests = _changes(RealtimeParams(), realtime or {}, "realtime")
         plan = _Plan(
-            robots, folder, layout, tick, nodes, helpers, written, faults, requests, limits
+            robots,
+            folder,
+            layout,
+            tick,
+            nodes,
+            helpers,
+            written,
+            faults,
+            requests,
+            limits,
+            hardware,
         )
         plan.write()
         duration = max(map(duration_of, robots.values()))
@@ -166,12 +179,16 @@ class _Plan:
         faults: Sequence[str],
         realtime: dict[str, Any],
         limits: Limits | None,
+        hardware: str,
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
         self._helpers, self._written, self._faults = helpers, written, list(faults)
         self._realtime, self._limits = realtime, limits or Limits()
+        self._hardware = hardware
+        for space, specs in self._specs.items() if hardware else ():
+            self._specs[space] = driven(specs, robots[space], hardware, tick["clock"])
         self._faulted = _faulted(faults, self._sets.values())
         if faults:
             self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
@@ -199,7 +216,7 @@ class _Plan:
             run["weights"] = str(self._path("weights", tag, ".npz"))
             table = node_set.table_of(self._sets[space])
             run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
-            run["realtime"] = self._realtime
+            run["realtime"], run["hardware"] = self._realtime, self._hardware
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
             files[self._path("params", tag, ".yaml")] = content
@@ -217,6 +234,8 @@ class _Plan:
         if list(self._robots) != [""]:
             names = {space: e.name for space, e in self._robots.items()}
             custom["namespaces"] = json.dumps(names)
+        if self._hardware:
+            custom["hardware"] = Path(self._hardware).read_text()
         if self._faults:
             custom["faults"] = json.dumps(self._faults)
         files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]

@@ -68,6 +68,9 @@ def run(p: ArgumentParser) -> None:
     p.add_argument("--realtime", action="append", default=[], metavar="KEY=VALUE",
                    help="ask the kernel, e.g. for fifo=80, cpus=1, lock_memory=true, "
                    "timer_slack=1000")  # fmt: skip
+    p.add_argument("--hardware", default="", metavar="FILE",
+                   help="servos of a real robot that takes the place of the simulated one, in "
+                   "real time")  # fmt: skip
     p.add_argument("--namespace", default="", help="namespace of all nodes")
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     split(p)
@@ -117,6 +120,38 @@ def doctor(p: ArgumentParser) -> None:
     p.add_argument("--seconds", type=float, default=5.0, help="how long to listen (default 5)")
     p.add_argument("--json", action="store_true", help="print JSON")
     p.add_argument("--clean", action="store_true", help="remove shared memory of dead processes")
+
+
+def hardware(p: ArgumentParser) -> None:
+    """Options of `loco hardware`."""
+    p.add_argument("robot", help="robot, by name or folder")
+    p.add_argument("file", type=Path, help="wiring file: bus and servos (docs/hardware.md)")
+
+
+def hardware_simulate(p: ArgumentParser) -> None:
+    """Options of `loco hardware simulate`."""
+    hardware(p)
+    p.add_argument(
+        "--out",
+        type=Path,
+        default=Path("simulated_servos.yaml"),
+        metavar="FILE",
+        help="wiring file with the port of the simulated bus (default %(default)s)",
+    )
+    p.add_argument(
+        "--effects",
+        default="[]",
+        metavar="YAML",
+        help="departures from the ideal robot, as in experiments",
+    )
+    p.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND=VALUE[@S]",
+        help="lost=SHARE or garbled=SHARE of packets, silent=ID, hot=ID; from S seconds on",
+    )
+    p.add_argument("--seconds", type=float, default=0.0, help="end after this time")
 
 
 def estop(p: ArgumentParser) -> None:

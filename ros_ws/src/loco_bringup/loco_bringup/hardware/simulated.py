@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated bus and the wiring file with which a driver finds it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from loco_control.exceptions import ParameterError
+from loco_control.reading import read_yaml
+from loco_sim.effects.base import from_list
+from loco_sim.hardware import wiring
+from loco_sim.hardware.simulated_bus import SimulatedBus
+from loco_sim.robot import robot as robots
+
+_PATIENT = 0.02  # with a bus that is a program, unless the file says another latency [s]
+FAULTS = ("lost", "garbled", "silent", "hot")
+
+
+def make_bus(file: Path, robot: str, out: Path, effects: Sequence[dict[str, Any]] = ()) -> Any:
+    """A bus on a terminal of its own; `out` becomes `file` with the port of that terminal.
+
+    Args:
+        file: Wiring file.
+        robot: Robot, by name or path.
+        out: New wiring file.
+        effects: Departures from the ideal robot, as experiments list them.
+
+    Raises:
+        LocoError: The file does not fit the robot, or an effect is none.
+    """
+    loaded = robots.load(robot)
+    bus = SimulatedBus(wiring.load(file, loaded), loaded, from_list(effects))
+    values = read_yaml(file, "wiring file")
+    values["bus"] = {"latency": _PATIENT, **(values.get("bus") or {}), "port": bus.port}
+    out.write_text(yaml.safe_dump(values, sort_keys=False))
+    return bus
+
+
+class Failing:
+    """Faults of a bus, each from a time on.
+
+    Args:
+        texts: ``lost=SHARE``, ``garbled=SHARE``, ``silent=ID`` or ``hot=ID``, each with
+            ``@SECONDS`` behind it unless it is there from the beginning.
+
+    Raises:
+        ParameterError: A text is none of these.
+    """
+
+    def __init__(self, texts: Sequence[str]):
+        self._due = [_parsed(text) for text in texts]
+
+    def check(self, bus: SimulatedBus, numbers: Sequence[int]) -> None:
+        """Refuse servos that the bus has not."""
+        for kind, value, _ in self._due:
+            if kind in ("silent", "hot") and value not in numbers:
+                known = ", ".join(map(str, numbers))
+                raise ParameterError(f"--fault {kind}={value:g}: the bus has the servos {known}")
+
+    def apply(self, bus: SimulatedBus, t: float) -> None:
+        """Let what is due at t [s] happen."""
+        for kind, value, start in [due for due in self._due if due[2] <= t]:
+            self._due.remove((kind, value, start))
+            if kind == "lost":
+                bus.lost = value
+            elif kind == "garbled":
+                bus.garbled = value
+            elif kind == "silent":
+                bus.silence(int(value))
+            else:
+                bus.overheat(int(value))
+
+
+def _parsed(text: str) -> tuple[str, float, float]:
+    kind, _, rest = text.partition("=")
+    value, _, start = rest.partition("@")
+    try:
+        number, begin = float(value), float(start or 0.0)
+    except ValueError:
+        number = begin = -1.0
+    share = kind in ("lost", "garbled")
+    good = number <= 1.0 if share else number == int(number)
+    if kind not in FAULTS or not (number >= 0.0 and begin >= 0.0 and good):
+        raise ParameterError(
+            f"--fault must be lost=SHARE, garbled=SHARE, silent=ID or hot=ID, with @SECONDS for a "
+            f"later start, got {text!r}"
+        )
+    return kind, number, begin

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco hardware`: look at the servos of a robot, or simulate them."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from loco_control.exceptions import ParameterError
+from loco_control.reading import parse_yaml
+from loco_sim.hardware import wiring
+from loco_sim.hardware.dynamixel import ServoRobot
+from loco_sim.robot import robot as robots
+
+from ..terminal import console
+from .simulated import Failing, make_bus
+
+
+def show_servos(a: argparse.Namespace) -> int:
+    """Print what each servo says, with the torque off; returns 1 if one has a fault.
+
+    Raises:
+        LocoError: The file does not fit the robot, or a servo does not answer.
+    """
+    robot = robots.load(a.robot)
+    servos = ServoRobot(wiring.load(a.file, robot), robot)
+    try:
+        state = servos.measure(0, 0.0)
+        for joint, q, tau in zip(robot.joints, state.q, state.tau, strict=True):
+            console.print(f"  {joint}: {q:+.3f} rad, {tau:+.3f} N·m")
+        console.print(servos.fault or "all servos answer; the torque is off")
+    finally:
+        servos.close()
+    return int(bool(servos.fault))
+
+
+def simulate(a: argparse.Namespace) -> int:
+    """Serve simulated servos until Ctrl-C or for some time; returns 0.
+
+    Raises:
+        LocoError: The file does not fit the robot, or an option is wrong.
+    """
+    if a.out.exists() and a.out.samefile(a.file):
+        raise ParameterError(f"--out {a.out} is the wiring file itself; choose another file")
+    failing = Failing(a.fault)
+    bus = make_bus(a.file, a.robot, a.out, parse_yaml(a.effects, "--effects") or [])
+    try:
+        failing.check(bus, sorted(bus.torques))
+        console.print(f"servos of {a.robot} at {bus.port}; wiring file {a.out}")
+        begun = time.monotonic()
+
+        def ended() -> bool:
+            t = time.monotonic() - begun
+            failing.apply(bus, t)
+            return 0.0 < a.seconds <= t
+
+        bus.serve(ended)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.close()
+    return 0

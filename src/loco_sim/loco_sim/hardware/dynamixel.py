@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot of Dynamixel servos of the X series on one bus, in place of a simulation.
+
+Angles go out as goal positions under a limit of current (operating mode 5), torques as goal
+currents (mode 0); one sync read brings current, speed, position and temperature of all servos.
+"""
+
+from __future__ import annotations
+
+import termios
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+from loco_control.exceptions import GraphError
+from loco_control.types import GroundTruth, RobotState
+
+from ..robot.equipment import GRAVITY
+from ..robot.robot import Robot
+from ..robot.servo import TorqueDrive
+from . import packets as p
+from .packets import Register
+from .wiring import COUNTS, TURN, BusParams, Wiring
+
+_TRY = 0.2  # patience with what has to arrive [s]
+_NAP = 0.0005  # the port waits so long for bytes before it looks at the clock [s]
+_LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+class _Port(PortHandler):
+    """The SDK's port with a patience of its own; waiting for bytes costs no processor time."""
+
+    def __init__(self, bus: BusParams):
+        super().__init__(bus.port)
+        self.baudrate, self._latency = bus.baud, bus.latency
+        try:
+            self.openPort()
+            self.ser.exclusive = True
+            self.ser.timeout = _NAP
+        except (OSError, ValueError) as error:  # pyserial's are among them
+            raise GraphError(
+                f"bus {bus.port} cannot be opened: {error}; check bus.port, its rights, and that "
+                "no other program uses it"
+            ) from None
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        """Begin to wait for the answer of a packet [bytes]."""
+        self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1e3 * self._latency)
+
+    def readPort(self, length: int) -> bytes:
+        """Bytes that have come, `length` at most."""
+        return self._alive(self.ser.read, length)
+
+    def writePort(self, packet: list[int]) -> int:
+        """Send bytes; returns their number."""
+        return self._alive(self.ser.write, packet)
+
+    def clearPort(self) -> None:
+        """Forget what has come."""
+        self._alive(self.ser.reset_input_buffer)
+
+    def _alive(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except (OSError, termios.error) as error:
+            raise GraphError(f"bus {self.port_name} is gone: {error}") from None
+
+
+class ServoRobot:
+    """A robot of servos, with the face of `Simulation` that plant nodes need.
+
+    The torque is off until the first `drive`.
+
+    Args:
+        wiring: Bus and servos.
+        robot: Robot that they drive.
+
+    Attributes:
+        robot: The robot.
+        fallen: None; servos do not feel a fall.
+        rejected: Commands that were not finite and so were not used.
+        fault: Why the robot must stop, "" if it need not; of the newest reading.
+        lost: Answers that did not come or were damaged.
+        clipped: Commands beyond the turn of a servo.
+
+    Raises:
+        GraphError: The port cannot be opened, or a servo does not answer or takes no setting.
+    """
+
+    fallen = None
+
+    def __init__(self, wiring: Wiring, robot: Robot):
+        self.robot, self._bus, self._servos = robot, wiring.bus, wiring.servos
+        self._ids = [s.id for s in wiring.servos]
+        self._sign, self._zero, most, unit, per_ampere = np.array(
+            [(s.sign, s.zero, s.current, s.current_unit, s.torque_per_ampere) for s in self._servos]
+        ).T
+        self._torque_unit = self._sign * unit * per_ampere  # of one count of current [N·m]
+        most = np.minimum(most, np.array(robot.effort) / per_ampere)
+        self._most = np.maximum(np.floor(most / unit), 1.0)  # counts of current
+        drives = [robot.drives[j] for j in robot.joints]
+        self._pure = np.array([isinstance(d, TorqueDrive) for d in drives])
+        self.rejected = self.lost = self.clipped = 0
+        self.fault, self._on, self._spoke = "", False, 0.0
+        self._missed = np.zeros(len(self._ids), dtype=int)
+        self._counts = np.zeros((3, len(self._ids)))  # current, velocity, position
+        self._handler = PacketHandler(2.0)
+        self._port = _Port(wiring.bus)
+        try:
+            self._prepare()
+        except BaseException:
+            self._port.closePort()
+            raise
+
+    @property
+    def robot_description(self) -> str:
+        """URDF of the robot."""
+        return self.robot.urdf
+
+    def adc(self) -> Sequence[int]:
+        """No raw counts of Hall sensors."""
+        return ()
+
+    def ground_truth(self) -> GroundTruth:
+        """The base, which is bolted, so that its place is known."""
+        place = np.array([0.0, 0.0, self.robot.height])
+        return GroundTruth(0, 0.0, place, _LEVEL, np.zeros(3), np.zeros(3))
+
+    def reset(self) -> RobotState:
+        """State at tick 0."""
+        return self.measure(0, 0.0)
+
+    # ---- once
+
+    def _prepare(self) -> None:
+        """Torque off and modes set; every servo has to answer."""
+        for servo, pure in zip(self._ids, self._pure, strict=True):
+            self._set(servo, p.BUS_WATCHDOG, 0)
+            self._set(servo, p.TORQUE_ENABLE, 0)
+            mode = p.CURRENT_MODE if pure else p.POSITION_MODE
+            self._set(servo, p.OPERATING_MODE, mode)
+        end = time.monotonic() + _TRY
+        self.measure(0, 0.0)
+        while self._missed.any() and time.monotonic() < end:
+            self.measure(0, 0.0)
+        if self._missed.any():
+            first = self._ids[int(np.argmax(self._missed))]
+            raise GraphError(f"{self._name(first)} takes settings but cannot be read")
+
+    def _set(self, servo: int, register: Register, value: int) -> None:
+        """Write a register and see it acknowledged."""
+        write = {
+            1: self._handler.write1ByteTxRx,
+            2: self._handler.write2ByteTxRx,
+            4: self._handler.write4ByteTxRx,
+        }[register.size]
+        end = time.monotonic() + _TRY
+        while True:
+            result, error = write(self._port, servo, register.address, value)
+            self._spoke = time.monotonic()
+            if result == COMM_SUCCESS and not error & ~p.ALERT:
+                return
+            if self._spoke > end:
+                break
+        name = self._name(servo)
+        if result == COMM_SUCCESS:
+            raise GraphError(f"{name} refuses {value} at address {register.address}")
+        raise GraphError(
+            f"{name} does not answer at {self._bus.port} and {self._bus.baud} bit/s; check its "
+            "supply, its cable and its id"
+        )
+
+    def _name(self, servo: int) -> str:
+        return f"servo {servo} ({self.robot.joints[self._ids.index(servo)]})"
+
+    # ---- each tick
+
+    def measure(self, tick: int, t: float) -> RobotState:
+        """Read the servos; one that does not answer keeps what it said.
+
+        Args:
+            tick: Tick of the state.
+            t: Time of the state [s].
+
+        Returns:
+            The state; forces and attitude are those of a base at rest.
+        """
+        self.fault = ""
+        register, port = p.PRESENT, self._port
+        self._handler.syncReadTx(port, *register, self._ids, len(self._ids), False)
+        for i, servo in enumerate(self._ids):
+            data, result, error = self._handler.readRx(port, servo, register.size)
+            good = result == COMM_SUCCESS and len(data) == register.size
+            self._missed[i] = 0 if good else self._missed[i] + 1
+            if good:
+                self._take(i, bytes(data), error)
+            else:
+                self.lost += 1
+                if self._missed[i] >= self._bus.missing:
+                    self.fault = f"{self._name(servo)} does not answer"
+        self._spoke = time.monotonic()
+        q = self._sign * (self._counts[2] - self._zero) * TURN
+        dq = self._sign * self._counts[1] * p.VELOCITY_UNIT
+        tau, feet = self._torque_unit * self._counts[0], len(self.robot.feet)
+        rest = np.zeros(3), np.array([0.0, 0.0, GRAVITY]), np.zeros(feet, dtype=bool)
+        return RobotState(tick, t, q, dq, tau, np.zeros((feet, 3)), _LEVEL, *rest)
+
+    def _take(self, i: int, data: bytes, error: int) -> None:
+        """Take over the answer of one servo."""
+        start = p.PRESENT.address
+        for row, register in enumerate((p.PRESENT_CURRENT, p.PRESENT_VELOCITY, p.PRESENT_POSITION)):
+            at = register.address - start
+            value = data[at : at + register.size]
+            self._counts[row, i] = int.from_bytes(value, "little", signed=True)
+        temperature, name = data[p.PRESENT_TEMPERATURE.address - start], self._name(self._ids[i])
+        if error & p.ALERT:
+            self.fault = f"{name} reports {self._alarm(self._ids[i])}"
+        elif temperature > self._bus.temperature:
+            most = self._bus.temperature
+            self.fault = f"{name} is at {temperature} degC, more than {most:g}"
+
+    def _alarm(self, servo: int) -> str:
+        value, result, _ = self._handler.read1ByteTxRx(self._port, servo, p.HARDWARE_ERROR.address)
+        known = [text for bit, text in p.ERRORS.items() if value & bit]
+        return " and ".join(known) if result == COMM_SUCCESS and known else "a hardware error"
+
+    def drive(self, q: np.ndarray, tau: np.ndarray | None = None) -> None:
+        """Send angles, and torques to the servos of torque drives; the torque is on then.
+
+        Args:
+            q: Wanted joint positions [rad], (n,).
+            tau: Wanted torques [N·m], (n,); None is none.
+        """
+        tau = np.zeros(len(q)) if tau is None else tau
+        if not (np.isfinite(q).all() and np.isfinite(tau).all()):
+            self.rejected += 1
+            return
+        if not self._on or time.monotonic() - self._spoke > self._bus.watchdog:
+            self._enable()
+        counts = np.round(self._zero + self._sign * q / TURN)
+        inside = np.clip(counts, 0, COUNTS - 1)
+        self.clipped += bool(np.any((inside != counts) & ~self._pure))
+        current = np.clip(np.round(tau / self._torque_unit), -self._most, self._most)
+        self._send(p.GOAL_POSITION, inside, ~self._pure)
+        self._send(p.GOAL_CURRENT, current, self._pure)
+
+    def _enable(self) -> None:
+        """Torque on, at rest; servos whose watchdog has barked listen again."""
+        self._on = True
+        try:
+            for servo, most, pure in zip(self._ids, self._most, self._pure, strict=True):
+                self._set(servo, p.BUS_WATCHDOG, 0)
+                self._set(servo, p.GOAL_CURRENT, 0 if pure else int(most))
+                self._set(servo, p.TORQUE_ENABLE, 1)
+                self._set(servo, p.BUS_WATCHDOG, max(1, int(self._bus.watchdog / 0.02)))
+        except GraphError as error:
+            self.limp()
+            self.fault = str(error)
+
+    def limp(self) -> None:
+        """Torque off; said again at each call, since nobody acknowledges it."""
+        self._on = False
+        self._send(p.TORQUE_ENABLE, np.zeros(len(self._ids)), np.ones(len(self._ids), dtype=bool))
+
+    def _send(self, register: Register, values: np.ndarray, which: np.ndarray) -> None:
+        """Sync write a value to some servos."""
+        told: list[int] = []
+        for servo, value in zip(np.array(self._ids)[which], values[which], strict=True):
+            told += [int(servo), *int(value).to_bytes(register.size, "little", signed=True)]
+        if told:
+            self._handler.syncWriteTxOnly(self._port, *register, told, len(told))
+            self._spoke = time.monotonic()
+
+    def close(self) -> None:
+        """Torque off, then free the port; calling again does nothing."""
+        if not self._port.is_open:
+            return
+        for servo in self._ids:
+            for register in (p.TORQUE_ENABLE, p.BUS_WATCHDOG):
+                try:
+                    self._set(servo, register, 0)
+                except GraphError:
+                    break  # the next one may still hear
+        self._port.closePort()

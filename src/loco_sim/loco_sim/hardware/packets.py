@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Packets of Dynamixel protocol 2.0, as a servo reads and writes them, and the registers used.
+
+A packet is a header, the number of the servo, a length, an instruction, parameters and a
+CRC-16. This is the servo's side; the driver's is the package `dynamixel-sdk`, written by others.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+HEADER = b"\xff\xff\xfd\x00"
+PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x82, 0x83
+BROADCAST = 0xFE
+ALERT = 0x80  # in the error of a status: the servo has a hardware error
+BAD_CRC, BAD_RANGE, BAD_ACCESS = 0x03, 0x04, 0x07  # errors of an instruction
+_LEAST, _MOST = 3, 1024  # instruction and CRC; bytes of a packet
+
+
+class Register(NamedTuple):
+    """A value in the memory of a servo of the X series."""
+
+    address: int
+    size: int  # [bytes]
+
+
+MODEL_NUMBER = Register(0, 2)
+OPERATING_MODE = Register(11, 1)  # 0 current, 5 position with a limit of current
+CURRENT_LIMIT = Register(38, 2)
+TORQUE_ENABLE = Register(64, 1)
+HARDWARE_ERROR = Register(70, 1)
+BUS_WATCHDOG = Register(98, 1)  # [20 ms]; 255 once it has barked
+GOAL_CURRENT = Register(102, 2)
+GOAL_POSITION = Register(116, 4)
+PRESENT = Register(126, 21)  # the next ones in one block
+PRESENT_CURRENT = Register(126, 2)
+PRESENT_VELOCITY = Register(128, 4)
+PRESENT_POSITION = Register(132, 4)
+PRESENT_TEMPERATURE = Register(146, 1)
+VELOCITY_UNIT = 0.229 * 2.0 * 3.141592653589793 / 60.0  # velocity of a count [rad/s]
+ERRORS = {
+    0x01: "input voltage",
+    0x04: "overheating",
+    0x08: "motor encoder",
+    0x10: "electrical shock",
+    0x20: "overload",
+}
+CURRENT_MODE, POSITION_MODE = 0, 5
+
+
+class Packet(NamedTuple):
+    """An instruction to one servo or to all."""
+
+    id: int
+    instruction: int
+    parameters: bytes
+    whole: bool = True  # the CRC is right
+
+
+def crc16(data: bytes) -> int:
+    """CRC of the bytes of a packet before its CRC: polynomial 0x8005, no reflection."""
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x8005 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def status(servo: int, error: int = 0, parameters: bytes = b"") -> bytes:
+    """Answer of a servo."""
+    body = bytes([STATUS, error]) + parameters
+    body = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    head = HEADER + bytes([servo]) + (len(body) + 2).to_bytes(2, "little")
+    return head + body + crc16(head + body).to_bytes(2, "little")
+
+
+class Parser:
+    """Finds packets in a stream of bytes; what is none is skipped."""
+
+    def __init__(self) -> None:
+        self._bytes = b""
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """The packets that these bytes complete."""
+        self._bytes += data
+        packets = []
+        while (packet := self._next()) is not None:
+            packets.append(packet)
+        return packets
+
+    def _next(self) -> Packet | None:
+        while True:
+            begin = self._bytes.find(HEADER)
+            if begin < 0:  # the end may be the begin of a header
+                self._bytes = self._bytes[-3:]
+                return None
+            self._bytes = self._bytes[begin:]
+            if len(self._bytes) < 7:
+                return None
+            length = int.from_bytes(self._bytes[5:7], "little")
+            if _LEAST <= length <= _MOST:
+                break
+            self._bytes = self._bytes[4:]
+        if len(self._bytes) < 7 + length:
+            return None
+        packet, self._bytes = self._bytes[: 7 + length], self._bytes[7 + length :]
+        body = packet[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+        whole = crc16(packet[:-2]) == int.from_bytes(packet[-2:], "little")
+        return Packet(packet[4], body[0], body[1:], whole)

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bus of Dynamixel servos that are simulated, on a pseudo terminal, in real time.
+
+Behind the protocol is the plant of the robot with the effects that are asked for, so that a
+driver, and whatever stands before it, can be tried without iron. Bytes take no time here, and
+heat comes only as a fault.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import time
+import tty
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from loco_control.types import MotionCommand, TrunkTorque
+
+from ..effects.base import Effect
+from ..plant.simulation import Simulation
+from ..robot.robot import Robot
+from ..robot.servo import TorqueDrive
+from . import packets as p
+from .packets import Packet, Register
+from .wiring import TURN, JointServo, Wiring
+
+_MEMORY = 256  # bytes of a servo
+_EEPROM = 64  # registers below are locked while the torque is on
+_LOOK = 0.005  # longest wait between two steps of the simulation [s]
+_BEHIND = 0.1  # a host that stood still for longer than this has lost that time [s]
+_WARM, _HOT = 35, 85  # [degC]
+_MODEL = 1020  # XM430-W350
+_OVERHEATING = 0x04
+
+
+class _Servo:
+    """Memory of one servo."""
+
+    def __init__(self, wired: JointServo):
+        self.wired, self.memory = wired, bytearray(_MEMORY)
+        self.silent = False
+        self.put(p.MODEL_NUMBER, _MODEL)
+        self.put(p.OPERATING_MODE, 3)
+        self.put(p.PRESENT_TEMPERATURE, _WARM)
+
+    def put(self, register: Register, value: int) -> None:
+        data = (value % (1 << 8 * register.size)).to_bytes(register.size, "little")
+        self.memory[register.address : register.address + register.size] = data
+
+    def get(self, register: Register) -> int:
+        data = self.memory[register.address : register.address + register.size]
+        return int.from_bytes(data, "little", signed=register.size > 1)
+
+    def sense(self, q: float, dq: float, tau: float) -> None:
+        """Take over what the joint does [rad, rad/s, N·m]."""
+        w = self.wired
+        self.put(p.PRESENT_POSITION, round(w.zero + w.sign * q / TURN))
+        self.put(p.PRESENT_VELOCITY, round(w.sign * dq / p.VELOCITY_UNIT))
+        self.put(p.PRESENT_CURRENT, round(w.sign * tau / (w.torque_per_ampere * w.current_unit)))
+
+    @property
+    def goal(self) -> float:
+        """Angle of the joint that the goal position asks for [rad]."""
+        return self.wired.sign * (self.get(p.GOAL_POSITION) - self.wired.zero) * TURN
+
+    @property
+    def torque(self) -> float:
+        """Torque of the joint that the goal current asks for [N·m]."""
+        w = self.wired
+        return w.sign * self.get(p.GOAL_CURRENT) * w.current_unit * w.torque_per_ampere
+
+    def write(self, address: int, data: bytes) -> int:
+        """Write registers; returns the error, 0 for none."""
+        on = self.get(p.TORQUE_ENABLE)
+        if address < _EEPROM and on:
+            return p.BAD_ACCESS
+        if address >= p.GOAL_CURRENT.address and self.get(p.BUS_WATCHDOG) == 255:
+            return p.BAD_RANGE
+        if address == p.TORQUE_ENABLE.address and self.get(p.HARDWARE_ERROR) and data[0]:
+            return p.BAD_ACCESS  # a servo that shut down stays so until it is started anew
+        self.memory[address : address + len(data)] = data
+        if self.get(p.TORQUE_ENABLE) and not on:
+            self.put(p.GOAL_POSITION, self.get(p.PRESENT_POSITION))
+        return 0
+
+    def bark(self) -> None:
+        """The watchdog has heard nothing for too long: stay where the servo is."""
+        self.put(p.BUS_WATCHDOG, 255)
+        self.put(p.GOAL_POSITION, self.get(p.PRESENT_POSITION))
+        if self.get(p.OPERATING_MODE) == p.CURRENT_MODE:
+            self.put(p.GOAL_CURRENT, 0)
+
+
+class SimulatedBus:
+    """Servos of a robot on a pseudo terminal.
+
+    Args:
+        wiring: Servos of the robot.
+        robot: Robot that they drive.
+        effects: Departures from the ideal robot, such as friction.
+        seed: Seed of the effects and of the faults.
+
+    Attributes:
+        port: Path of the terminal, for a driver.
+        lost: Share of the packets to and from the servos that get lost, 0 to 1.
+        garbled: Share of the answers in which a byte is wrong, 0 to 1.
+        instructions: Packets that were received whole.
+    """
+
+    def __init__(self, wiring: Wiring, robot: Robot, effects: Sequence[Effect] = (), seed: int = 0):
+        self._sim = Simulation(robot.sim, effects, seed, 1.0 / robot.sim.physics_rate, robot)
+        self._state = self._sim.reset()
+        self._effort = np.array(robot.effort, dtype=float)
+        self._drives_torque = [isinstance(robot.drives.get(j), TorqueDrive) for j in robot.joints]
+        self._servos = {servo.id: _Servo(servo) for servo in wiring.servos}
+        self._sense()
+        self._parser, self._rng = p.Parser(), np.random.default_rng(seed)
+        self.lost = self.garbled = 0.0
+        self.instructions, self._heard = 0, time.monotonic()
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+
+    def silence(self, servo: int) -> None:
+        """Let a servo answer no more and do nothing more, as if its cable were out."""
+        self._servos[servo].silent = True
+        self._servos[servo].put(p.TORQUE_ENABLE, 0)
+
+    def overheat(self, servo: int) -> None:
+        """Let a servo shut down because it is too hot."""
+        hot = self._servos[servo]
+        hot.put(p.PRESENT_TEMPERATURE, _HOT)
+        hot.put(p.HARDWARE_ERROR, _OVERHEATING)
+        hot.put(p.TORQUE_ENABLE, 0)
+
+    @property
+    def torques(self) -> dict[int, bool]:
+        """Whether the torque is on, by servo."""
+        return {number: bool(s.get(p.TORQUE_ENABLE)) for number, s in self._servos.items()}
+
+    @property
+    def angles(self) -> np.ndarray:
+        """True joint positions [rad], (n,)."""
+        return self._sim.true_q
+
+    def serve(self, ended: Callable[[], bool]) -> None:
+        """Answer and simulate in real time until `ended` says so.
+
+        Args:
+            ended: Is asked every few milliseconds.
+        """
+        done = time.monotonic()  # until when it is simulated
+        while not ended():
+            ready, _, _ = select.select([self._master], [], [], _LOOK)
+            now = time.monotonic()
+            done = max(done, now - _BEHIND)
+            while done + self._sim.dt <= now:
+                self._step()
+                done += self._sim.dt
+            self._watch(now)
+            if ready:
+                for packet in self._parser.feed(os.read(self._master, 4096)):
+                    os.write(self._master, self._answer(packet))
+
+    def close(self) -> None:
+        """Free the terminal and the engine."""
+        os.close(self._master)
+        os.close(self._slave)
+        self._sim.close()
+
+    # ---- the robot
+
+    def _step(self) -> None:
+        servos = self._servos.values()
+        on = np.array([bool(s.get(p.TORQUE_ENABLE)) for s in servos])
+        asked = np.array([s.torque for s in servos])
+        pure = np.array(self._drives_torque)
+        self._sim.limit(on * np.minimum(self._effort, np.where(pure, np.inf, np.abs(asked))))
+        goal = np.array([s.goal for s in servos])
+        now = self._state.tick, self._state.t
+        command = MotionCommand(*now, goal, 0.0 * goal)
+        feet = np.ones(len(self._sim.robot.feet), dtype=bool)
+        trunk = TrunkTorque(*now, pure * on * asked, np.zeros(6), feet)
+        self._state = self._sim.step(command, trunk)
+        self._sense()
+
+    def _sense(self) -> None:
+        rows = zip(self._sim.true_q, self._sim.true_dq, self._state.tau, strict=True)
+        for servo, row in zip(self._servos.values(), rows, strict=True):
+            servo.sense(*row)
+
+    def _watch(self, now: float) -> None:
+        for servo in self._servos.values():
+            patience = servo.get(p.BUS_WATCHDOG)
+            if 0 < patience < 255 and now - self._heard > 0.02 * patience:
+                servo.bark()
+
+    # ---- the protocol
+
+    def _answer(self, packet: Packet) -> bytes:
+        """Answers of all servos to one packet, as the line carries them."""
+        if not packet.whole or self._rng.random() < self.lost:
+            return b""
+        self.instructions, self._heard = self.instructions + 1, time.monotonic()
+        answers = []
+        for answer in self._execute(packet):
+            if self._rng.random() < self.lost:
+                continue
+            if self._rng.random() < self.garbled:
+                answer = answer[:-3] + bytes([answer[-3] ^ 0x10]) + answer[-2:]
+            answers.append(answer)
+        return b"".join(answers)
+
+    def _execute(self, packet: Packet) -> list[bytes]:
+        data, kind = packet.parameters, packet.instruction
+        if kind == p.SYNC_READ:
+            address, size = _words(data)
+            return [self._read(n, address, size) for n in data[4:] if self._alive(n)]
+        if kind == p.SYNC_WRITE:
+            address, size = _words(data)
+            for at in range(4, len(data), size + 1):
+                if self._alive(data[at]):
+                    self._servos[data[at]].write(address, data[at + 1 : at + 1 + size])
+            return []
+        if not self._alive(packet.id):
+            return []
+        servo = self._servos[packet.id]
+        if kind == p.PING:
+            return [p.status(packet.id, self._alert(servo), bytes(servo.memory[:2]) + b"\x2d")]
+        if kind == p.READ:
+            return [self._read(packet.id, *_words(data))]
+        if kind == p.WRITE:
+            address = int.from_bytes(data[:2], "little")
+            error = servo.write(address, data[2:])
+            return [p.status(packet.id, error | self._alert(servo))]
+        return []
+
+    def _alive(self, number: int) -> bool:
+        return number in self._servos and not self._servos[number].silent
+
+    def _read(self, number: int, address: int, size: int) -> bytes:
+        servo = self._servos[number]
+        data = bytes(servo.memory[address : address + size])
+        return p.status(number, self._alert(servo), data)
+
+    @staticmethod
+    def _alert(servo: _Servo) -> int:
+        return p.ALERT if servo.get(p.HARDWARE_ERROR) else 0
+
+
+def _words(data: bytes) -> tuple[int, int]:
+    """Address and size with which the parameters of reading instructions begin."""
+    return int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `robot_sim` of a robot of servos: what a plant node does, on hardware.
+
+Clock, limits, time-outs, heartbeat and emergency stop are those of every plant node. The safe
+state is without torque, and a command goes to the bus as soon as it has come.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any, ClassVar
+
+from rclpy.clock import Clock, ClockType
+
+from loco_control.exceptions import ParameterError
+from loco_control.ros.executor import run_nodes
+from loco_control.types import MotionCommand, RobotState, TrunkTorque
+
+from ..hardware import wiring
+from ..hardware.dynamixel import ServoRobot
+from ..plant import model as models
+from ..plant.safety import SafetyParams
+from .joint_plant_node import JointPlantNode
+
+FASTEST = 1.5  # peak of the speed of a smooth step, over its mean
+
+
+class DriverNode(JointPlantNode):
+    """Driver of a robot of Dynamixel servos, for robots with a bolted base.
+
+    Attributes:
+        sim: The robot; it has the face of a `Simulation`.
+    """
+
+    margins: ClassVar[SafetyParams] = SafetyParams(
+        velocity=1.0, rate=4.0, torque=1.0, overspeed=1.5, power=1.0
+    )
+
+    def __init__(self) -> None:
+        super().__init__(100.0)
+        if self.tick.clock != "realtime":
+            raise ParameterError(
+                f"hardware has the clock realtime, got {self.tick.clock}; take --clock realtime"
+            )
+        self.tick = self.tick.replace(catch_up=1)  # what was missed is gone
+        robot = self.declare_parameter("robot", "servo_pendulum").value
+        file = self.declare_parameter("hardware", "").value
+        overrides = json.loads(self.declare_parameter("overrides", "{}").value)
+        base = models.load_any(robot)
+        robot = models.Model(base.robot, {**base.overrides, **overrides}, []).make_robot()
+        wired = wiring.load(file, robot)
+        self.sim = ServoRobot(wired, robot)
+        self._speed = wired.bus.approach
+        self._acted, self._limp, self._dropped = -1, True, 0
+        self._way: Any = None  # from where to the standing posture [rad], and ticks done
+        self._limited: set[str] = set()
+        self._open()
+
+    # ---- before the first tick
+
+    def _start(self) -> None:
+        """Go slowly to the standing posture, where experiments begin; then the ticks begin."""
+        self.event("approach", "to the standing posture", 0, 0.0)
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(1.0 / self.rate, self._approach, clock=clock)
+
+    def _approach(self) -> None:
+        state = self._measured(0, 0.0)
+        standing = self.sim.robot.standing
+        if self._estop.reason:
+            self.sim.limp()
+            self._way = None  # begins anew after a reset
+            return
+        begin, k = self._way or (state.q, 0)
+        most = FASTEST * max(abs(standing - begin)) / self._speed
+        share = min(1.0, (k + 1) / max(1.0, most * self.rate))
+        self.sim.drive(begin + share * share * (3.0 - 2.0 * share) * (standing - begin))
+        self._way = begin, k + 1
+        if share >= 1.0:
+            self._timer.cancel()
+            super()._start()
+            if self._safety:
+                self._safety.resume(self.state)
+
+    # ---- one tick
+
+    def _on_commands(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
+        super()._on_commands(command, trunk)
+        if self._deadlines and not self._finished and command.tick == self.state.tick:
+            self._act()
+
+    def _step(self, tick: int) -> None:
+        """A tick is over: send what it was to be sent, if nothing was, and measure."""
+        if tick == self.state.tick:
+            self._act()
+            self._arrive(self._next())
+
+    def _act(self) -> None:
+        """Send the command of this tick, once."""
+        if self._acted == self.state.tick:
+            return
+        self._acted, self._limp = self.state.tick, False
+        command, trunk = self._order()
+        if self._limp:
+            self.sim.limp()
+        else:
+            self.sim.drive(command.q, None if trunk is None else trunk.tau)
+            self._tell_limits()
+
+    def safe_command(self) -> tuple[Any, Any]:
+        """Hold and sit as any plant does; damped is without torque, and so is a stopped robot."""
+        self._limp = bool(self._estop.reason) or self._fallback.stage == "damp"
+        return super().safe_command()
+
+    def _next(self) -> RobotState:
+        """State at the tick that begins now; ticks that were missed are left out."""
+        dropped = self._deadlines.dropped if self._deadlines else 0
+        tick = self.state.tick + 1 + dropped - self._dropped
+        self._dropped = dropped
+        return self._measured(tick, tick / self.rate)
+
+    def _measured(self, tick: int, t: float) -> RobotState:
+        state = self.sim.measure(tick, t)
+        if self.sim.fault:
+            self._estop.engage(self.sim.fault)
+        return state
+
+    def _on_estop(self, kind: str, text: str) -> None:
+        """Torque off at once, whatever the tick has sent."""
+        super()._on_estop(kind, text)
+        if self._estop.reason:
+            self.sim.limp()
+
+    def _finish(self, text: str) -> None:
+        super()._finish(text)
+        self._limp = True
+        self.sim.limp()
+
+    def _tell_limits(self) -> None:
+        """Tell, the first time, that a limit has changed a command: the robot gets another one."""
+        counts = {**(self._safety.limited if self._safety else {}), "servo": self.sim.clipped}
+        for kind in {k for k, n in counts.items() if n} - self._limited:
+            self._limited.add(kind)
+            self.event("clipped", f"command brought back to the limit of {kind}", *self.now())
+
+    def diagnose(self) -> dict[str, Any]:
+        """As of every plant, and what the bus has lost."""
+        return {**super().diagnose(), "lost_packets": self.sim.lost, "torque": not self._limp}
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of ``ros2 run loco_sim driver``."""
+    sys.exit(run_nodes([DriverNode], args))
+
+
+if __name__ == "__main__":
+    main()
