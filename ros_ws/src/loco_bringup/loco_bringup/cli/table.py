@@ -42,6 +42,7 @@ EXTRAS: dict[tuple[str, ...], str] = {
     "there are gap, export-model, report, export, calibrate, optimise, study, robot, list, and "
     "`run --layout rollout`",
     ("rerun",): "it comes with `pip install '.[view]'`",
+    ("dynamixel_sdk",): "it comes with `pip install '.[dynamixel]'`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
 }
 # Titles of the groups, in the order of the help, and the commands of each.

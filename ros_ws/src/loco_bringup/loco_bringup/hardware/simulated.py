@@ -83,7 +83,7 @@ def _parsed(text: str) -> tuple[str, float, float]:
     except ValueError:
         number = begin = -1.0
     share = kind in ("lost", "garbled")
-    good = number <= 1.0 if share else number == int(number)
+    good = number <= 1.0 if share else number.is_integer()
     if kind not in FAULTS or not (number >= 0.0 and begin >= 0.0 and good):
         raise ParameterError(
             f"--fault must be lost=SHARE, garbled=SHARE, silent=ID or hot=ID, with @SECONDS for a "
