@@ -2,13 +2,17 @@
 """No process of ours looks for others beyond this machine unless it is told to."""
 
 import ast
+import contextlib
 import os
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from loco_bringup.testing import servo_bus
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("discovery")]
 
@@ -97,10 +101,15 @@ def end(processes):
 def test_no_executable_joins_a_group_of_other_machines(tmp_path):
     if memberships():
         pytest.skip("something else on this machine looks for others")
-    processes = {}
+    processes, bus = {}, contextlib.ExitStack()
     try:
         for number, (name, module) in enumerate(executables().items()):
             ros = ["--ros-args", "-r", f"__ns:=/discovery_{number}"]
+            if name == "driver":
+                if find_spec("dynamixel_sdk") is None:
+                    continue
+                file = bus.enter_context(servo_bus()).file
+                ros += ["-p", "clock:=realtime", "-p", f"hardware:={file}"]
             arguments = ARGUMENTS.get(name, ros + GAIT if name == "msd_reflex" else ros)
             processes[name] = start(["-m", module, *arguments], {}, tmp_path)
         assert {"loco", "recorder", "calibrator", "joint_sim", "faults"} <= set(processes)
@@ -108,6 +117,7 @@ def test_no_executable_joins_a_group_of_other_machines(tmp_path):
         assert memberships() == set()
     finally:
         end(processes)
+        bus.close()
 
 
 def test_leaving_the_machine_takes_one_setting(tmp_path):

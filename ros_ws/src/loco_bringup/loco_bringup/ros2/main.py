@@ -27,6 +27,7 @@ EXECUTABLES = {
     ("loco_learning", "joint_reflex"): "loco_learning.ros.joint_reflex_node:main",
     ("loco_learning", "msd_reflex"): "loco_learning.ros.msd_reflex_node:main",
     ("loco_learning", "reflex_network"): "loco_learning.ros.reflex_node:main",
+    ("loco_sim", "driver"): "loco_sim.ros.driver_node:main",
     ("loco_sim", "joint_sim"): "loco_sim.ros.joint_sim_node:main",
     ("loco_sim", "msd_sim"): "loco_sim.ros.msd_sim_node:main",
     ("loco_sim", "robot_sim"): "loco_sim.ros.sim_node:main",
