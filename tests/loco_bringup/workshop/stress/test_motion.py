@@ -48,7 +48,7 @@ def test_missing_states_and_no_motion_are_no_proof():
 
 def test_the_power_of_drives_is_that_which_they_put_in():
     motion = Motion(states([1.0, 1.0, -1.0, 1.0], [4.0, -9.0, -2.0, 0.0]))
-    assert motion.power(10, 13) == 1.5
+    assert motion.power(10, 13) == 1.0  # it turned round in tick 12
     assert motion.power(20, 22) == 0.0
 
 

@@ -21,7 +21,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.topics import TOPICS
 
 from .faults import run_topic
-from .rough import CLOCK, HAPPENS, KILLED, clock_of, run_rough
+from .rough import HAPPENS, KILLED, run_rough
 from .signals import KILL, STOP, run_signal
 from .traces import TAG
 
@@ -103,11 +103,10 @@ def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[st
     place.parent.mkdir(exist_ok=True)
     job = json.dumps([cell.how, cell.what, repeats, seed, str(place)])
     log = folder / "cells" / f"{cell.name}.log"
-    own = clock_of(place) if cell.what == CLOCK else {}
     with open(log, "w") as stream:
         done = subprocess.run(
             [sys.executable, "-m", "loco_bringup.workshop.stress.chaos", job],
-            env={**os.environ, **own, TAG: f"{cell.name}-{os.getpid()}"},
+            env={**os.environ, TAG: f"{cell.name}-{os.getpid()}"},
             stdout=subprocess.PIPE,
             stderr=stream,
             text=True,

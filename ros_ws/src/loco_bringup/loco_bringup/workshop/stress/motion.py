@@ -3,9 +3,9 @@
 
 The safe state holds each joint where it was at the beginning of the tick and wants no velocity.
 Whatever the gains and the load, the torque of a joint is then against its velocity: drives take
-energy out of the motion and put none in, except where a joint turns round within a tick. A driven
-robot does the opposite, since a drive has to drive to move anything: it puts in about as much as
-it takes out.
+energy out of the motion and put none in. Ticks in which a joint turned round are left out, as its
+torque is a mean over a tick. A driven robot does the opposite, since a drive has to drive to move
+anything: it puts in about as much as it takes out.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-# Energy that damping drives may put in, over what they take out, for joints that turn round within
-# a tick. Measured: damped at most 0.003, holding the pose of the last command 0.05, commanded 1.
+# Energy that damping drives may put in, over what they take out. Measured in 33 time-outs of a
+# robot that was hit while it trotted: damped at most 5e-5.
 PUT_IN = 0.01
 
 
@@ -31,6 +31,7 @@ class Motion:
         self._ticks = states["tick"][rows].astype(np.int64)
         dq = states["dq"][rows].reshape(len(rows), -1)
         power = states["tau"][rows].reshape(dq.shape) * dq  # [W]
+        power[1:][np.sign(dq[1:]) != np.sign(dq[:-1])] = 0.0
         self._in = np.maximum(power, 0.0).sum(axis=1)
         self._out = np.maximum(-power, 0.0).sum(axis=1)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import re
 import resource
-import select
 import shutil
 import signal
 import subprocess
@@ -37,13 +36,13 @@ CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 LONG = {"learner.train": 3600.0}
 PATIENCE = 40.0  # wall time until a run that was hit must have ended [s]
 REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
-CLOCK = "jump of the wall clock"
+AHEAD, BACK = "wall clock jumps ahead", "wall clock is set back"
 _GUARD = b"loco_bringup.graph.guard"
 _ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
 _GOES_ON = 3.0  # wall time that it must go on after what it rides through [s]
 _VISIT = 40.0  # wall time that a visitor has, with its start [s]
 _DISK = 700_000  # room for each file; a bag fills it in about a second [bytes]
-_JUMPS = (-3600.0, 3600.0)  # of the wall clock [s]
+_JUMP = 3600.0  # longest of the wall clock [s]
 _FAKETIME = "libfaketime.so.1"
 _FAKETIME_AT = ("/usr/lib/*/faketime", "/usr/lib/faketime", "/usr/local/lib/faketime")
 
@@ -95,37 +94,31 @@ def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Trac
     return _looked(how == "ended" or not said, how, said, folder, traces)
 
 
-def clock_of(place: Path) -> dict[str, str]:
-    """Variables for a process whose wall clock, and that of its children, a file sets.
+def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """The wall clock of all nodes jumps by up to an hour.
 
-    All processes of a graph jump at once, the supervisor too, as they do on one machine: Fast DDS
-    takes a neighbour whose clock stays behind for dead.
-
-    Args:
-        place: The file is beside it.
+    A robot must not notice when it jumps ahead. When it is set back, Fast DDS drops messages for
+    moments, as younger ones seem older (its issue 5019): the plant may get to its safe state then.
 
     Raises:
         GraphError: libfaketime is not installed.
     """
-    return {
+    jump = float(rng.uniform(0.0, _JUMP)) * (1 if who == AHEAD else -1)
+    file = write_whole(folder.with_name(f"{folder.name}.clock"), "+0")
+    changed = {
         "LD_PRELOAD": str(faketime()),
-        "FAKETIME_TIMESTAMP_FILE": str(write_whole(place.with_name(f"{place.name}.clock"), "+0")),
+        "FAKETIME_TIMESTAMP_FILE": str(file),
         "FAKETIME_DONT_FAKE_MONOTONIC": "1",
         "DONT_FAKE_MONOTONIC": "1",
-        "FAKETIME_NO_CACHE": "1",
+        "FAKETIME_NO_CACHE": "1",  # all processes jump at once
     }
-
-
-def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """The wall clock jumps by up to an hour. Needs `clock_of`.
-
-    A robot must not notice when it jumps ahead. When it is set back, Fast DDS drops messages for
-    moments, as younger ones seem older (its issue 5019): the plant may get to its safe state then.
-    """
-    jump, file = float(rng.uniform(*_JUMPS)), Path(os.environ["FAKETIME_TIMESTAMP_FILE"])
-    time.sleep = lambda seconds: select.select([], [], [], seconds)  # libfaketime breaks the other
-    said = _hit(lambda pids: write_whole(file, f"{jump:+.3f}"), rng, folder, traces, ends=False)
-    write_whole(file, "+0")
+    os.environ.update(changed)
+    try:
+        said = _hit(lambda pids: write_whole(file, f"{jump:+.3f}"), rng, folder, traces, ends=False)
+    finally:
+        for name in changed:
+            del os.environ[name]
+        file.unlink()
     late = [] if said else time_outs(Bag(folder))[0]
     if late and (jump > 0 or any(tick - last > SAFE_TICKS for tick, last in late)):
         said = f"time-outs after a jump of {jump:.0f} s: {late}"
@@ -191,7 +184,8 @@ KILLED: dict[str, Callable[[str, np.random.Generator, Path, Traces], str]] = {
 }
 HAPPENS = {
     "no more memory": end_of_memory,
-    CLOCK: clock_jump,
+    AHEAD: clock_jump,
+    BACK: clock_jump,
     "doctor beside top": doctor_beside_top,
     "doctor of a stopped node": doctor_of_a_stopped,
     "second run": second_run,
@@ -272,6 +266,11 @@ def _hit(
     return said
 
 
+def _hears_interrupts() -> None:
+    """What a shell starts in the background ignores SIGINT, and so would its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def _visited(
     words: list[str],
     others: list[list[str]],
@@ -294,6 +293,7 @@ def _visited(
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 text=True,
+                preexec_fn=_hears_interrupts,
             )
             for line in (words, *others)
         )
