@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -17,6 +18,8 @@ from loco_bringup.graph import node_set, processes, shm
 from loco_bringup.graph import run as runner
 from loco_bringup.graph.guard import start_of
 from loco_bringup.graph.processes import Guard, Process, Restart, stop_all
+from loco_bringup.graph.watch import Watch
+from loco_bringup.outcome import KEPT
 from loco_bringup.workshop.stress.traces import opened_by
 from loco_control.exceptions import GraphError, ParameterError
 from loco_learning.runs.experiment import load
@@ -262,3 +265,12 @@ def test_nodes_get_the_profile_of_a_user_and_not_that_of_the_command_line(monkey
     assert name not in processes._environment()
     monkeypatch.setenv(name, "mine.xml")
     assert processes._environment()[name] == "mine.xml"
+
+
+def test_a_supervisor_keeps_the_newest_events_only(tmp_path):
+    """Each time-out of a busy machine is an event: a run of an hour had thousands."""
+    watch = Watch([], tmp_path, 1.0, lambda progress: None)
+    for tick in range(KEPT + 5):
+        watch.on_event("", SimpleNamespace(kind="timeout", tick=tick, text="", node="robot_sim"))
+    ticks = [event.tick for _, event in watch._progress.events]
+    assert ticks == list(range(5, KEPT + 5))

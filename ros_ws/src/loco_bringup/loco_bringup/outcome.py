@@ -7,6 +7,7 @@ import contextlib
 import importlib.metadata
 import json
 import platform
+from collections import deque
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ from loco_learning.runs.experiment import Experiment
 
 from . import __version__
 
+KEPT = 1000  # events that a supervisor keeps: a run of hours has more
 VERSIONS = ("ros-rclpy", "pybullet", "numpy", "scipy", "numba", "mcap")
 
 
@@ -29,7 +31,8 @@ class Progress:
     duration: float = 0.0
     real_time_factor: float = 0.0
     pids: dict[str, int] = field(default_factory=dict)  # of the processes, by name
-    events: list[tuple[float, Any]] = field(default_factory=list)  # when heard [s], what
+    # The newest, when heard [s], what.
+    events: deque[tuple[float, Any]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
 
 @dataclass

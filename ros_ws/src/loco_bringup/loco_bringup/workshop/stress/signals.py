@@ -14,6 +14,7 @@ import re
 import shutil
 import signal
 import time
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,7 @@ class Hits:
         self.who, self.left, self._rng = who, repeats, rng
         self.times: list[float] = []
         self._woken: list[float] = []
-        self.events: list[tuple[float, Any]] = []
+        self.events: Sequence[tuple[float, Any]] = ()
         self.opened: set[str] = set()
         self.trouble = ""
         self._due = self._wake = 0.0  # times; 0: not set
