@@ -103,7 +103,7 @@ class Killer:
 
     def __call__(self, progress):
         if not self._left:  # done when the last one is back
-            return any(event.kind == "resumed" for _, event in progress.events[self._heard :])
+            return any(event.kind == "resumed" for _, event in list(progress.events)[self._heard :])
         if progress.sim_time < self._next:
             return False
         for pid, command in processes_with(self._text).items():
