@@ -267,7 +267,7 @@ def _hit(
 
 
 def _hears_interrupts() -> None:
-    """What a shell starts in the background ignores SIGINT, and so would its children."""
+    """Undo that a shell lets what it starts in the background, and its children, ignore SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
