@@ -25,7 +25,8 @@ from . import packets as p
 from .packets import Register
 from .wiring import COUNTS, TURN, BusParams, Wiring
 
-_TRY = 0.2  # patience with what has to arrive [s]
+_TRY = 0.2  # patience with a setting [s]
+_FIRST = 3.0  # and with the first ones, before anything moves [s]
 _NAP = 0.0005  # the port waits so long for bytes before it looks at the clock [s]
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -138,11 +139,11 @@ class ServoRobot:
     def _prepare(self) -> None:
         """Torque off and modes set; every servo has to answer."""
         for servo, pure in zip(self._ids, self._pure, strict=True):
-            self._set(servo, p.BUS_WATCHDOG, 0)
-            self._set(servo, p.TORQUE_ENABLE, 0)
+            self._set(servo, p.BUS_WATCHDOG, 0, _FIRST)
+            self._set(servo, p.TORQUE_ENABLE, 0, _FIRST)
             mode = p.CURRENT_MODE if pure else p.POSITION_MODE
-            self._set(servo, p.OPERATING_MODE, mode)
-        end = time.monotonic() + _TRY
+            self._set(servo, p.OPERATING_MODE, mode, _FIRST)
+        end = time.monotonic() + _FIRST
         self.measure(0, 0.0)
         while self._missed.any() and time.monotonic() < end:
             self.measure(0, 0.0)
@@ -150,14 +151,14 @@ class ServoRobot:
             first = self._ids[int(np.argmax(self._missed))]
             raise GraphError(f"{self._name(first)} takes settings but cannot be read")
 
-    def _set(self, servo: int, register: Register, value: int) -> None:
-        """Write a register and see it acknowledged."""
+    def _set(self, servo: int, register: Register, value: int, patience: float = _TRY) -> None:
+        """Write a register and see it acknowledged within a time [s]."""
         write = {
             1: self._handler.write1ByteTxRx,
             2: self._handler.write2ByteTxRx,
             4: self._handler.write4ByteTxRx,
         }[register.size]
-        end = time.monotonic() + _TRY
+        end = time.monotonic() + patience
         while True:
             result, error = write(self._port, servo, register.address, value)
             self._spoke = time.monotonic()
