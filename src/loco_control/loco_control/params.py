@@ -123,7 +123,8 @@ def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
     name = f"{owner}.{f.name}"
     if isinstance(default, tuple):
         many = f.metadata.get("any_length", False)
-        if isinstance(value, str) or not hasattr(value, "__len__") or (many and not len(value)):
+        listed = isinstance(value, (list, tuple, np.ndarray))
+        if not listed or (many and not len(value)):
             size = "one or more" if many else len(default)
             raise ParameterError(f"{name} must be a list of {size} numbers, got {value!r}")
         if len(default) and len(value) != len(default) and not many:

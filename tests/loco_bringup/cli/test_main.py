@@ -2,6 +2,7 @@
 """The command line: exit codes, one clear line per mistake, help that names every command."""
 
 import errno
+import json
 import os
 import re
 import subprocess
@@ -18,6 +19,7 @@ from loco_bringup.workshop import tests
 from loco_bringup.workshop.bench import bench
 from loco_bringup.workshop.bench.damage import sample
 from loco_control.exceptions import MissingPackageError
+from loco_learning.schemas import KINDS
 
 
 def loco(*arguments, capsys=None):
@@ -116,6 +118,8 @@ MISTAKES = [
     (("study", "no_study"), "available"),
     (("bench", "lightness"), "rls"),
     (("list", "lists"), "experiments"),
+    (("schema", "robto"), "did you mean 'robot'"),
+    (("schema",), "or a folder with --out"),
     (("gpa", "bag"), "did you mean 'gap'"),
     (("help", "gpa"), "did you mean 'gap'"),
     (("run",), "required: experiment; see `loco run --help`"),
@@ -166,6 +170,14 @@ def test_lists_show_what_there_is(run):
     assert code == 0
     for word in ("hyq_trot_open", "chapter8", "command_delay", "robot_state"):
         assert word in out
+
+
+def test_schemas_go_to_the_screen_or_to_files(run, tmp_path):
+    code, out, _ = run("schema", "wiring")
+    assert code == 0
+    assert "servos" in json.loads(out)["properties"]
+    assert run("schema", "--out", tmp_path / "schemas")[0] == 0
+    assert {p.stem for p in (tmp_path / "schemas").iterdir()} == set(KINDS)
 
 
 @pytest.mark.ros

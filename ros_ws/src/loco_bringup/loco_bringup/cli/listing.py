@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco list`: what there is to run."""
+"""`loco list` and `loco schema`: what there is to run, and what its files may say."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from loco_control.exceptions import LocoError, NameUnknownError
+from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_control.files import write_whole
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_learning.runs import experiment
+from loco_learning.schemas import KINDS, schema
 from loco_learning.study import study
 from loco_sim import effects
 
@@ -94,14 +97,33 @@ def _first_line(thing: type) -> str:
     return (thing.__doc__ or "").strip().splitlines()[0]
 
 
+def show_schema(a: argparse.Namespace) -> int:
+    """`loco schema`: print one JSON Schema, or write files.
+
+    Raises:
+        NameUnknownError: There is no such kind of file.
+        ParameterError: Neither a kind nor a folder is named.
+    """
+    if a.kind is None and a.out is None:
+        raise ParameterError(f"name a kind of file ({', '.join(KINDS)}), or a folder with --out")
+    for kind in [a.kind] if a.kind else KINDS:
+        text = json.dumps(schema(kind), indent=2, ensure_ascii=False) + "\n"
+        if a.out is None:
+            sys.stdout.write(text)
+        else:
+            console.print(str(write_whole(a.out / f"{kind}.json", text)))
+    return 0
+
+
 def show_completion(a: argparse.Namespace) -> int:
     """`loco completion`: the words after each command, as a function of the shell.
 
     A word that is no option and follows no command completes to files, and for ``run``,
-    ``study`` and ``list`` to the names that these take.
+    ``study``, ``list`` and ``schema`` to the names that these take.
     """
     names = {
         "run": [*experiment.names()], "study": [*study.names()], "list": [*_LISTS],
+        "schema": [*KINDS],
         "help": sorted({name.partition(" ")[0] for name in COMMANDS}),
     }  # fmt: skip
     for name, command in COMMANDS.items():

@@ -39,8 +39,8 @@ ROS = ("rclpy", "builtin_interfaces", "rcl_interfaces", "ament_index_python")
 # Packages that only some commands need, and where they come from.
 EXTRAS: dict[tuple[str, ...], str] = {
     ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
-    "there are gap, export-model, report, export, calibrate, optimise, study, robot, list, and "
-    "`run --layout rollout`",
+    "there are gap, export-model, report, export, calibrate, optimise, study, robot, list, schema "
+    "and `run --layout rollout`",
     ("rerun",): "it comes with `pip install '.[view]'`",
     ("dynamixel_sdk",): "it comes with `pip install '.[dynamixel]'`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
@@ -105,6 +105,10 @@ GROUPS: dict[str, dict[str, Command]] = {
         "list": Command(
             "show experiments, robots, studies, effects, topics and bags",
             "cli.options.run:list_", "cli.listing:show",
+        ),
+        "schema": Command(
+            "print the JSON Schema of a kind of YAML file, by which editors complete and check",
+            "cli.options.run:schema", "cli.listing:show_schema",
         ),
         "top": Command(
             "show the running graph: rates, lateness, drops, CPU, phase",

@@ -96,6 +96,19 @@ def list_(p: ArgumentParser) -> None:
     p.add_argument("what", nargs="?", help="experiments, robots, studies, effects, topics or bags")
 
 
+def schema(p: ArgumentParser) -> None:
+    """Options of `loco schema`."""
+    p.description += """
+
+The first line of a file tells the editor: # yaml-language-server: $schema=schemas/robot.json
+  loco schema experiment > experiment.json
+  loco schema --out schemas
+"""
+    p.add_argument("kind", nargs="?", help="experiment, robot, model, gait, study, mapping, "
+                   "wiring or plan")  # fmt: skip
+    p.add_argument("--out", type=Path, help="folder that gets a file of each kind, or of one")
+
+
 def robot(p: ArgumentParser) -> None:
     """Options of `loco robot`."""
     p.description += "\n\nloco robot new URDF writes a folder for a robot of your own."
