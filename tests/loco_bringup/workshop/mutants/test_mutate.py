@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from loco_bringup.workshop.mutants.mutate import mutants
-from loco_bringup.workshop.mutants.run import PROTECTING
+from loco_bringup.workshop.mutants.run import EQUIVALENT, PROTECTING
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -18,7 +18,8 @@ def test_each_mutant_is_a_module_with_one_change(module):
     source = (ROOT / module).read_text()
     plain = ast.unparse(ast.parse(source)).splitlines()
     found = mutants(source)
-    assert len(found) > 10
+    assert len({mutant.key for mutant in found}) == len(found) > 10
+    assert set(EQUIVALENT.get(module, {})) <= {mutant.key for mutant in found}
     for mutant in found:
         compile(mutant.text, module, "exec")
         lines = mutant.text.splitlines()
@@ -42,6 +43,11 @@ def test_each_mutant_is_a_module_with_one_change(module):
 )
 def test_what_is_changed(source, after):
     assert [mutant.after for mutant in mutants(source)] == after
+
+
+def test_changes_that_read_the_same_are_numbered():
+    keys = [mutant.key for mutant in mutants("def f(a, b):\n    return a[1] + b[1]\n")]
+    assert keys == ["f: 1 -> 2", "f: 1 -> 2 #2", "f: a[1] + b[1] -> a[1] - b[1]"]
 
 
 def test_tests_that_must_notice_exist():

@@ -8,8 +8,9 @@ flags change, and calls whose result nobody uses disappear.
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
@@ -29,6 +30,7 @@ class Mutant:
         before: Source of the changed part.
         after: The same part, changed.
         text: Source of the whole module, changed.
+        number: Which of the changes of this function that read the same, counted from 1.
     """
 
     line: int
@@ -36,15 +38,20 @@ class Mutant:
     before: str
     after: str
     text: str
+    number: int = 1
 
     @property
     def key(self) -> str:
-        """Name that stays when other lines move: function and change."""
-        return f"{self.function}: {self.before} -> {self.after}"
+        """Name that stays when other lines move: function, change, and which of several."""
+        text = f"{self.function}: {self.before} -> {self.after}"
+        return text if self.number == 1 else f"{text} #{self.number}"
 
 
 def mutants(source: str) -> list[Mutant]:
-    """All mutants of a module, in the order of its lines; docstrings and hints are left alone."""
+    """All mutants of a module in the order of its lines, each with a key of its own.
+
+    Docstrings and hints are left alone.
+    """
     tree = ast.parse(source)
     _mark(tree)
     found = [
@@ -54,7 +61,12 @@ def mutants(source: str) -> list[Mutant]:
         for mutant in _of(node, tree)
         if mutant.before != mutant.after
     ]
-    return sorted(found, key=lambda mutant: (mutant.line, mutant.before, mutant.after))
+    found.sort(key=lambda mutant: (mutant.line, mutant.before, mutant.after))
+    seen: Counter[str] = Counter()
+    for i, mutant in enumerate(found):
+        seen[mutant.key] += 1
+        found[i] = replace(mutant, number=seen[mutant.key])
+    return found
 
 
 def _mark(tree: ast.Module) -> None:

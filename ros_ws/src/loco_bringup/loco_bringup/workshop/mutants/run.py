@@ -3,28 +3,28 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
 import random
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from queue import Queue
 
 import yaml
 
 from loco_control.exceptions import LocoError, MissingFileError
 from loco_control.files import write_whole
+from loco_learning.jobs.journal import Journal
 
+from . import nursery
 from .mutate import Mutant, mutants
 
-ROOTS = ("src/loco_control", "src/loco_sim", "src/loco_learning", "ros_ws/src/loco_bringup")
 # Modules that protect a robot or a recording, with the tests that must notice a change.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
@@ -34,6 +34,9 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         "tests/ros/test_plant_node.py", "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
     ),
     "src/loco_sim/loco_sim/robot/urdf_check.py": ("tests/loco_sim/robot/test_urdf_check.py",),
+    "src/loco_control/loco_control/ros/join.py": (
+        "tests/loco_control/test_faults.py", "tests/ros/test_node.py",
+    ),
     "src/loco_control/loco_control/reading.py": ("tests/loco_control/test_reading.py",),
     "src/loco_control/loco_control/files.py": ("tests/loco_control/test_files.py",),
     "ros_ws/src/loco_bringup/loco_bringup/graph/guard.py": (
@@ -47,6 +50,9 @@ PROTECTING: dict[str, tuple[str, ...]] = {
 EQUIVALENT: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("equivalent.yaml").read_text(encoding="utf-8")
 )
+NOTICED = ("killed", "timeout")
+# By exit code of pytest; 2: the tests could not be imported. Below 0 is a signal.
+_END = {"0": "survived", "1": "killed", "2": "killed", "timeout": "timeout"}
 PATIENCE = 5.0  # a mutant may take this many times as long as the original, before it is killed
 
 
@@ -58,7 +64,8 @@ class Verdict:
         module: Path of the module from the root of the clone.
         line: Line of the change.
         change: Function, and what became of what.
-        end: ``killed``, ``timeout``, ``survived`` or ``equivalent``.
+        end: ``killed``, ``timeout``, ``survived``, ``equivalent``, or ``error`` where pytest itself
+            failed or found no test.
         seconds: Wall time of its tests [s].
     """
 
@@ -75,7 +82,9 @@ def survey(
     limit: int,
     seed: int,
     workers: int,
+    journal: Journal,
     tell: Callable[[Verdict], None],
+    survivors: bool = False,
 ) -> list[Verdict]:
     """Test mutants of modules.
 
@@ -85,7 +94,9 @@ def survey(
         limit: Largest number of mutants of each module, drawn at random; 0 is all.
         seed: Seed of the draw.
         workers: Mutants that are tested at a time.
+        journal: Verdicts of the same modules and tests; those that are there are not found again.
         tell: Called with each verdict.
+        survivors: What was noticed counts as noticed although the tests have changed since.
 
     Raises:
         MissingFileError: This is an installed package, not a clone.
@@ -95,75 +106,100 @@ def survey(
         raise MissingFileError(f"no tests folder in {root}; run this from a clone")
     verdicts = []
     for module in modules:
-        text = (root / module).read_text(encoding="utf-8")
-        with _copy(root) as copy:
-            allowed = PATIENCE * _baseline(root, copy, module)
-        drawn = mutants(text)
+        drawn = mutants((root / module).read_text(encoding="utf-8"))
         if 0 < limit < len(drawn):
             drawn = sorted(random.Random(seed).sample(drawn, limit), key=lambda m: m.line)
-        with ThreadPoolExecutor(workers) as pool:
-            jobs = [pool.submit(_judge, root, module, each, allowed) for each in drawn]
-            for job in jobs:
-                verdicts.append(job.result())
-                tell(verdicts[-1])
+        source, tests = _digest(root, [module]), _digest(root, PROTECTING[module])
+        known = {
+            row["change"]: row["end"] for row in journal.rows
+            if row["module"] == module and row["source"] == source
+            and (row["tests"] == tests or (survivors and row["end"] in NOTICED))
+        } | dict.fromkeys(EQUIVALENT.get(module, {}), "equivalent")  # fmt: skip
+        for verdict in _judged(root, module, drawn, workers, known):
+            if verdict.change not in known:
+                journal.append({**asdict(verdict), "source": source, "tests": tests})
+            verdicts.append(verdict)
+            tell(verdict)
     return verdicts
 
 
-def _judge(root: Path, module: str, mutant: Mutant, allowed: float) -> Verdict:
-    if mutant.key in EQUIVALENT.get(module, {}):
-        return Verdict(module, mutant.line, mutant.key, "equivalent", 0.0)
-    with _copy(root) as copy:
-        (copy / module).write_text(mutant.text, encoding="utf-8")
-        began = time.perf_counter()
-        try:
-            end = "killed" if _tests(root, copy, module, allowed) else "survived"
-        except subprocess.TimeoutExpired:
-            end = "timeout"
-    return Verdict(module, mutant.line, mutant.key, end, time.perf_counter() - began)
+def _digest(root: Path, paths: Iterable[str]) -> str:
+    texts = [(root / path).read_bytes() for path in paths]
+    return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
 
 
-def _baseline(root: Path, copy: Path, module: str) -> float:
-    """Seconds that the tests take without a change, kernels compiled."""
+def _judged(
+    root: Path, module: str, drawn: list[Mutant], workers: int, known: dict[str, str]
+) -> Iterator[Verdict]:
+    """Verdicts of mutants in their order; those that are known are not tested."""
+    with ExitStack() as stack:
+        free: Queue[Nursery] = Queue()
+        missing = [each for each in drawn if each.key not in known]
+        for _ in range(min(workers, len(missing))):
+            free.put(stack.enter_context(Nursery(root, module)))
+        if missing:
+            first = free.get()
+            allowed = _patience(first, module, (root / module).read_text(encoding="utf-8"))
+            free.put(first)
+
+        def judge(mutant: Mutant) -> Verdict:
+            end, began = known.get(mutant.key, ""), time.perf_counter()
+            if not end:
+                nursery = free.get()
+                end = _END.get(answer := nursery.ask(mutant.text, allowed), "")
+                end = end or ("killed" if answer.startswith("-") else "error")
+                free.put(nursery)
+            seconds = time.perf_counter() - began
+            return Verdict(module, mutant.line, mutant.key, end, round(seconds, 3))
+
+        with ThreadPoolExecutor(workers) as pool:
+            yield from pool.map(judge, drawn)
+
+
+def _patience(nursery: Nursery, module: str, text: str) -> float:
+    """Seconds that a mutant may take: several times those of the original, kernels compiled."""
     for _ in range(2):
         began = time.perf_counter()
-        if _tests(root, copy, module, 600.0):
+        if (end := nursery.ask(text, 600.0)) != "0":
             raise LocoError(
-                f"the tests of {module} fail without a change: {' '.join(PROTECTING[module])}"
+                f"the tests of {module} fail without a change ({end}): "
+                f"{' '.join(PROTECTING[module])}"
             )
-    return time.perf_counter() - began + 10.0
+    return PATIENCE * (time.perf_counter() - began + 2.0)
 
 
-def _tests(root: Path, copy: Path, module: str, allowed: float) -> int:
-    """Exit code of the tests of a module, with the sources of a copy."""
-    path = os.pathsep.join(str(copy / each) for each in ROOTS)
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider",
-               *PROTECTING[module]]  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
-    run = subprocess.Popen(
-        command, cwd=root, env=environment, start_new_session=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    try:
-        return run.wait(timeout=allowed)
-    finally:
-        if run.poll() is None:
-            os.killpg(run.pid, 9)
-            run.wait()
+class Nursery:
+    """A process that forks one for each mutant (`nursery.py`).
 
+    Args:
+        root: Root of the clone.
+        module: Key of `PROTECTING`.
+    """
 
-@contextmanager
-def _copy(root: Path) -> Iterator[Path]:
-    """Copy of the packages' sources, with what numba has compiled."""
-    with tempfile.TemporaryDirectory(prefix="loco_mutant_") as folder:
-        for each in ROOTS:
-            shutil.copytree(root / each, Path(folder) / each, symlinks=True)
-        yield Path(folder)
+    def __init__(self, root: Path, module: str):
+        command = [sys.executable, "-m", nursery.__name__, str(root), module, *PROTECTING[module]]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+
+    def __enter__(self) -> Nursery:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def ask(self, text: str, allowed: float) -> str:
+        """Exit code of pytest for a source, or ``timeout`` after so many seconds."""
+        print(json.dumps({"text": text, "allowed": allowed}), file=self._process.stdin, flush=True)
+        return self._process.stdout.readline().strip()
 
 
 def score(verdicts: list[Verdict]) -> float:
     """Share of the mutants that some test noticed, equivalent ones left out."""
     counted = [v for v in verdicts if v.end != "equivalent"]
-    return sum(v.end != "survived" for v in counted) / len(counted) if counted else 1.0
+    return sum(v.end in NOTICED for v in counted) / len(counted) if counted else 1.0
 
 
 def write(verdicts: list[Verdict], folder: Path) -> None:
@@ -177,8 +213,11 @@ def write(verdicts: list[Verdict], folder: Path) -> None:
     for module in dict.fromkeys(v.module for v in verdicts):
         rows = [v for v in verdicts if v.module == module]
         same = sum(v.end == "equivalent" for v in rows)
-        dead = sum(v.end in ("killed", "timeout") for v in rows)
+        dead = sum(v.end in NOTICED for v in rows)
         lines.append(f"| {module} | {len(rows)} | {dead} | {same} | {100 * score(rows):.0f} % |")
-    survivors = [f"- {v.module}:{v.line} `{v.change}`" for v in verdicts if v.end == "survived"]
+    survivors = [
+        f"- {v.module}:{v.line} `{v.change}`" + (" (pytest failed)" if v.end == "error" else "")
+        for v in verdicts if v.end in ("survived", "error")
+    ]  # fmt: skip
     text = "\n".join([*lines, "", "Survivors:", "", *(survivors or ["none"])])
     write_whole(folder / "mutants.md", text + "\n")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import check_writable
+from loco_learning.jobs.journal import Journal
 
 from ...terminal import console
 from .run import PROTECTING, Verdict, score, survey, write
@@ -30,7 +31,11 @@ def show_mutants(a: argparse.Namespace) -> int:
     if not chosen:
         raise NameUnknownError("protecting module", a.only, list(PROTECTING))
     check_writable(a.out)
-    verdicts = survey(ROOT, chosen, a.limit, a.seed, a.workers, _tell)
+    journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, anew=True)
+    try:
+        verdicts = survey(ROOT, chosen, a.limit, a.seed, a.workers, journal, _tell, a.survivors)
+    finally:
+        journal.close()
     write(verdicts, a.out)
     share = score(verdicts)
     console.print(f"  {len(verdicts)} mutants, {100 * share:.0f} % noticed: {a.out}", markup=False)
