@@ -34,9 +34,7 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         "tests/ros/test_plant_node.py", "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
     ),
     "src/loco_sim/loco_sim/robot/urdf_check.py": ("tests/loco_sim/robot/test_urdf_check.py",),
-    "src/loco_control/loco_control/ros/join.py": (
-        "tests/loco_control/test_faults.py", "tests/ros/test_node.py",
-    ),
+    "src/loco_control/loco_control/ros/join.py": ("tests/ros/test_join.py",),
     "src/loco_control/loco_control/reading.py": ("tests/loco_control/test_reading.py",),
     "src/loco_control/loco_control/files.py": ("tests/loco_control/test_files.py",),
     "ros_ws/src/loco_bringup/loco_bringup/graph/guard.py": (
