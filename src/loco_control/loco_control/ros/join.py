@@ -95,7 +95,7 @@ class TickJoin:
     def _set_back(self, tick: int) -> bool:
         """Whether the clock was set back, and not a message late; then begin anew there."""
         known = self._period and self._newest is None
-        if not known or tick > self.done - _BACK * self._period:
+        if not known or tick >= self.done - _BACK * self._period:
             return False
         self.done = tick - self._period
         for messages in self._waiting.values():
@@ -141,4 +141,4 @@ class TickJoin:
             self._step(*values)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.refused += 1
-            self._refuse(f"no answer at tick {tick}: {error or type(error).__name__}")
+            self._refuse(f"no answer at tick {tick}: {str(error) or type(error).__name__}")
