@@ -190,8 +190,11 @@ class Nursery:
 
     def ask(self, text: str, allowed: float) -> str:
         """Exit code of pytest for a source, or ``timeout`` after so many seconds."""
-        print(json.dumps({"text": text, "allowed": allowed}), file=self._process.stdin, flush=True)
-        return self._process.stdout.readline().strip()
+        asks, answers = self._process.stdin, self._process.stdout
+        assert asks and answers
+        asks.write(json.dumps({"text": text, "allowed": allowed}) + "\n")
+        asks.flush()
+        return answers.readline().strip()
 
 
 def score(verdicts: list[Verdict]) -> float:
