@@ -30,7 +30,7 @@ class Mutant:
         before: Source of the changed part.
         after: The same part, changed.
         text: Source of the whole module, changed.
-        number: Which of the changes of this function that read the same, counted from 1.
+        number: Position among the changes of the function that read the same, counted from 1.
     """
 
     line: int

@@ -94,7 +94,7 @@ def survey(
         workers: Mutants that are tested at a time.
         journal: Verdicts of the same modules and tests; those that are there are not found again.
         tell: Called with each verdict.
-        survivors: What was noticed counts as noticed although the tests have changed since.
+        survivors: Whether a mutant that was noticed stays so when the tests have changed since.
 
     Raises:
         MissingFileError: This is an installed package, not a clone.
@@ -191,7 +191,6 @@ class Nursery:
     def ask(self, text: str, allowed: float) -> str:
         """Exit code of pytest for a source, or ``timeout`` after so many seconds."""
         asks, answers = self._process.stdin, self._process.stdout
-        assert asks and answers
         asks.write(json.dumps({"text": text, "allowed": allowed}) + "\n")
         asks.flush()
         return answers.readline().strip()
