@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from loco_bringup.cli import main as cli
+from loco_bringup.cli.table import parse
 from loco_bringup.workshop.stress import crash, crash_terminal
 
 
@@ -18,6 +19,11 @@ def test_a_search_for_a_gap_that_is_killed_comes_to_the_same_bytes(tmp_path):
     assert (row.kills, row.full, told) == (1, 1, [1, 2])
     assert row.ends >= 2  # more when a run ends before it is killed
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("line", [*crash.COMMANDS.values(), *crash.MAKES.values()])
+def test_its_commands_are_commands(line):
+    parse(*line.replace("{}", "inputs").split())
 
 
 @pytest.fixture

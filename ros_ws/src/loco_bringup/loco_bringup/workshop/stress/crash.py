@@ -45,7 +45,6 @@ _PLAN = {
     "gaits": {"study": "tigrillo_gaits", "engine": "mujoco", "overrides": {"duration": 2.0}},
 }
 _FRICTION = ("coulomb_friction", "viscous_friction")
-_RECORDS = "gap battery --cases 1 --bags-only --robots servo_pendulum --workers 1 --out"
 _CASE = f"bags/{BAGS}/case_0000"
 COMMANDS = {  # {} is the folder of what they read
     "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2",
@@ -56,6 +55,10 @@ COMMANDS = {  # {} is the folder of what they read
     f"{' '.join(_FRICTION)} --baselines sparse",
     "reproduce": "reproduce all --plan {}/plan.yaml",
     "calibrate": "calibrate {}/bags/sine --generations 2 --seeds 2",
+}
+MAKES = {  # what makes the recordings that they read
+    "gap": "gap battery --cases 1 --bags-only --robots servo_pendulum --workers 1 --out {}/bags",
+    "calibrate": "run tigrillo_sine --layout rollout --set duration=4.5 --out {}/bags/sine",
 }
 JOURNALS = (".jsonl", TIMES)  # files that grow line by line: their last line may be cut short
 GOOD, REFUSED = (0, 3), 2  # exit codes; 3: even the best gait falls
@@ -134,10 +137,8 @@ def prepare(folder: Path, name: str) -> None:
     """Make what a command reads."""
     write_whole(folder / "study.yaml", yaml.safe_dump(_STUDY, sort_keys=False))
     write_whole(folder / "plan.yaml", yaml.safe_dump(_PLAN, sort_keys=False))
-    makes = {"gap": f"{_RECORDS} {folder}/bags", "calibrate": f"rollout tigrillo_sine --set "
-             f"duration=4.5 --out {folder}/bags/sine"}  # fmt: skip
-    if name in makes:
-        code, said = finish(start(makes[name].split()))
+    if name in MAKES:
+        code, said = finish(start(MAKES[name].replace("{}", str(folder)).split()))
         if code:
             raise GraphError(f"no recordings for `loco {name}`: {said[-300:]}")
 
