@@ -23,7 +23,7 @@ def test_a_search_for_a_gap_that_is_killed_comes_to_the_same_bytes(tmp_path):
 
 @pytest.mark.parametrize("line", [*crash.COMMANDS.values(), *crash.MAKES.values()])
 def test_its_commands_are_commands(line):
-    parse(*line.replace("{}", "inputs").split())
+    parse(line.replace("{}", "inputs").split())
 
 
 @pytest.fixture
