@@ -77,6 +77,9 @@ class TickParams(Params):
     )
     duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
     stop_on_fall: bool = parameter(True, "end the run when the robot falls")
+    leave: bool = parameter(
+        False, "the plant's process ends a second after its run, for who watches processes only"
+    )
     # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
     # all nodes in one process is 10 messages and 4.3 KiB. Robots that share a recorder share
     # its 512: `loco run` gives each a part of the window.

@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node sets, and the ROS parameters an experiment becomes."""
 
-import ast
-import importlib.util
 import json
 
 import pytest
 
 from loco_bringup.graph import node_set
-from loco_bringup.workshop.docs.reference import root
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.names import LEGS
 from loco_control.ros.messages.joint_topics import JOINT_NODES, TABLES
@@ -70,36 +67,6 @@ def test_an_experiment_of_the_other_kind_is_refused(name, nodes):
     run = {"recorded": False, "weights": ""}
     with pytest.raises(ParameterError, match=f"its node set is {experiment.node_set}"):
         node_set.parameter_file(node_set.load(nodes), experiment, {}, run)
-
-
-def test_the_launch_file_names_every_argument_it_uses():
-    # The launch packages are not among the wheels, so the file is only read here.
-    path = root() / "ros_ws/src/loco_bringup/launch/hyq.launch.py"
-    tree = ast.parse(path.read_text())
-    used = {
-        node.slice.value
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Subscript)
-        and isinstance(node.value, ast.Name)
-        and node.value.id == "value"
-    }
-    declared = next(
-        ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and node.targets[0].id == "ARGUMENTS"
-    )
-    assert used == set(declared)
-
-
-def test_the_launch_file_imports_what_is_there():
-    tree = ast.parse((root() / "ros_ws/src/loco_bringup/launch/hyq.launch.py").read_text())
-    ours = [n for n in tree.body if isinstance(n, ast.ImportFrom) and "loco_" in n.module]
-    assert ours
-    for node in ours:
-        module = importlib.import_module(node.module)
-        for alias in node.names:
-            name = f"{node.module}.{alias.name}"
-            assert hasattr(module, alias.name) or importlib.util.find_spec(name), name
 
 
 @pytest.mark.parametrize("text", ["nodes: 3", "nodes: [{class: a}]", "nodes: [", "[]"])

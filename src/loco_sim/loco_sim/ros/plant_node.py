@@ -9,10 +9,12 @@ limits, time-outs and the emergency stop are the same for both.
 from __future__ import annotations
 
 import math
+import signal
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
+from rclpy.clock import Clock, ClockType
 from std_msgs.msg import UInt64
 
 from loco_control.pacing import Deadlines
@@ -292,6 +294,9 @@ class PlantNode(LocoNode):
         self._finished = True
         self.publish_diagnostics()
         self.event("finished", text, self._published, self.state.t)
+        if self.tick.leave:  # others, the recorder too, hear the end before the process is gone
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(1.0, lambda: signal.raise_signal(signal.SIGINT), clock=clock)
 
     # ---- reports
 

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment under ``ros2 launch``, of HyQ or of joints, for people with ROS from apt.
+"""An experiment under ``ros2 launch``, of any robot, for people with ROS from apt.
 
-ros2 launch loco_bringup hyq.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
+ros2 launch loco_bringup run.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
+ros2 launch loco_bringup run.launch.py experiment:=path/to/mine.yaml clock:=lockstep
+
+It ends with its experiment, or when a node dies.
 """
 
 import atexit
@@ -34,7 +37,7 @@ def nodes(context):
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     experiment = load(value["experiment"])
     specs = node_set.load(experiment.node_set)
-    tick = {"clock": value["clock"], "speed": 0.0, "duration": duration_of(experiment)}
+    tick = {"clock": value["clock"], "duration": duration_of(experiment), "leave": True}
     recorder = {
         "bag": value["bag"],
         "custom_data": json.dumps(describe(experiment)),
@@ -47,18 +50,17 @@ def nodes(context):
     atexit.register(Path(file.name).unlink, missing_ok=True)
     executables = [(s.cls.split(".")[0], s.executable, s.name) for s in specs]
     if value["bag"]:
-        Path(value["bag"]).mkdir(parents=True, exist_ok=True)
         executables.append(("loco_bringup", "recorder", "recorder"))
-    made = [
+    started = [
         Node(package=package, executable=executable, name=name, namespace=value["namespace"],
              parameters=[file.name], output="screen")
         for package, executable, name in executables
     ]  # fmt: skip
     stop = [
         RegisterEventHandler(OnProcessExit(target_action=n, on_exit=[EmitEvent(event=Shutdown())]))
-        for n in made
+        for n in started
     ]
-    return made + stop
+    return started + stop
 
 
 def generate_launch_description():
