@@ -49,7 +49,7 @@ def convergence(result: Result) -> Figure:
     made, ((ax,),) = _canvas(1, 1, 3.0)
     for fit in result.fits:
         count = [0, *(g.index for g in fit.history)]
-        best = np.minimum.accumulate([fit.before, *(g.best for g in fit.history)])
+        best = fit.curve
         ax.step(count, best, where="post", lw=1.1, label=f"seed {fit.seed}")
         at = fit.plateau
         ax.plot(count[at], best[at], "o", ms=4, color=ax.lines[-1].get_color())

@@ -40,9 +40,14 @@ class Fit:
         return self.before / self.error if self.error > 0.0 else float("inf")
 
     @property
+    def curve(self) -> np.ndarray:
+        """Smallest error so far: of the default body, then after each generation, (G + 1,)."""
+        return np.minimum.accumulate([self.before, *(g.best for g in self.history)])
+
+    @property
     def plateau(self) -> int:
         """Generation at which the error has made 95 % of its way from default to best."""
-        return plateau([self.before, *(g.best for g in self.history)])
+        return plateau(self.curve.tolist())
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""

@@ -5,16 +5,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from markupsafe import Markup
 
 from loco_control.files import write_whole
 from loco_learning.calibration import figures, results
 from loco_learning.calibration.mawe import UNITS
-from loco_learning.calibration.results import Result
+from loco_learning.calibration.results import Comparison, Result
 from loco_sim.plant.model import Model
 
 from ..page import html
 from ..page.html import document, part
+from ..page.plot import Line, Panel, Plot
+from ..report.joint_figures import PALETTE, short
 
 SURROGATE = (
     "SURROGATE: these recordings come from a simulated stand-in with effects that the model lacks, "
@@ -31,11 +34,11 @@ def page(result: Result, model: Model) -> str:
     """HTML text of the page."""
     sections = [
         part("Body before and after", lambda: _tabled(results.body_table(result), 2, _BODY)),
-        part("Average periods", lambda: _figure(result, "periods", _PERIODS)),
+        part("Average periods", lambda: _periods(result)),
         part("Recordings", lambda: _tabled(results.recording_table(result), 3, _RECORDINGS)),
-        part("Convergence", lambda: _figure(result, "convergence", _CONVERGENCE)),
+        part("Convergence", lambda: html.figure(convergence(result), "Convergence", _CONVERGENCE)),
         part("Searches", lambda: _tabled(results.seed_table(result), 1, _SEARCHES)),
-        part("Where the seeds end", lambda: _figure(result, "bodies", _BODIES)),
+        part("Where the seeds end", lambda: _bodies(result)),
         part("Calibrated model", lambda: _model(model), long=True),
         part("Settings", lambda: _settings(result), long=True),
     ]
@@ -67,8 +70,46 @@ def _tabled(content: tuple[list[str], list[list[str]]], numeric: int, text: str)
     return html.paragraph(text, soft=True) + html.table(head, rows, columns)
 
 
-def _figure(result: Result, name: str, text: str) -> Markup:
-    return html.figure(lambda: figures.FIGURES[name](result), name, text)
+def convergence(result: Result) -> Plot:
+    """Smallest error so far over the generations, a line for each search."""
+    last = max(len(fit.history) for fit in result.fits)
+    lines = []
+    for i, fit in enumerate(result.fits):
+        best = np.full(last + 1, np.nan)
+        best[: len(fit.curve)] = fit.curve
+        lines.append(Line(f"seed {fit.seed}", best, PALETTE[i % len(PALETTE)], 1.6))
+    default = np.full(last + 1, result.fits[0].before)
+    lines.append(Line("default body", default, str(figures.DEFAULT["color"]), dashed=True))
+    label = f"windowed error ({result.loss}) [{UNITS[result.loss]}]"
+    return Plot(np.arange(last + 1.0), [Panel(label, lines, logarithmic=True)], axis="generation")
+
+
+def periods(row: Comparison, result: Result) -> Plot:
+    """Average period of every passive joint in one recording, a panel for each joint."""
+    count = len(row.curves["robot"])
+    panels = []
+    for j, joint in enumerate(result.joints):
+        lines = []
+        for name, look in figures.LINES.items():
+            text = name if name != "robot" else "surrogate robot" if result.surrogate else "robot"
+            color = str(look["color"])
+            mean, spread = (np.degrees(row.curves[k][:, j]) for k in (name, f"{name}_spread"))
+            lines += [Line(text, mean + by * spread, color, 0.8, dashed=True) for by in (-1.0, 1.0)]
+            lines.append(Line(text, mean, color, 2.4 if name == "robot" else 1.6))
+        panels.append(Panel(f"{short(joint)} [deg]", lines))
+    return Plot(np.arange(count) / count * row.period, panels, axis="time in the period [s]")
+
+
+def _periods(result: Result) -> Markup:
+    shown = [html.paragraph(_PERIODS, soft=True)]
+    for row in result.comparisons:
+        text = f"{row.name}, {'fitted' if row.fitted else 'not fitted'}: {row.count} periods"
+        shown.append(html.figure(periods(row, result), f"Average period of {row.name}", text))
+    return html.join(shown)
+
+
+def _bodies(result: Result) -> Markup:
+    return html.figure(lambda: figures.bodies(result), "Where the seeds end", _BODIES)
 
 
 def _model(model: Model) -> Markup:
@@ -86,9 +127,9 @@ _BODY = (
     "which belongs to the author's robot: equality is not expected."
 )
 _PERIODS = (
-    "Knee angles over one period of the actuation, as figure 5.4. Bands: one standard deviation "
-    "between periods. The first row was fitted, the others were not seen by the search. Curves are "
-    "drawn as recorded, without the shift that the windowed error allows."
+    "Knee angles over one period of the actuation, as figure 5.4. Dashed: one standard deviation "
+    "between periods around. The first recording was fitted, the others were not seen by the "
+    "search. Curves are as recorded, without the shift that the windowed error allows."
 )
 _RECORDINGS = (
     "Windowed error in both variants: that of thesis eq. (5.4), summed over the knees, and the "
