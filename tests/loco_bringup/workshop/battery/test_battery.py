@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 
 import numpy as np
@@ -24,7 +25,7 @@ from loco_bringup.workshop.battery import (
     trial as gap_battery_case,
 )
 from loco_bringup.workshop.battery.physics import excitation, machines, plant
-from loco_control.exceptions import ParameterError
+from loco_control.exceptions import BagError, ParameterError
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
 from loco_learning.jobs import pool
@@ -42,6 +43,32 @@ def options(*words):
     a = parser("gap battery").parse_args(words)
     gap_battery.check(a)
     return a
+
+
+class FullDisk(gap_battery_bags.BagWriter):
+    """Room for 50 messages, then for the end of the file."""
+
+    def write(self, *message):
+        if self.written == 50:
+            self._fail(OSError(errno.ENOSPC, "No space left on device"))
+        super().write(*message)
+
+
+def test_a_case_without_room_for_its_bags_is_not_there_and_is_made_again(tmp_path, monkeypatch):
+    """What fits is a whole bag, but of a shorter record."""
+    case = cases.Case("case_0000", "servo_pendulum", "null", "", 5)
+    with monkeypatch.context() as full, pytest.raises(BagError, match="not complete: No space"):
+        full.setattr(gap_battery_bags, "BagWriter", FullDisk)
+        gap_battery_bags.write(tmp_path / "full", case)
+    assert not gap_battery_bags.ready(tmp_path / "full", case.name)
+    for name in ("full", "whole"):
+        gap_battery_bags.write(tmp_path / name, case)
+    one, other = (
+        {str(p.relative_to(tmp_path / name)): p.read_bytes()
+         for p in (tmp_path / name).rglob("*") if p.is_file()}
+        for name in ("full", "whole")
+    )  # fmt: skip
+    assert one == other
 
 
 @pytest.mark.parametrize("robot", ["servo_pendulum", "linear_axis", "hyq_leg"])
@@ -119,18 +146,28 @@ def test_an_ambiguous_case_is_asked_again_with_the_experiment_it_proposes(tmp_pa
     assert moved == pytest.approx(1.0, abs=0.3)
 
 
-def test_a_case_that_fails_is_kept_as_an_error_and_the_others_go_on(tmp_path, monkeypatch):
+def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
+    tmp_path, monkeypatch
+):
+    """Why it failed, such as a full disk, need not be there the next time."""
+    reasons, tried = ["no room"], []
+
     def fake(folder, case, *_):
-        if case.name == "case_0000":
-            raise ParameterError("no such robot")
-        return {"case": case.name, "verdict": "unknown", "names": [], "terms": []}
+        tried.append(case.name)
+        if case.name == "case_0000" and reasons:
+            raise ParameterError(reasons.pop())
+        result = {"case": case.name, "verdict": "unknown", "names": [], "terms": []}
+        gap_battery_bags.keep(folder, result)
+        return result
 
     monkeypatch.setattr(pool, "start", lambda function, **_: pool.Here(fake))
     a = options("--cases", "2", "--seed", "4", "--robots", "linear_axis", "--baselines")
     first, second = gap_battery.run(a, tmp_path, lambda *news: None)
-    assert (first["verdict"], first["error"]) == ("error", "no such robot")
-    assert gap_battery_bags.result(tmp_path, "case_0000") == first
+    assert (first["verdict"], first["error"]) == ("error", "no room")
     assert second["verdict"] == "unknown"
+    again = gap_battery.run(a, tmp_path, lambda *news: None)
+    assert [result["verdict"] for result in again] == ["unknown", "unknown"]
+    assert tried == ["case_0000", "case_0001", "case_0000"]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from loco_control.exceptions import BagError
 from loco_control.files import write_whole
 from loco_control.ros.messages.joint_codec import JointCodec
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
@@ -98,7 +99,11 @@ def times(folder: Path, what: str) -> list[float]:
 
 
 def write_bag(folder: Path, reading: Reading, robot: str) -> None:
-    """One record as a bag of standard messages with the robot's own stamps."""
+    """One record as a bag of standard messages with the robot's own stamps.
+
+    Raises:
+        BagError: There is no room for all of it.
+    """
     fields, values = ["position"], [reading.q]
     if reading.tau is not None:
         fields, values = [*fields, "effort"], [*values, reading.tau]
@@ -117,6 +122,8 @@ def write_bag(folder: Path, reading: Reading, robot: str) -> None:
             writer.write(f"/{name}", codec.pack(t, *columns), round(t * 1e9))
     finally:
         writer.close()
+    if writer.failed:  # what fits is a whole bag, but of a shorter record
+        raise BagError(f"the bag {folder} is not complete: {writer.failed}")
 
 
 def _messages(rows: tuple, reading: Reading) -> Iterator[tuple]:

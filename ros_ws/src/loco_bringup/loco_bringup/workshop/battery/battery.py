@@ -43,7 +43,7 @@ def check(a: argparse.Namespace) -> None:
 def run(
     a: argparse.Namespace, folder: Path, tell: Callable[[int, str, str], Any]
 ) -> list[dict[str, Any]]:
-    """Work on the cases that have no result yet.
+    """Work on the cases that have no result yet, or that failed the last time.
 
     Args:
         a: Options.
@@ -75,12 +75,11 @@ def run(
             if a.bags_only:
                 tell(done, case.name, reason or "made")
                 continue
-            if reason:
+            if reason:  # not kept: a full disk or the end of memory says nothing of the case
                 result = bags.result(folder, case.name) or {
                     "case": case.name, "verdict": "error", "names": [], "terms": [],
                     "error": reason,
                 }  # fmt: skip
-                bags.keep(folder, result)
             kept[case.name] = result
             tell(done, case.name, ", ".join(result["names"]) or result["verdict"])
     return [] if a.bags_only else [kept[c.name] for c in planned]

@@ -58,7 +58,7 @@ COMMANDS = {  # {} is the folder of what they read
 }
 MAKES = {  # what makes the recordings that they read
     "gap": "gap battery --cases 1 --bags-only --robots servo_pendulum --workers 1 --out {}/bags",
-    "calibrate": "run tigrillo_sine --layout rollout --set duration=4.5 --out {}/bags/sine",
+    "calibrate": "run tigrillo_sine --layout rollout --set duration=21.0 --out {}/bags/sine",
 }
 JOURNALS = (".jsonl", TIMES)  # files that grow line by line: their last line may be cut short
 GOOD, REFUSED = (0, 3), 2  # exit codes; 3: even the best gait falls
