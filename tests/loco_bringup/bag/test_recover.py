@@ -2,6 +2,7 @@
 """Damaged bags: whole chunks come back, what is lost is told, nothing else happens."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -9,12 +10,17 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 
 from loco_bringup.bag import progress as bag_progress
+from loco_bringup.bag.mcap_file import McapFile
+from loco_bringup.bag.parts import mcap_paths
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
+from loco_bringup.bag.writer import BagWriter
 from loco_bringup.workshop.bench.damage import bench_damage, sample
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
+from loco_control.ros.messages.definitions import definition, type_hash
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +38,8 @@ def cut(whole, folder, size):
 def test_a_whole_bag_is_left_alone(whole):
     recovery = recover(whole)
     assert recovery.folder is None
+    assert (recovery.messages, recovery.seconds) == (400, 0.0)
+    assert (recovery.lost, recovery.lost_seconds, recovery.at_least) == (0, 0.0, False)
     assert "whole: 400 messages" in str(recovery)
 
 
@@ -81,6 +89,7 @@ def test_a_damaged_chunk_in_the_middle_is_named_with_its_times(whole, tmp_path):
     heads = bag.file.records(chunk).heads
     assert recovery.lost == len(heads)
     assert f"{len(heads)} messages" in recovery.notes[0]
+    assert recovery.notes[0].startswith("bytes ")  # of the only file
     span = (heads["time"].max() - heads["time"].min()) / 1e9
     assert recovery.lost_seconds == pytest.approx(span)
     assert Bag(recovery.folder).attachments() == bag.attachments()
@@ -176,3 +185,241 @@ def test_a_killed_recorder_leaves_every_chunk_and_the_count_of_the_rest(tmp_path
     bag = Bag(recovery.folder)
     np.testing.assert_array_equal(np.diff(bag.times("x")), 1_000_000)
     assert len(bag.times("x")) == recovery.messages
+
+
+def chunked(path, chunks, end=True, described=True):
+    """A file as any tool may write it: message times of each chunk [ns], of topic /x.
+
+    Sequence numbers count; each message says that it was published 7 ns before its time.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    with open(path, "wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, chunk_size=1 << 20)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channels = [writer.register_channel("/x", "cdr", schema)]
+        if not described:
+            channels.append(writer.register_channel("/y", "cdr", 0))
+        k = 0
+        for times in chunks:
+            for time in times:
+                data = b"\x00\x01\x00\x00" + np.float64(k).tobytes()
+                for channel in channels:
+                    writer.add_message(channel, time, data, max(0, time - 7), k)
+                k += 1
+            writer._Writer__finalize_chunk()
+        if end:
+            writer.finish()
+    return path
+
+
+def hit(path, number):
+    """Flip a bit in the middle of a chunk."""
+    from loco_bringup.bag.salvage import Salvager
+
+    data = bytearray(path.read_bytes())
+    chunk = Salvager(path).found.blocks[number]
+    data[(chunk.start + chunk.stop) // 2] ^= 0x10
+    path.write_bytes(data)
+
+
+MS = 1_000_000
+FOUR = [[k * MS for k in range(10 * c, 10 * c + 10)] for c in range(4)]
+
+
+def test_each_message_keeps_its_time_its_number_and_when_it_was_sent(tmp_path):
+    path = chunked(tmp_path / "x.mcap", [[time + 3 for time in times] for times in FOUR])
+    hit(path, 1)
+    bag = Bag(recover(path).folder)
+    heads = np.concatenate([records.heads for records in bag.file.blocks()])
+    kept = [k for k in range(40) if not 10 <= k < 20]
+    assert heads["time"].tolist() == [k * MS + 3 for k in kept]
+    assert heads["sequence"].tolist() == kept
+    assert heads["publish"].tolist() == [max(0, k * MS + 3 - 7) for k in kept]
+    assert bag.metadata["recovered_from"] == "x.mcap"
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["with its end", "cut before its end"])
+@pytest.mark.parametrize("number", range(4))
+def test_the_time_without_messages_is_that_of_the_chunk_that_is_gone(tmp_path, number, end):
+    """At the ends it reaches as far as the neighbour, as nobody tells when there was none."""
+    path = chunked(tmp_path / "x.mcap", FOUR, end)
+    hit(path, number)
+    recovery = recover(path)
+    if number == 0 and not end:  # other tools tell of a channel in its first chunk, and at the end
+        assert (recovery.messages, recovery.lost, recovery.chunks) == (0, 40, 3)
+        return
+    assert (recovery.messages, recovery.lost, recovery.chunks) == (30, 10, 3)
+    gone = 0.010 if number in (0, 3) else 0.009
+    assert recovery.seconds == (0.039 if number in (1, 2) else 0.029)
+    assert recovery.lost_seconds == gone
+    assert str(recovery).endswith(f"lost 10 messages, {gone:.3f} s")
+
+
+@pytest.mark.parametrize(
+    ("chunks", "number", "gone"),
+    [
+        ([(0, 10), (0, 10), (20, 30)], 1, 9),  # beside the first that came back
+        ([(0, 10), (20, 30), (20, 30)], 1, 9),  # beside the last
+        ([(0, 10), (5, 15), (20, 30)], 0, 5),  # from its start to that of the next
+        ([(0, 10), (15, 25), (20, 30)], 2, 5),  # from the end of the one before to its own
+    ],
+)
+def test_chunks_that_overlap_leave_no_time_without_messages_twice(tmp_path, chunks, number, gone):
+    times = [[(100 + k) * MS for k in range(*chunk)] for chunk in chunks]
+    path = chunked(tmp_path / "x.mcap", times)
+    hit(path, number)
+    assert recover(path).lost_seconds == gone / 1e3
+
+
+def test_what_only_its_own_index_knew_is_lost_without_a_message(tmp_path):
+    """A file that lost its end, and nothing else: no message is known to be gone."""
+    path = chunked(tmp_path / "x.mcap", FOUR, end=False)
+    recovery = recover(path)
+    assert (recovery.messages, recovery.chunks) == (40, 4)
+    assert recovery.lost == 0 and recovery.lost_seconds is None
+    assert str(recovery).endswith("lost 0 messages, unknown")
+
+
+def test_messages_of_a_channel_that_nothing_describes_are_counted_as_lost(tmp_path):
+    path = chunked(tmp_path / "x.mcap", FOUR, described=False)
+    hit(path, 2)
+    recovery = recover(path)
+    assert (recovery.messages, recovery.lost) == (30, 50)
+    assert any(note.startswith("30 messages of channel 2") for note in recovery.notes)
+    path = chunked(tmp_path / "y.mcap", FOUR, end=False, described=False)
+    recovery = recover(path)
+    assert (recovery.messages, recovery.lost) == (40, 40)
+
+
+def test_a_bag_of_several_files_comes_back_as_one_of_several(tmp_path):
+    """Each note says which file it is about; files beside and inside come along once."""
+    folder = tmp_path / "run"
+    writer = BagWriter(folder, {"experiment": "x", "seed": "7"}, 2000)
+    kind = "std_msgs/msg/Float64"
+    qos = [{"reliability": "best_effort"}]
+    writer.add_topic("/x", kind, definition(kind), type_hash(kind), qos)
+    for part in range(3):
+        for k in range(1000 * part, 1000 * part + 1000):
+            data = b"\x00\x01\x00\x00" + np.float64(k).tobytes()
+            writer.write("/x", data, k * MS, k, k * MS + 5)
+        if part < 2:
+            writer.split()
+    writer.attach("experiment.yaml", b"inside")
+    writer.close()
+    (folder / "experiment.yaml").write_text("beside")
+    (folder / "params.yaml").write_text("gains: 3")
+    assert recover(folder).folder is None
+    hit(folder / "run_1.mcap", 3)
+    recovery = recover(folder)
+    bag = Bag(recovery.folder)
+    assert recovery.folder == tmp_path / "run_recovered"
+    assert [path.name for path in sorted(recovery.folder.glob("*.mcap"))] == [
+        f"run_recovered_{i}.mcap" for i in range(3)
+    ]
+    assert [note.split(":")[0] for note in recovery.notes] == ["run_1.mcap"]
+    assert recovery.messages + recovery.lost == 3000 and 0 < recovery.lost < 200
+    assert recovery.lost_seconds == pytest.approx((recovery.lost - 1) * 1e-3)
+    assert not recovery.at_least
+    about = {"experiment": "x", "seed": "7", "recovered_from": "run"}
+    assert about.items() <= bag.metadata.items()
+    assert bag.attachment("experiment.yaml") == b"inside"
+    assert bag.attachment("params.yaml") == b"gains: 3"
+    assert bag.file.summary.statistics.attachment_count == 2
+    for file in mcap_paths(recovery.folder):
+        assert list(McapFile(file).summary.channels) == [1]
+    channel = next(iter(bag.file.summary.channels.values()))
+    assert "best_effort" in channel.metadata["offered_qos_profiles"]
+    assert channel.metadata["topic_type_hash"] == type_hash(kind)
+    assert recover(recovery.folder).folder is None
+
+    (folder / "run_1.mcap").unlink()
+    with pytest.raises(ParameterError, match="exists already"):
+        recover(folder)
+    recovery = recover(folder, tmp_path / "rest")
+    assert recovery.notes == ["'run_1.mcap' is missing"]
+    assert (recovery.messages, recovery.lost) == (2000, 1000)
+    assert not recovery.at_least  # metadata.yaml told how many there were
+    (folder / "metadata.yaml").unlink()
+    recovery = recover(folder, tmp_path / "rest_2")
+    assert recovery.notes == ["'run_1.mcap' is missing"]
+    assert recovery.messages == 2000 and recovery.at_least
+    assert (recovery.lost, recovery.lost_seconds) == (0, 0.0)  # that anything tells of
+    recovery = recover(folder / "run_2.mcap", tmp_path / "rest_3")  # one of them, without the rest
+    assert (recovery.messages, recovery.lost, recovery.notes) == (1000, 0, [])
+    hit(folder / "run_2.mcap", 0)
+    notes = recover(folder, tmp_path / "rest_4").notes
+    assert [note.split()[0] for note in notes] == ["'run_1.mcap'", "run_2.mcap:"]
+
+
+@pytest.mark.parametrize(
+    "spoil", ["nothing", "no duration", "no count", "no count of a file", "other files"]
+)
+def test_metadata_counts_where_it_is_of_these_files_and_whole(tmp_path, spoil):
+    folder = sample(tmp_path / "run", ticks=200)
+    path = folder / "run_0.mcap"
+    chunk = Bag(folder).file.chunks[4]
+    path.write_bytes(path.read_bytes()[: chunk.start - 200])
+    about = yaml.safe_load((folder / "metadata.yaml").read_text())
+    inner = about["rosbag2_bagfile_information"]
+    if spoil == "no duration":
+        del inner["duration"]
+    elif spoil == "no count":
+        del inner["message_count"]
+    elif spoil == "no count of a file":
+        inner["files"][0]["message_count"] = 0
+    elif spoil == "other files":
+        inner["relative_file_paths"] = ["other_0.mcap"]
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(about))
+    recovery = recover(folder)
+    bag = Bag(recovery.folder)
+    assert 0 < recovery.messages < 400
+    if spoil == "nothing":
+        assert recovery.lost == 400 - recovery.messages and not recovery.at_least
+        assert recovery.lost_seconds == pytest.approx(199 * 0.004 - bag.end)
+    else:
+        assert recovery.at_least and recovery.lost != 400 - recovery.messages
+    assert bag.metadata.get("experiment") == ("sample" if spoil != "other files" else None)
+
+
+def test_a_whole_file_without_metadata_is_made_a_bag(tmp_path):
+    folder = sample(tmp_path / "run", ticks=50)
+    (folder / "metadata.yaml").unlink()
+    recovery = recover(folder)
+    assert (recovery.messages, recovery.lost, recovery.lost_seconds) == (100, 0, 0.0)
+    assert recovery.notes == [] and not recovery.at_least
+    assert Bag(recovery.folder).attachments() == Bag(folder / "run_0.mcap").attachments()
+
+
+def test_an_empty_bag_without_metadata_comes_back_empty(tmp_path):
+    writer = BagWriter(tmp_path / "run")
+    writer.close()
+    assert recover(tmp_path / "run").messages == 0
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    with pytest.raises(BagError, match="nothing to recover"):
+        recover(tmp_path / "run")
+
+
+def test_stamps_before_zero_are_told_and_the_rest_comes_back(tmp_path):
+    path = chunked(tmp_path / "x.mcap", [[0, 5 * MS], [10 * MS, 1 << 63, 20 * MS]])
+    recovery = recover(path)
+    assert (recovery.messages, recovery.lost) == (4, 1)
+    assert recovery.seconds == pytest.approx(0.020)
+    assert ["2^63" in note for note in recovery.notes] == [True]
+    assert Bag(recovery.folder).times("x").tolist() == [0, 5 * MS, 10 * MS, 20 * MS]
+
+
+def test_what_cannot_be_written_is_one_clear_line_and_leaves_nothing(whole, tmp_path):
+    path = cut(whole, tmp_path, 20_000)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="no bag can be written"):
+        recover(path, tmp_path / "file" / "out")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (9000, limits[1]))
+    try:
+        with pytest.raises(BagError, match="written|closed"):
+            recover(path, tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "file"]

@@ -40,8 +40,8 @@ class Recovery:
     """
 
     folder: Path | None
-    messages: int = 0
-    chunks: int = 0
+    messages: int
+    chunks: int
     seconds: float = 0.0
     lost: int | None = 0
     lost_seconds: float | None = 0.0

@@ -31,7 +31,8 @@ PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/fallback.py": ("tests/loco_sim/plant/test_fallback.py",),
     "src/loco_sim/loco_sim/ros/estop.py": ("tests/ros/test_estop.py",),
     "src/loco_sim/loco_sim/ros/plant_node.py": (
-        "tests/ros/test_plant_node.py", "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
+        "tests/ros/test_plant_tick.py", "tests/ros/test_plant_node.py",
+        "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
     ),
     "src/loco_sim/loco_sim/robot/urdf_check.py": ("tests/loco_sim/robot/test_urdf_check.py",),
     "src/loco_control/loco_control/ros/join.py": ("tests/ros/test_join.py",),
