@@ -24,6 +24,7 @@ setup(
                 "json",
                 "rviz",
                 "txt",
+                "c",
             )
         ]
     },

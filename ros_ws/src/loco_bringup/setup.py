@@ -26,6 +26,7 @@ setup(
                 "json",
                 "rviz",
                 "txt",
+                "c",
             )
         ]
     },

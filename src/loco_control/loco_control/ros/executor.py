@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -132,7 +131,7 @@ def _spin(executor: Any, nodes: Sequence[LocoNode]) -> None:
         until_deadline(executor, timed, _LOOK)
     stop = Future()
     look = lambda: None if rclpy.ok() else stop.set_result(None)  # noqa: E731
-    nodes[0].create_timer(_LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    nodes[0].create_timer(_LOOK, look)
     while rclpy.ok():
         executor.spin_until_future_complete(stop, timeout_sec=_SLICE)
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
@@ -29,6 +30,7 @@ from .parameters import declare, seal
 
 __all__ = ["LocoNode"]
 
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _NO_NUMBERS = "numbers that are not finite"
 _SETTLING = 0.2  # endpoints stay matched this long before a node is ready: others are heard of [s]
 _LONGEST = 2000  # characters of the text of an event: others decide what it quotes
@@ -98,6 +100,17 @@ class LocoNode(Node):
         if self.post:
             self.post.subscribe(made, callback)
         return made
+
+    def create_timer(
+        self,
+        period: float,
+        callback: Callable,
+        callback_group: Any = None,
+        clock: Any = _STEADY,
+        **more: Any,
+    ) -> Any:
+        """Make a timer, as `Node` does; by default no change of the wall clock stops it."""
+        return super().create_timer(period, callback, callback_group, clock, **more)
 
     def writers(self, subscription: Any) -> int:
         """Number of writers that a subscription hears."""

@@ -11,8 +11,6 @@ import json
 import sys
 from typing import Any, ClassVar
 
-from rclpy.clock import Clock, ClockType
-
 from loco_control.exceptions import ParameterError
 from loco_control.ros.executor import run_nodes
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
@@ -62,8 +60,7 @@ class DriverNode(JointPlantNode):
     def _start(self) -> None:
         """Go slowly to the standing posture, where experiments begin; then the ticks begin."""
         self.event("approach", "to the standing posture", 0, 0.0)
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(1.0 / self.rate, self._approach, clock=clock)
+        self._timer = self.create_timer(1.0 / self.rate, self._approach)
 
     def _approach(self) -> None:
         state = self._measured(0, 0.0)

@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable
 
-from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool
 
@@ -71,9 +70,7 @@ class Heartbeat:
         self._last = math.inf  # wall time of the last beat; no silence counts before `begin`
         node.input("heartbeat", self._on_beat)
         if longest:
-            node.create_timer(
-                longest / 4.0, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME)
-            )
+            node.create_timer(longest / 4.0, self._look)
 
     def begin(self) -> None:
         """The robot may move from now on: silence counts."""

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from rclpy.clock import Clock, ClockType
 from std_msgs.msg import UInt64
 
 from loco_control.pacing import Deadlines
@@ -295,15 +294,15 @@ class PlantNode(LocoNode):
         self.publish_diagnostics()
         self.event("finished", text, self._published, self.state.t)
         if self.tick.leave:  # others, the recorder too, hear the end before the process is gone
-            clock = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_timer(1.0, lambda: signal.raise_signal(signal.SIGINT), clock=clock)
+            self.create_timer(1.0, lambda: signal.raise_signal(signal.SIGINT))
 
     # ---- reports
 
     def diagnose(self) -> dict[str, Any]:
         """Simulated time, real-time factor, late ticks and rejected commands."""
-        if self._waiting_for:
-            return {"waiting for nodes": ", ".join(sorted(self._waiting_for))}
+        if not self.started:  # a driver that goes to its standing posture waits for nobody
+            waits = ", ".join(sorted(self._waiting_for))
+            return {"waiting for nodes": waits} if waits else {"silence": 0.0}
         wall = time.perf_counter() - self._began
         refused = self._join.refused + self.sim.rejected
         now = (self.state.tick, self._late, refused)

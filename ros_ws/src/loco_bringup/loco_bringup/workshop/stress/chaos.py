@@ -21,7 +21,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.topics import TOPICS
 
 from .faults import run_topic
-from .rough import HAPPENS, KILLED, run_rough
+from .rough import AHEAD, BACK, HAPPENS, KILLED, run_rough, wall_clock
 from .signals import KILL, STOP, run_signal
 from .traces import TAG
 
@@ -101,12 +101,13 @@ def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[st
     place = folder / "runs" / cell.name
     shutil.rmtree(place, ignore_errors=True)
     place.parent.mkdir(exist_ok=True)
+    clock = wall_clock(place) if cell.what in (AHEAD, BACK) else {}
     job = json.dumps([cell.how, cell.what, repeats, seed, str(place)])
     log = folder / "cells" / f"{cell.name}.log"
     with open(log, "w") as stream:
         done = subprocess.run(
             [sys.executable, "-m", "loco_bringup.workshop.stress.chaos", job],
-            env={**os.environ, TAG: f"{cell.name}-{os.getpid()}"},
+            env={**os.environ, **clock, TAG: f"{cell.name}-{os.getpid()}"},
             stdout=subprocess.PIPE,
             stderr=stream,
             text=True,

@@ -17,6 +17,7 @@ _SIGNALS = {
     "safe": "safe",
     "worst": f"worst ticks (at most {SAFE_TICKS})",
     "ridden": "ridden through",
+    "late": "the machine was late",
     "ended": "run ended and said why",
     "stalls": "time-outs in between",
 }
