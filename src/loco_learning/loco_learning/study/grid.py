@@ -70,7 +70,7 @@ def read_axes(values: Any, where: str) -> tuple[Axis, ...]:
     """Axes from the key ``axes`` of a study.
 
     Raises:
-        ParameterError: There is no mapping, or an axis has no values.
+        ParameterError: There is no mapping, or an axis has no values or such as have no place.
         NameUnknownError: An axis has a key that is not known.
     """
     if not isinstance(values, Mapping):
@@ -104,6 +104,12 @@ def _axis(name: str, spec: Any, where: str) -> Axis:
             )
         spacing = given[0], float(values[0]), float(values[1]), bool(spec.get("whole", False))
         values = _spaced(where, *spacing, values[2])
+    for value in values:
+        if not isinstance(value, (int, float, str)):
+            raise ParameterError(
+                f"{where} must have numbers or texts, got {shown(value)}; an entry of a list is set "
+                f"by its number: sets: [{sets[0] if sets else name}.0]"
+            )
     return Axis(name, tuple(values), tuple(sets), str(spec.get("unit", "")), spacing)
 
 
