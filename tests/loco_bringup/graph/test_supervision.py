@@ -269,7 +269,7 @@ def test_nodes_get_the_profile_of_a_user_and_not_that_of_the_command_line(monkey
 
 def test_a_supervisor_keeps_the_newest_events_only(tmp_path):
     """Each time-out of a busy machine is an event: a run of an hour had thousands."""
-    watch = Watch([], tmp_path, 1.0, lambda progress: None)
+    watch = Watch([], tmp_path, 1.0, lambda progress: None, {"": "hyq"})
     for tick in range(KEPT + 5):
         watch.on_event("", SimpleNamespace(kind="timeout", tick=tick, text="", node="robot_sim"))
     ticks = [event.tick for _, event in watch._progress.events]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 _HOST, _PID = slice(2, 4), slice(4, 6)
+ANOTHER = "another graph runs on this ROS domain and namespace"
 _UNNAMED = "_NODE_NAME_UNKNOWN_"  # what rmw says until an endpoint's node is known
 
 
@@ -49,6 +50,24 @@ def living(infos: Iterable[Any], host: bytes) -> list[Any]:
     """
     alive = {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit() and _runs(name)}
     return [info for info in infos if host_of(info) != host or low_pid(info) in alive]
+
+
+def strangers(node: Any, topic: str, host: bytes) -> str:
+    """Names of the writers of a topic that should have one, "" where it has at most one.
+
+    Writers of dead processes do not count, nor those whose node is not known yet.
+
+    Args:
+        node: Node that asks, of rclpy.
+        topic: Name of the topic.
+        host: `own_host`.
+    """
+    infos = living(node.get_publishers_info_by_topic(topic), host)
+    writers = list(filter(is_named, infos))
+    if len(writers) < 2:
+        return ""
+    who = ", ".join(f"{w.node_name} of process {low_pid(w)}" for w in writers)
+    return f"{topic.rpartition('/')[2]} has {len(writers)} writers ({who})"
 
 
 def _runs(pid: str) -> bool:

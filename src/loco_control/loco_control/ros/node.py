@@ -20,7 +20,7 @@ from loco_msgs.msg import Event
 
 from .. import realtime
 from ..exceptions import GraphError, ParameterError
-from .endpoints import is_named, living, low_pid, own_host
+from .endpoints import ANOTHER, is_named, living, own_host, strangers
 from .health import ERROR, WARN, HealthParams, PeriodMeter, UsageMeter, judge
 from .in_process import Post, raw
 from .join import TickJoin, loco_tick
@@ -251,7 +251,7 @@ class LocoNode(Node):
         """Topics that still wait for an endpoint, with what is missing."""
         missing = []
         for name, subscription in self._inputs.items():
-            if not _paced(self.row(name)):
+            if not self.row(name).paced:
                 continue
             count = self.writers(subscription)
             if count < 1:
@@ -262,18 +262,16 @@ class LocoNode(Node):
             row = self.row(name)
             wanted = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
             wanted += bool(self.faulted) and row == starts_tick(self.table)  # `faults` follows it
-            if _paced(row) and publisher.get_subscription_count() < wanted:
+            if row.paced and publisher.get_subscription_count() < wanted:
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
         return missing
 
     def _strangers(self) -> str:
         """Control topic that several nodes write, and their names; "" if there is none."""
         for name, subscription in self._inputs.items():
-            if _paced(self.row(name)) and self.writers(subscription) > 1:
-                writers = self._writers(subscription.topic_name)
-                if len(writers) > 1:
-                    who = ", ".join(f"{w.node_name} of process {low_pid(w)}" for w in writers)
-                    return f"{name} has {len(writers)} writers ({who})"
+            if self.row(name).paced and self.writers(subscription) > 1:
+                if found := strangers(self, subscription.topic_name, self._host()):
+                    return found
         return ""
 
     def _refuse_strangers(self) -> None:
@@ -283,16 +281,14 @@ class LocoNode(Node):
             GraphError: A control topic has a second writer.
         """
         if found := self._strangers():
-            raise GraphError(f"{found}; another graph runs on this ROS domain and namespace")
-
-    def _writers(self, name: str) -> list[Any]:
-        """Writers of a topic whose processes live and whose nodes are known."""
-        return list(filter(is_named, self._living(name)))
+            raise GraphError(f"{found}; {ANOTHER}")
 
     def _living(self, name: str) -> list[Any]:
         """Writers of a topic whose processes live."""
-        host = own_host(self.get_publishers_info_by_topic(self._events.topic_name))
-        return living(self.get_publishers_info_by_topic(name), host)
+        return living(self.get_publishers_info_by_topic(name), self._host())
+
+    def _host(self) -> bytes:
+        return own_host(self.get_publishers_info_by_topic(self._events.topic_name))
 
     def _check_ready(self) -> None:
         self._refuse_strangers()
@@ -349,10 +345,6 @@ class LocoNode(Node):
             values["silence"] = self._periods.silence
         values["missing"] = ", ".join(n for join in self._joins for n in join.missing())
         return values
-
-
-def _paced(row: Topic) -> bool:
-    return row.rate > 0 and row.qos.reliable
 
 
 def _text(value: Any) -> str:

@@ -60,8 +60,7 @@ def full(space: str, name: str) -> str:
 
 
 def _paced(table: dict[str, Topic]) -> list[Topic]:
-    """Topics that a tick waits for."""
-    return [row for row in table.values() if row.rate > 0 and row.qos.reliable]
+    return [row for row in table.values() if row.paced]
 
 
 def _ends(row: Topic) -> tuple[str, ...]:

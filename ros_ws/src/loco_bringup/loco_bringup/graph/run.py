@@ -155,7 +155,7 @@ def run_robots(
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
         processes = plan.start(guard)
-        return Watch(processes, folder, duration, on_progress, list(robots), guard).run()
+        return Watch(processes, folder, duration, on_progress, plan.tables, guard).run()
 
 
 def _changes(defaults: Params, values: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -183,6 +183,7 @@ class _Plan:
     ):
         self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
         self._sets = {space: nodes or e.node_set for space, e in robots.items()}
+        self.tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
         self._helpers, self._written, self._faults = helpers, written, list(faults)
         self._realtime, self._limits = realtime, limits or Limits()
@@ -214,7 +215,7 @@ class _Plan:
             files[self._path("experiment", tag, ".yaml")] = to_dict(experiment)
             run = {"recorded": True, "recorder": None if tag else recorder}
             run["weights"] = str(self._path("weights", tag, ".npz"))
-            table = node_set.table_of(self._sets[space])
+            table = self.tables[space]
             run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
             run["realtime"], run["hardware"] = self._realtime, self._hardware
             tick = {**self._tick, "duration": duration_of(experiment)}
@@ -241,7 +242,7 @@ class _Plan:
         files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]
         if "" not in self._tags.values():
             files.append(self._folder / "params.yaml")
-        tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
+        tables = dict(self.tables)
         for helper in self._helpers:
             if helper.table:
                 tables.setdefault("", helper.table)

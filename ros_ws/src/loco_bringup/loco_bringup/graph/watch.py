@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from loco_control.exceptions import GraphError
+from loco_control.ros.endpoints import ANOTHER, own_host, strangers
+from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import topic
 
 from ..outcome import Outcome, Progress
@@ -32,7 +34,9 @@ STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [
 class _Graph:
     """State of the robot in one namespace."""
 
+    table: str  # of its topics
     started: bool = False
+    alone: bool = False  # when it began nobody else wrote its topics
     finished: bool = False
     final_tick: int = -1
     final_time: float = 0.0
@@ -54,7 +58,7 @@ class Watch:
         folder: Folder of the bag.
         duration: Simulated time that the run will take [s].
         on_progress: Called about ten times a second; a true answer ends the run.
-        namespaces: Namespaces of the robots; "" is a robot without.
+        graphs: Topic table of each robot by its namespace, "" for a robot without.
         guard: Is dismissed when all processes have ended.
     """
 
@@ -64,7 +68,7 @@ class Watch:
         folder: Path,
         duration: float,
         on_progress: Callable[[Progress], Any],
-        namespaces: Sequence[str] = ("",),
+        graphs: Mapping[str, str],
         guard: Guard | None = None,
     ):
         self._processes, self._guard = processes, guard
@@ -72,7 +76,7 @@ class Watch:
         self._progress = Progress(duration=duration)
         self.outcome = Outcome(folder)
         self._waiting: dict[str, str] = {}
-        self._graphs = {namespace: _Graph() for namespace in namespaces}
+        self._graphs = {namespace: _Graph(table) for namespace, table in graphs.items()}
         self._error: str | None = None
         self._stopped = False
         self._moved = time.monotonic()
@@ -83,6 +87,7 @@ class Watch:
             with _Listener(self, list(self._graphs)) as listener:
                 while not self._stopped and not all(g.done for g in self._graphs.values()):
                     listener.spin()
+                    self._look_for_strangers(listener)
                     self._check()
                     self._progress.pids = {p.name: p.pid for p in self._processes}
                     self._stopped = bool(self._on_progress(self._progress))
@@ -93,6 +98,15 @@ class Watch:
             self.outcome.exit_codes = stop_all(self._processes, self._guard)
             self.outcome.restarts = {p.name: len(p.restarts) for p in self._processes if p.restarts}
         return self.outcome
+
+    def _look_for_strangers(self, listener: _Listener) -> None:
+        """A graph begins alone. Its nodes look, too, but may not have heard of all others yet."""
+        for namespace, graph in self._graphs.items():
+            if graph.started and not graph.alone:
+                graph.alone = True
+                names = [row.name for row in TABLES[graph.table].values() if row.paced]
+                if found := listener.strangers(_join(namespace, name) for name in names):
+                    self._error = f"{found}; {ANOTHER}"
 
     def _check(self) -> None:
         if self._error:
@@ -212,6 +226,12 @@ class _Listener:
         self._node.create_subscription(
             row.type, _join(namespace, row.name), callback, row.qos.reader(100)
         )
+
+    def strangers(self, topics: Iterable[str]) -> str:
+        """First of these topics that has several writers, with their names; "" for none."""
+        host = own_host(self._node.get_publishers_info_by_topic("rosout"))
+        found = (strangers(self._node, topic, host) for topic in topics)
+        return next(filter(None, found), "")
 
     def spin(self) -> None:
         """Handle what arrives within a tenth of a second."""

@@ -68,6 +68,11 @@ class Topic:
     doc: str
 
     @property
+    def paced(self) -> bool:
+        """Whether a tick waits for it, so that it has one writer."""
+        return self.rate > 0 and self.qos.reliable
+
+    @property
     def kind(self) -> str:
         """Full name of the type, ``package/msg/Type``."""
         return self.message.replace("/", "/msg/")
