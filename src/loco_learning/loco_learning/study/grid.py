@@ -162,7 +162,7 @@ def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> Map
         if name not in names:
             raise NameUnknownError(f"axis of {where}", name, names)
     legal = ranges(values.get("legal", {}), f"{where}.map.legal")
-    metrics = tuple(values.get("metrics", legal))
+    metrics = tuple(values.get("metrics", legal or ("survived",)))
     for name in (*metrics, *legal):
         if name not in known and name != "survived":
             raise NameUnknownError("metric", str(name), known)

@@ -10,8 +10,9 @@ from pathlib import Path
 from loco_control.exceptions import MissingFileError
 
 # `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
-ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--cov", "--cov-report=term:skip-covered",
-             "--cov-fail-under=90"]  # fmt: skip
+# The slowest are listed, so that what makes a run long is seen in each.
+ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--durations=40", "--durations-min=3",
+             "--cov", "--cov-report=term:skip-covered", "--cov-fail-under=90"]  # fmt: skip
 
 
 def run_tests(arguments: list[str]) -> int:
