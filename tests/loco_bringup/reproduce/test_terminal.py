@@ -66,7 +66,13 @@ def test_a_plan_of_your_own_is_a_file(tmp_path, capsys):
     path.write_text("gaits: {study: tigrillo_gaits, engine: mujoco, overrides: {duration: 0.5}}\n")
     assert list(evidence.plan(str(path))) == ["gaits"]
     assert evidence.plan(str(path))["gaits"].load().variants["bound"].duration == 0.5
-    for text in ("gaits: 3\n", "gaits: {studies: a}\n", "[1]\n"):
+    for text, word in (
+        ("gaits: 3\n", "gaits must be like {study: NAME}, got 3"),
+        ("gaits: {studies: a}\n", "did you mean 'study'"),
+        ("full: {gaits: {study: a}}\n", "no key in full of"),
+        ("[1]\n", "mine.yaml"),
+    ):
         path.write_text(text)
         assert call("tigrillo", "--plan", str(path)) == 2
-        assert "mine.yaml" in capsys.readouterr().err
+        error = capsys.readouterr().err
+        assert word in error and "mine.yaml" in error

@@ -8,14 +8,14 @@ which engine. Each entry has a folder; all are resumable.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import NameUnknownError
-from loco_control.reading import understood
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.reading import shown, understood
 
 from ..plain import read_yaml
 from ..study import study as studies
@@ -75,7 +75,15 @@ def plan(name: str) -> dict[str, Entry]:
 
 @understood("plan")
 def _own(path: str) -> dict[str, Entry]:
-    return {str(key): Entry(str(key), **values) for key, values in read_yaml(Path(path)).items()}
+    keys = [field.name for field in dataclasses.fields(Entry)][1:]
+    rows = read_yaml(Path(path))
+    for name, row in rows.items():
+        if not isinstance(row, Mapping):
+            raise ParameterError(f"{path}: {name} must be like {{study: NAME}}, got {shown(row)}")
+        for key in row:
+            if key not in keys:
+                raise NameUnknownError(f"key in {name} of {path}", str(key), keys)
+    return {str(name): Entry(str(name), **row) for name, row in rows.items()}
 
 
 class Evidence:

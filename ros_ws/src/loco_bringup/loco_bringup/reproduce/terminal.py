@@ -117,9 +117,9 @@ def judge(claims: Iterable[Claim], found: Evidence) -> list[Verdict]:
             continue
         try:
             v = next(v for v in found.other("msd") if v.claim == claim.number)
-            verdicts.append(
-                Verdict(v.claim, v.item, v.wanted, v.wanted, v.found, v.verdict, claim.evidence)
-            )
+            why = claim.why if v.verdict == registry.DISAGREES else ""
+            texts = v.item, v.wanted, v.wanted, v.found, v.verdict
+            verdicts.append(Verdict(v.claim, *texts, claim.evidence, why))
         except registry.NotRunError as error:
             verdicts.append(
                 Verdict(claim.number, "", "", "", str(error), registry.OPEN, claim.evidence)
