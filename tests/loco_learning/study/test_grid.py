@@ -130,8 +130,8 @@ def test_maps_show_each_point_where_it_is(finished, tmp_path):
     at = {(x + 0.5, y + 0.5): link for each in cells
           for x, y, link in zip(each.x, each.y, each.links, strict=True)}  # fmt: skip
     assert at == {(j, i): f"#case-{sheet.cases[i][j][0]}" for i in range(3) for j in range(4)}
-    for chart in (chart, maps.region_map(sheet, made.map)):
-        png.write(chart, tmp_path / "map.png")
+    for each in (chart, maps.region_map(sheet, made.map)):
+        png.write(each, tmp_path / "map.png")
 
 
 def test_a_point_that_the_plant_refuses_is_a_failed_case_and_is_tried_again(tmp_path, monkeypatch):

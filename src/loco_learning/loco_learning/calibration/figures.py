@@ -107,8 +107,8 @@ def bodies(result: Result) -> Chart:
     ends = np.column_stack([0 * rows, 0 * rows + 1, gap]).ravel()
     layers = [line("bounds", ends, np.column_stack([rows, rows, gap]).ravel(), GREY, size=2.0)]
     for fit in result.fits:
-        values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}"
-                  for p, value in zip(chosen.parameters, fit.values, strict=True)]  # fmt: skip
+        found = zip(chosen.parameters, fit.values.values(), strict=True)
+        values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}" for p, value in found]
         at = chosen.to_unit(fit.values)[::-1]
         layers.append(dots("calibrated, each seed", at, rows, str(CALIBRATED["color"]),
                            texts=values[::-1]))  # fmt: skip

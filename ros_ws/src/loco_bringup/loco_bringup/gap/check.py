@@ -230,11 +230,15 @@ def page(found: Checked) -> str:
 def _recordings(found: Checked) -> Markup:
     notes = signals(found)
     notes += [f"{r['name']}: {note}" for r in found["recordings"] for note in r["notes"]]
-    return html.join([html.table(RECORDING_HEAD, recording_rows(found)), html.bullets(notes)])
+    return html.join(
+        [html.table(RECORDING_HEAD, recording_rows(found), range(2, 7)), html.bullets(notes)]
+    )
 
 
 def _effects(found: Checked) -> Markup:
-    return html.join([html.paragraph(_SHOWS, soft=True), html.table(HEAD, by_effect(found))])
+    return html.join(
+        [html.paragraph(_SHOWS, soft=True), html.table(HEAD, by_effect(found), range(1, 4))]
+    )
 
 
 def _matrix(found: Checked) -> Markup:

@@ -15,7 +15,7 @@ function shape(parent, tag, attributes, text) {
 // Places of the lines of a grid between two ends, about `count` of them.
 function ticks([low, high], log, count) {
   if (log) {
-    const decades = Math.log10(high / low), parts = decades > 1.5 ? [1] : [1, 2, 5], made = [];
+    const decades = Math.log10(high / low), parts = decades > 2.5 ? [1] : [1, 2, 5], made = [];
     const every = Math.max(1, Math.ceil(decades / count));
     for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) {
       if (e % every) continue;
@@ -81,7 +81,7 @@ async function drawChart(figure, data) {
 }
 // One frame of a chart; returns the function that draws it again.
 function frame(parent, panel) {
-  const box = add(parent, "div", "frame"), words = panel.title ? `${panel.title}: ${panel.y.label}` : panel.y.label;
+  const box = add(parent, "div", panel.equal ? "frame equal" : "frame"), words = panel.title ? `${panel.title}: ${panel.y.label}` : panel.y.label;
   add(box, "div", "head", words);
   const read = add(box, "div", "head read", ""), svg = box.appendChild(document.createElementNS(SPACE, "svg"));
   read.setAttribute("aria-live", "polite");

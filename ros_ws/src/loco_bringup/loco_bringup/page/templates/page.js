@@ -39,6 +39,13 @@ function showCase() {
     row.insertCell().textContent = value;
   }
   panel.replaceChildren(table);
+  panel.classList.add("shown");
+  const close = add(panel, "button", "", "Close");
+  close.type = "button";
+  close.addEventListener("click", () => {
+    panel.classList.remove("shown");
+    history.replaceState(null, "", location.pathname);
+  });
 }
 addEventListener("hashchange", showCase);
 showCase();
