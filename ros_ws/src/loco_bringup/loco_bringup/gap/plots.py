@@ -63,8 +63,8 @@ def spectra(curves: Curves) -> Plot:
         lines = [Line("noise", noise, NOISE, 0.8, dashed=True)]
         for name, values, color, width in rows:
             found = figures.spectrum(curve.t, values[:, c])[1]
-            line = found if len(found) else np.full(len(bands), np.nan)
-            lines.append(Line(name, line, color, width))
+            shown = found if len(found) else np.full(len(bands), np.nan)
+            lines.append(Line(name, shown, color, width))
         panels.append(Panel(f"{curves.label(c)} [{curves.unit(c)}]", lines, logarithmic=True))
     return Plot(bands, panels, axis="frequency [Hz]")
 
