@@ -58,7 +58,7 @@ async function drawChart(figure, data) {
       layer[side] = values(layer.ends[side], steps.subarray(used, used += layer.count), log);
     }
   }
-  const legend = add(figure, "div", "legend"), frames = add(figure, "div", "frames"), names = new Map();
+  const legend = add(figure, "div", "legend"), frames = add(figure, "div", data.panels.length === 4 ? "frames four" : "frames"), names = new Map();
   const mine = data.panels.map((panel) => frame(frames, panel));
   data.panels.forEach((panel, k) => panel.layers.forEach((layer) => {
     if (!layer.count || !layer.name) return;
