@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from .chart import BOXES, LINE, Layer, array
+from .chart import BOXES, DOTS, LINE, Layer, array
 
 # Nine colours of viridis, which colour-blind readers and grey prints keep in order.
 STEPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
@@ -23,11 +24,11 @@ def cells(
 
     Args:
         values: Values, (ny, nx); NaN leaves a cell empty.
-        unit: Unit of the values.
+        unit: Unit of the values; ``-`` for none.
         links: Address that a click on a cell opens, (ny, nx) or nothing.
         name: Name of what is shown, which the values begin with under the pointer.
     """
-    known = np.isfinite(values)
+    known, unit = np.isfinite(values), unit.removeprefix("-")
     if not known.any():
         return []
     low, high = np.percentile(values[known], ENDS)
@@ -67,6 +68,17 @@ def marked(
     return Layer(
         name, columns - 0.5, rows - 0.5, color, BOXES, 1.2, columns + 0.5, rows + 0.5, texts, chosen
     )
+
+
+def haloed(layer: Layer) -> list[Layer]:
+    """A black line or dots above a white copy, which show on cells of any colour.
+
+    Args:
+        layer: The layer; its colour is not used.
+    """
+    wider = layer.size + (1.5 if layer.shape == DOTS else 2.0)
+    white = replace(layer, color="#ffffff", size=wider, shape=DOTS if layer.shape == DOTS else LINE)
+    return [white, replace(layer, color="#000000")]
 
 
 def outline(mask: np.ndarray, name: str, color: str) -> Layer:

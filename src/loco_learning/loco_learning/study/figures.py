@@ -73,7 +73,8 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
     ends = max(0.0, closing - 10.0), max(case.verdict["end"] for case in results)
     bound = results[0].experiment["criterion"]["nrmse"]
     seen = [layer.y[layer.x >= ends[0]] for layer in layers]
-    top = 1.05 * max([bound, *(np.nanmax(y) for y in seen if np.isfinite(y).any())])
+    most = max((float(np.nanmax(y)) for y in seen if np.isfinite(y).any()), default=bound)
+    top = 1.05 * (max(most, bound) if bound < 3.0 * most else most)  # or it is far above
     layers += _marks(results[0], top, ends[0])
     layers.append(line("bound of the criterion", ends, [bound, bound], GREY, shape=DASHED))
     axes = Axis("time [s]", limits=ends), Axis("NRMSE, mean over one stride [-]", limits=(0.0, top))

@@ -148,7 +148,7 @@ def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
     unit = METRICS[metric].unit if metric in METRICS else "-"
     layers = heat.cells(sheet.columns[metric], unit, _links(sheet, page), metric.replace("_", " "))
     failed = np.argwhere(sheet.columns["survived"] < 0.5).reshape(-1, 2)
-    layers.append(dots("failed", failed[:, 1], failed[:, 0], BLACK, size=1.5))
+    layers += heat.haloed(dots("failed", failed[:, 1], failed[:, 0], BLACK, size=2.0))
     if metric in spec.legal:
         legal = sheet.within({metric: spec.legal[metric]})
         layers.append(heat.outline(legal, "edge of the legal range", EDGE))
@@ -201,5 +201,5 @@ def _damping_lines(sheet: Sheet, spec: MapSpec) -> list[Layer]:
     lines = []
     for kappa in spec.iso_damping:
         at = np.interp(np.log10(kappa) + 0.5 * x, y, np.arange(len(y)), np.nan, np.nan)
-        lines.append(line(f"κ {kappa:g}", places, at, BLACK, shape=DASHED, size=1.4))
+        lines += heat.haloed(line(f"κ {kappa:g}", places, at, BLACK, shape=DASHED, size=1.2))
     return lines

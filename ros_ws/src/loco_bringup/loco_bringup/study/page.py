@@ -106,6 +106,8 @@ def _counts(results: list[CaseResult]) -> list[tuple[str, str, str]]:
 
 def _cases(study: Study, results: list[CaseResult]) -> Markup:
     rows = figures.rows(study, results)
+    empty = [key for key in rows[0] if all(row[key] != row[key] for row in rows)]  # all NaN
+    rows = [{key: row[key] for key in row if key not in empty} for row in rows]
     more = f"The first {MOST_ROWS} of {len(rows)}; " if len(rows) > MOST_ROWS else ""
     text = f"{more}cases.csv has all digits; metrics of the phase {study.phase!r}."
     return html.paragraph(text, soft=True) + _table(rows[:MOST_ROWS])

@@ -64,6 +64,7 @@ async function drawChart(figure, data) {
     if (!layer.count || !layer.name) return;
     if (!names.has(layer.name)) names.set(layer.name, { color: layer.color, places: [] });
     names.get(layer.name).places.push([mine[k], layer]);
+    names.get(layer.name).color = layer.color;  // of a dark mark on a pale one that of the mark
   }));
   for (const [name, { color, places }] of names) {
     toggle(legend, name, color, (show) => places.forEach(([drawn, layer]) => { layer.shown = show; drawn(); }));
