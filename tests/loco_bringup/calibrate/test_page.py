@@ -40,7 +40,7 @@ def test_a_period_has_a_panel_for_each_joint_and_its_spread_around_each_line(res
         assert {line.name for line in panel.lines} == {"surrogate robot", "default", "calibrated"}
 
 
-def test_the_page_has_an_interactive_plot_for_each_recording_and_for_the_search(result):
+def test_the_page_has_an_interactive_plot_for_each_recording_and_for_the_searches(result):
     text = page.page(result, Model("tigrillo"))
-    assert text.count('<script type="application/json">') == 1 + len(result.comparisons)
+    assert text.count('<script type="application/json">') == 2 + len(result.comparisons)
     assert "SURROGATE" in text and "Ratio on walk, not fitted" in text

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages in a browser: nothing that axe calls serious, nothing wider than a phone, plots drawn."""
 
+import functools
 import html as escapes
 import importlib.util
 import json
@@ -9,22 +10,42 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from loco_bringup.bag.reader import Bag
 from loco_bringup.calibrate import page as calibration_page
+from loco_bringup.gap import check
 from loco_bringup.gap import page as gap_page
+from loco_bringup.graph import run as runner
+from loco_bringup.live import report as live_page
+from loco_bringup.live.log import LiveRun
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.page import html
 from loco_bringup.report import compare, robot
+from loco_bringup.report import network as network_page
+from loco_bringup.reproduce import page as reproduction_page
+from loco_bringup.study import page as study_page
+from loco_bringup.workshop.battery import page as battery_page
+from loco_bringup.workshop.battery import score
+from loco_learning.calibration.parameters import parameter_set
+from loco_learning.calibration.segments import Segments
+from loco_learning.drawing import heat
+from loco_learning.drawing.chart import Axis, Chart, Frame
 from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import rollout
+from loco_learning.study import study as studies
+from loco_learning.thesis import registry
+from loco_learning.thesis.registry import Verdict
 from loco_sim.plant.model import Model
 
 from ...loco_learning.calibration.made import made_result
 from ..gap.gap_result import curves, result
+from ..gap.test_check import LATE, MAPPING, T, good
+from ..workshop.battery.test_score import rows as score_rows
 from .test_html import BLOCKS
 
 PHONE = 390  # [pixel]
@@ -42,7 +63,8 @@ new MutationObserver(async (_, seer) => {
   const told = document.body.appendChild(document.createElement("pre"));
   told.id = "told";
   told.textContent = JSON.stringify({
-    wide: document.body.scrollWidth, plots: document.querySelectorAll(".plot canvas").length,
+    wide: document.body.scrollWidth,
+    plots: document.querySelectorAll(".plot canvas, .frame > svg:has(path)").length,
     serious: serious.map((v) => [v.id, v.nodes[0].html.slice(0, 200)]) });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
@@ -71,19 +93,142 @@ def runs():
     return compare.page({"one": log, "other": log})
 
 
+def study_of(folder, text, **changes):
+    (folder / "mine.yaml").write_text(text)
+    made = studies.load(folder / "mine.yaml", **changes)
+    study_page.write(made, studies.run(made, folder, 1), folder)
+    return (folder / "study.html").read_text()
+
+
+def grid():
+    """The page of a study with maps."""
+    with tempfile.TemporaryDirectory() as folder:
+        return study_of(Path(folder), GRID)
+
+
+def trials():
+    """The page of a study with figures and seeds."""
+    with tempfile.TemporaryDirectory() as folder:
+        return study_of(Path(folder), TRIALS, overrides=QUICK)
+
+
+def battery():
+    found = score_rows()
+    return battery_page.page(
+        "Battery", score.figures(found), found, score.confusion(found), score.figures(found)
+    )
+
+
+def reproduction():
+    verdicts = [
+        Verdict("7.1", "figure 7.1", "says", "wanted", "found", word, ("map",), "why not")
+        for word in (registry.AGREES, registry.DISAGREES, registry.OPEN)
+    ]
+    chart = heat.cells(np.arange(12.0).reshape(3, 4), "W", name="power")
+    axes = (Axis(f"{name} [-]", names=list("abcd")[:n]) for name, n in (("x", 4), ("y", 3)))
+    drawn = [("Figure 7.1", "A map.", Chart([Frame(*axes, chart)]))]
+    return reproduction_page.page("Claims", "loco x", verdicts, drawn, {"map": "map/study.html"})
+
+
+def checked():
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "moved.csv")
+        Path(folder, "mapping.yaml").write_text(MAPPING)
+        rows = [f"{t:.4f},{good(t + LATE):.6f},{good(t):.6f}\n" for t in T]
+        path.write_text("t,goal,angle\n" + "".join(rows))
+        return check.page(check.checked("servo_pendulum", [path], None, 1, lambda *_: None))
+
+
+def network():
+    with tempfile.TemporaryDirectory() as folder:
+        experiment = load("msd_20", {"loop.train": 0.8, "loop.closing": 0.2, "loop.test": 0.6})
+        assert runner.run(experiment, Path(folder, "bag"), "composed").exit_code == 0
+        bag = Bag(Path(folder, "bag"))
+        return network_page.page(bag, network_page.read_msd_log(bag), Path(folder, "gait.gif"))
+
+
+def live():
+    """The page of a live calibration, made up, whose messages are those of a rollout."""
+    chosen = parameter_set("seven")
+    states = [
+        SimpleNamespace(
+            phase=phase, text="as told", tick=tick, best=best, before=0.4, evaluations=8 * tick,
+            names=chosen.names, values=[p.default for p in chosen.parameters],
+        )
+        for phase, tick, best in (("fitting", 1, 0.3), ("fitting", 2, 0.2), ("done", 3, 0.1))
+    ]  # fmt: skip
+    wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 50, endpoint=False))
+    periods = [
+        Segments(1.0, scale * wave[None, :, None] * np.linspace(0.9, 1.1, 3)[:, None, None]
+                 * np.ones(2)) for scale in (0.3, 0.2, 0.28)
+    ]  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        run_rollout(load("tigrillo_bound", {"duration": 0.5}), Path(folder, "bag"), lambda _: None)
+        bag = Bag(Path(folder, "bag"))
+        sine = load("tigrillo_sine")
+        gap = np.column_stack([np.arange(1.0, 7.0), 0.4 / np.arange(1.0, 7.0),
+                               [0, 0, 1, 1, 2, 2], [0, 0, 1, 0, 1, 0]])  # fmt: skip
+        return live_page.page(LiveRun(
+            bag, {"measured": sine, "model": sine}, ("lh_kfe_joint", "rh_kfe_joint"), *periods,
+            np.array([2.5, 4.5]), gap, states,
+        ))  # fmt: skip
+
+
+GRID = """
+description: two by two
+variants: {open: {experiment: hyq_trot_open, learner.stand: 0.2, learner.train: 1.2}}
+axes:
+  kp: {logspace: [2, 3, 2], sets: [overrides.drives.*_kfe_joint.kp], unit: N·m/rad}
+  kd: {logspace: [0, 1, 2], sets: [overrides.drives.*_kfe_joint.kd], unit: N·m·s/rad}
+phase: train
+metrics: [speed, power]
+figures: [survival]
+map:
+  iso_damping: [0.1]
+  legal: {power: [0, 1e6]}
+  regions: {soft: {where: {kp: [0, 300]}, what: {survived: [1, 1]}}}
+"""
+QUICK = {"learner.train": 1.0, "learner.closing": 1.0, "learner.test": 1.0, "gait.start_time": 0.2,
+         "learner.stand": 0.2}  # fmt: skip
+TRIALS = """
+description: two estimators
+variants: {pse: {experiment: hyq_short}, rse: {experiment: hyq_short, stance.estimator: rse}}
+figures: [nrmse_over_time, limit_cycles, foot_heights, trunk]
+metrics: [speed, power]
+seeds: [0]
+"""
 PAGES = {
     "blocks": blocks,
     "gap": lambda: gap_page.page(result(), curves()),
+    "gap check": checked,
     "calibration": lambda: calibration_page.page(made_result(), Model("tigrillo")),
     "run": run,
     "comparison": runs,
+    "grid": grid,
+    "trials": trials,
+    "battery": battery,
+    "reproduction": reproduction,
+    "live": live,
+    "network": network,
 }
+# Those that are made by a graph of nodes.
+MARKED = [
+    pytest.param(name, marks=[pytest.mark.ros, pytest.mark.xdist_group("graph")])
+    if name == "network" else name
+    for name in PAGES
+]  # fmt: skip
+
+
+@functools.cache
+def written(name):
+    """The text of a page, made once for both looks."""
+    return PAGES[name]()
 
 
 @pytest.mark.parametrize("look", ["light", "dark"])
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", MARKED)
 def test_a_page_is_for_everyone(name, look, tmp_path):
-    text = PAGES[name]().replace('<html lang="en">', f'<html lang="en" data-theme="{look}">')
+    text = written(name).replace('<html lang="en">', f'<html lang="en" data-theme="{look}">')
     axe = Path(AXE.submodule_search_locations[0], "axe.min.js").read_text(encoding="utf-8")
     page = tmp_path / "page.html"
     page.write_text(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), encoding="utf-8")

@@ -10,8 +10,9 @@ from markupsafe import Markup
 
 from loco_bringup.page import html
 from loco_bringup.page.plot import Line, Panel, Plot
-from loco_bringup.page.style import canvas
 from loco_control.exceptions import BagError
+from loco_learning.drawing import heat
+from loco_learning.drawing.chart import Axis, Chart, Frame, bars, dots, line
 
 HOSTILE = "<script>alert('&')</script>\"><img src=x onerror=y> {{ 7 * 7 }} {% raw %}"
 
@@ -51,10 +52,10 @@ BLOCKS = {
     "table": lambda x: html.table([x], [[x]], numeric=[0]),
     "matrix": lambda x: html.matrix([x], [(x, [(x, "good")])]),
     "bullets": lambda x: html.bullets([x]),
-    "figure": lambda x: html.figure(lambda: canvas(1, 1, 1.0)[0], x, x),
-    "plot": lambda x: plot_of(x),
+    "figure": lambda x: plot_of(x),
+    "chart": lambda x: chart_of(x),
+    "link": lambda x: html.link(x, "page.html"),
     "beside": lambda x: html.beside(html.note(x), html.note(x)),
-    "clickable": lambda x: html.clickable(canvas(1, 1, 1.0)[0], (0, 0, 1, 1), [[x]], x, x),
     "case_panel": lambda x: html.case_panel({x: {x: x}}),
     "movie": lambda x: html.movie(b"GIF89a", x),
     "yaml_block": lambda x: html.yaml_block({x: x}),
@@ -66,6 +67,21 @@ BLOCKS = {
 def plot_of(name):
     line = Line(name, np.arange(3.0), "#000000")
     return html.figure(Plot(np.arange(3.0), [Panel(name, [line])]), name, name)
+
+
+def chart_of(name):
+    """Every kind of layer, on axes of numbers and of names."""
+    walk, log = np.cumsum(np.ones(5)) - 3.0, np.geomspace(1.0, 100.0, 5)
+    cells = heat.cells(np.arange(6.0).reshape(2, 3), name, [[f"#case-{name}"] * 3] * 2, name)
+    edge = heat.outline(np.eye(2, 3, dtype=bool), name, "#d62728")
+    frames = [
+        Frame(Axis(name), Axis(name), [line(name, walk, walk**2, "#0072b2")], name, equal=True),
+        Frame(Axis(name, logarithmic=True), Axis(name, names=[name] * 5),
+              [dots(name, log, range(5), "#d55e00", texts=[name] * 5)]),
+        Frame(Axis(name), Axis(name, names=[name]), [bars(name, [(0.0, 1.0)], 0, "#009e73")]),
+        Frame(Axis(name, names=[name] * 3), Axis(name, names=[name] * 2), [*cells, edge]),
+    ]  # fmt: skip
+    return html.figure(lambda: Chart(frames), name, name)
 
 
 def test_every_block_is_here():

@@ -5,31 +5,12 @@ import numpy as np
 import pytest
 
 from loco_bringup.page.html import number
-from loco_bringup.page.style import COMMAND, MEASURED, OTHER, TARGET, envelope, flag_spans
+from loco_bringup.page.style import COMMAND, MEASURED, OTHER, TARGET, flag_spans
 from loco_bringup.report.figures import drivers, posed
 from loco_bringup.report.parts import label
 from loco_learning.runs.rollout import rollout
 
 DT = 0.004
-
-
-@pytest.mark.parametrize("bucket", [1, 7, 1000])
-def test_an_envelope_keeps_every_peak(bucket):
-    t = np.arange(950) * DT
-    y = np.random.default_rng(0).normal(size=950)
-    times, low, high = envelope(t, y, bucket)
-    assert len(times) == len(low) == len(high) <= 950 // bucket + 2
-    assert low.min() == y.min()
-    assert high.max() == y.max()
-    assert np.all(low <= high)
-    assert times[-1] == t[-1]
-
-
-def test_an_envelope_skips_what_is_unknown():
-    y = np.array([np.nan, 1.0, np.nan, 3.0])
-    _, low, high = envelope(np.arange(4.0), y, 2)
-    assert low.tolist() == [1.0, 3.0, 3.0]
-    assert high.tolist() == [1.0, 3.0, 3.0]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -83,10 +64,10 @@ def test_metric_names_become_words():
 def test_colours_differ_in_brightness_too():
     """Readers who see no colours still tell target, command and measured apart."""
 
-    def brightness(style):
-        red, green, blue = (int(style["color"][i : i + 2], 16) for i in (1, 3, 5))
+    def brightness(color):
+        red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
         return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
     levels = sorted(brightness(s) for s in (TARGET, COMMAND, MEASURED))
     assert min(np.diff(levels)) > 40
-    assert len({s["color"] for s in (TARGET, COMMAND, MEASURED, OTHER)}) == 4
+    assert len({TARGET, COMMAND, MEASURED, OTHER}) == 4

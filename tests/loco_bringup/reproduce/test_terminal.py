@@ -45,6 +45,7 @@ def test_verdicts_are_printed_and_the_page_is_written(tmp_path, monkeypatch, cap
     assert "6.5  agrees" in text
     assert "not decided" in text
     assert (tmp_path / "README.md").is_file()
+    assert "Figure 6.1" in (tmp_path / "thesis.html").read_text()
     assert (tmp_path / "runs" / "nodes_5_0.npz").is_file()
 
 
@@ -58,7 +59,9 @@ def test_claims_are_judged_from_what_ran_and_the_rest_is_open(tmp_path, monkeypa
     assert len(rows) == 6 and rows["8.6"]["verdict"] != "not decided"
     assert "clock slip" in rows["8.6"]["found"]
     page = (tmp_path / "README.md").read_text()
-    assert "| 8.6 |" in page and "[clock](clock/table.md)" in page
+    assert "| 8.6 |" in page and "[clock](clock/study.html)" in page
+    page = (tmp_path / "thesis.html").read_text()
+    assert '<a href="clock/study.html">clock</a>' in page and "Figure" not in page
 
 
 def test_a_plan_of_your_own_is_a_file(tmp_path, capsys):

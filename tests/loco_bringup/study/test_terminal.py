@@ -33,14 +33,17 @@ def test_a_grid_leaves_tables_and_a_page_whose_cells_know_their_cases(tmp_path, 
     out = tmp_path / "out"
     assert call(tmp_path / "mine.yaml", "--workers", 1, "--out", out) == 0
     assert "open gait.speed 0.1 gait.step_height 0.05 seed 0: survived" in capsys.readouterr().out
-    assert {"cases.csv", "cases.npz", "map.html", "map_open_speed.png"} <= set(
+    assert {"cases.csv", "cases.npz", "study.html", "map_open_speed.png"} <= set(
         path.name for path in out.iterdir()
     )
-    page = (out / "map.html").read_text()
-    details = json.loads(re.search(r"const cases = (.*);", page)[1])
+    page = (out / "study.html").read_text()
+    details = json.loads(re.search(r'id="cases">(.*)</script>', page)[1])
     assert set(details) == {f"open_{i:02d}_{j:02d}_0" for i in (0, 1) for j in (0, 1)}
-    cells = json.loads(re.search(r'data-cells="([^"]*)"', page)[1].replace("&#34;", '"'))
-    assert cells == [["open_00_01_0", "open_01_01_0"], ["open_00_00_0", "open_01_00_0"]]
+    (panel,) = json.loads(re.search(r'<script type="application/json">(.*?)</script>', page)[1])[
+        "panels"
+    ]
+    links = {link for layer in panel["layers"] for link in layer["links"]}
+    assert links == {f"#case-{name}" for name in details}
     words = shlex.split(details["open_01_00_0"]["run it, with a moving picture"])
     assert words[0] == "./loco"
     _, options = table.parse(words[1:])
@@ -53,7 +56,7 @@ def test_cost_alone_runs_three_cases(tmp_path, capsys):
     out = tmp_path / "out"
     assert call(tmp_path / "mine.yaml", "--cost", "--workers", 1, "--out", out) == 0
     assert "9 runs to go" in capsys.readouterr().err.replace("\n", " ")
-    assert len(list(out.glob("open_*.npz"))) == 3 and not (out / "map.html").exists()
+    assert len(list(out.glob("open_*.npz"))) == 3 and not (out / "study.html").exists()
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,8 @@ def test_a_study_keeps_verdict_metrics_and_curves(log, tmp_path):
     assert result.curves["test_trace_passive"].shape == (300, 4)
     assert result.curves["cycle"].shape == (400, 2)
     for name in ("joint_traces", "nrmse_over_time", "limit_cycles", "trunk"):
-        axes = figures.FIGURES[name]([result]).axes
-        assert any(len(line.get_xdata()) > 10 for ax in axes for line in ax.lines)
+        frames = figures.FIGURES[name]([result]).frames
+        assert any(len(layer.x) > 10 for frame in frames for layer in frame.layers)
 
 
 def test_the_shipped_study_compares_robots_of_joints():

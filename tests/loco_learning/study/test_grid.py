@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_learning.drawing import png
+from loco_learning.drawing.chart import BOXES
 from loco_learning.runs.rollout import rollout
 from loco_learning.study import figures, maps
 from loco_learning.study.study import load, run
@@ -111,7 +113,7 @@ def test_points_change_spaced_axes_and_keep_their_ends(tmp_path):
     assert load(write(tmp_path, text)).with_points(9).axes[0].values == (100.0, 300.0)
 
 
-def test_maps_show_each_point_where_it_is(finished):
+def test_maps_show_each_point_where_it_is(finished, tmp_path):
     made, _, results, _ = finished
     (sheet,) = maps.sheets(made, results)
     assert sheet.columns["power"].shape == (3, 4)
@@ -123,8 +125,13 @@ def test_maps_show_each_point_where_it_is(finished):
     found = maps.regions(sheet, made.map)
     assert found["soft"].where.sum() == 6 and found["soft"].share == 1.0
     assert np.isnan(found["none"].share)
-    for figure in (maps.heat_map(sheet, "power", made.map), maps.region_map(sheet, made.map)):
-        figure.canvas.draw()
+    chart = maps.heat_map(sheet, "power", made.map)
+    cells = [layer for layer in chart.frames[0].layers if layer.shape == BOXES]
+    at = {(x + 0.5, y + 0.5): link for each in cells
+          for x, y, link in zip(each.x, each.y, each.links, strict=True)}  # fmt: skip
+    assert at == {(j, i): f"#case-{sheet.cases[i][j][0]}" for i in range(3) for j in range(4)}
+    for each in (chart, maps.region_map(sheet, made.map)):
+        png.write(each, tmp_path / "map.png")
 
 
 def test_a_point_that_the_plant_refuses_is_a_failed_case_and_is_tried_again(tmp_path, monkeypatch):

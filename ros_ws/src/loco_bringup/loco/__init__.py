@@ -214,7 +214,7 @@ def export_model(
 
     Args:
         model: Result of `find_gap`, its folder, a ``model.yaml`` or a robot.
-        to: ``mjcf``, ``urdf``, ``isaac`` or ``pace``.
+        to: ``mjcf``, ``urdf``, ``isaac``, ``pace`` or ``ros2_control``.
         out: Folder; default below ``exports``.
         replay: Recordings to play in MuJoCo alone, for ``.compared``; default those held out.
         mapping: Mapping of the recordings.

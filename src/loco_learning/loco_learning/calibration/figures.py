@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..drawing.chart import GREY, Axis, Chart, Frame, dots, line
 from .mawe import UNITS
 from .parameters import parameter_set
 from .results import Comparison, Result
@@ -69,12 +70,12 @@ def periods(result: Result) -> Figure:
     """Average period of every passive joint for every recording, as figure 5.4."""
     rows, joints = result.comparisons, result.joints
     made, axes = _canvas(len(rows), len(joints), 0.6 + 1.75 * len(rows), sharey="row", sharex="row")
-    for line, row in zip(axes, rows, strict=True):
-        for j, (ax, joint) in enumerate(zip(line, joints, strict=True)):
+    for columns, row in zip(axes, rows, strict=True):
+        for j, (ax, joint) in enumerate(zip(columns, joints, strict=True)):
             _draw(ax, row, j)
             if row is rows[0]:
                 ax.set_title(joint.removesuffix("_joint").replace("_", " "))
-        line[0].set_ylabel(f"{_short(row.name)}\nknee angle [deg]")
+        columns[0].set_ylabel(f"{_short(row.name)}\nknee angle [deg]")
     for ax in axes[-1]:
         ax.set_xlabel("time in the period [s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -98,23 +99,27 @@ def _draw(ax, row: Comparison, j: int) -> None:
         ax.plot(t, mean, label=name, **look)
 
 
-@figure
-def bodies(result: Result) -> Figure:
+def bodies(result: Result) -> Chart:
     """Parameters of each seed between their bounds."""
     chosen = parameter_set(result.options["parameters"])
-    made, ((ax,),) = _canvas(1, 1, 0.9 + 0.28 * len(chosen.parameters))
-    at = np.arange(len(chosen.parameters))[::-1]
-    ax.hlines(at, 0.0, 1.0, color="0.85", lw=3)
+    names = [p.text for p in chosen.parameters][::-1]
+    rows, gap = np.arange(len(names)), np.full(len(names), np.nan)
+    ends = np.column_stack([0 * rows, 0 * rows + 1, gap]).ravel()
+    layers = [line("bounds", ends, np.column_stack([rows, rows, gap]).ravel(), GREY, size=2.0)]
     for fit in result.fits:
-        ax.plot(chosen.to_unit(fit.values), at, "o", ms=5, alpha=0.6, color=CALIBRATED["color"],
-                label="calibrated, each seed" if fit is result.fits[0] else None)  # fmt: skip
-    ax.plot(chosen.to_unit(chosen.default), at, "|", ms=13, mew=2, color=DEFAULT["color"],
-            label="default")  # fmt: skip
-    known = [(p.to_unit(p.thesis), y) for p, y in zip(chosen.parameters, at, strict=True)
+        found = zip(chosen.parameters, fit.values.values(), strict=True)
+        values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}" for p, value in found]
+        at = chosen.to_unit(fit.values)[::-1]
+        layers.append(dots("calibrated, each seed", at, rows, str(CALIBRATED["color"]),
+                           texts=values[::-1]))  # fmt: skip
+    default = chosen.to_unit(chosen.default)[::-1]
+    layers.append(dots("default", default, rows, str(DEFAULT["color"])))
+    known = [(p.to_unit(p.thesis), y) for p, y in zip(chosen.parameters[::-1], rows, strict=True)
              if p.thesis is not None]  # fmt: skip
     if known:
-        ax.plot(*zip(*known, strict=True), "x", ms=7, color="#222222", label="thesis, Table 5.1")
-    ax.set_yticks(at, [p.text for p in chosen.parameters])
-    ax.set_xticks([0.0, 1.0], ["lower bound", "upper bound"])
-    made.legend(loc="outside upper left", ncols=3)
-    return made
+        layers.append(dots("thesis, Table 5.1", *zip(*known, strict=True), "#222222", size=2.5))
+    axes = (
+        Axis("place between the bounds [-]", limits=(-0.03, 1.03)),
+        Axis("parameter", names=names),
+    )
+    return Chart([Frame(*axes, layers, height=70 + 26 * len(names))])

@@ -5,203 +5,180 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from loco_control.files import write_whole
-
+from ..drawing.chart import (
+    DASHED,
+    PALETTE,
+    Axis,
+    Chart,
+    Frame,
+    Layer,
+    dots,
+    line,
+    spread,
+)
 from .results import KMH, Results, author_power, band, converged_at, knee, loops_of, power_speed
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 log = logging.getLogger(__name__)
 
-BLUE, RED, GREY = "#34568b", "#c0392b", "0.6"
+BLUE, RED, GREY, BLACK = "#0072b2", "#d55e00", "#999999", "#222222"
 
-FIGURES: dict[str, tuple[str, Callable[[Results], Figure]]] = {}
+FIGURES: dict[str, tuple[str, Callable[[Results], Chart]]] = {}
 
 
 def figure(name: str, needs: str = "gaits") -> Callable:
     """Register a figure under its number in the thesis, with the results it is drawn from."""
 
-    def keep(function: Callable[[Results], Figure]) -> Callable:
+    def keep(function: Callable[[Results], Chart]) -> Callable:
         FIGURES[name] = (needs, function)
         return function
 
     return keep
 
 
-def write(results: Results, folder: Path) -> list[Path]:
-    """Draw all figures that the results allow; returns their files."""
-    paths = []
+def charts(results: Results) -> dict[str, Chart]:
+    """All figures that the results allow, by their number in the thesis."""
+    made = {}
     for name, (needs, draw) in FIGURES.items():
         if not getattr(results, needs):
             continue
         try:
-            canvas = draw(results)
+            made[name] = draw(results)
         except (KeyError, IndexError, ValueError) as error:
             log.warning("no figure %s: lacks results (%s)", name, error)
-            continue
-        path = folder / f"figure_{name.replace('.', '_')}.png"
-        paths.append(write_whole(path, partial(canvas.savefig, format="png")))
-    return paths
+    return made
 
 
-def _new(columns: int = 1, rows: int = 1, size: tuple[float, float] = (6.0, 3.4), **kwargs):
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=size, layout="constrained", dpi=110)
-    FigureCanvasAgg(canvas)
-    axes = np.atleast_1d(canvas.subplots(rows, columns, **kwargs)).reshape(-1)
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-    return canvas, axes
+def _over_nodes(label: str, layers: list[Layer], logarithmic: bool = False) -> Frame:
+    y = Axis(label, logarithmic, limits=_from_zero(layers, logarithmic))
+    return Frame(Axis("nodes [-]"), y, layers)
 
 
-def _bars(ax, values: dict[int, np.ndarray], colour: str, label: str) -> None:
-    """Means with their spread over repetitions."""
-    n = list(values)
-    ax.errorbar(
-        n, [v.mean() for v in values.values()], [v.std() for v in values.values()],
-        color=colour, marker="o", ms=4, capsize=2, lw=1.2, label=label,
-    )  # fmt: skip
+def _from_zero(layers: list[Layer], logarithmic: bool = False) -> tuple[float, float] | None:
+    """Range from zero to a little above the largest value; None for a logarithmic axis."""
+    top = max((float(np.nanmax(layer.y)) for layer in layers if len(layer.y)), default=1.0)
+    return None if logarithmic or top <= 0.0 else (0.0, 1.06 * top)
 
 
 @figure("6.1")
-def _scores(r: Results) -> Figure:
-    canvas, (ax,) = _new()
-    _bars(ax, r.over_sizes(lambda g: g.best), BLUE, "best evaluation, with noise")
-    _bars(ax, r.over_sizes(lambda g: g.clean), RED, "the same gait without noise")
-    ax.set(xlabel="nodes", ylabel="score [-]", ylim=(0.0, None))
-    ax.legend(frameon=False)
-    return canvas
+def _scores(r: Results) -> Chart:
+    best, clean = (r.over_sizes(what).items() for what in (lambda g: g.best, lambda g: g.clean))
+    layers = spread("best evaluation, with noise", list(best), BLUE)
+    layers += spread("the same gait without noise", list(clean), RED)
+    return Chart([_over_nodes("score [-]", layers)])
 
 
 @figure("6.2")
-def _courses(r: Results) -> Figure:
-    sizes = [n for n in (3, 5, 10, 20) if (n, 0) in r.gaits]
-    canvas, axes = _new(2, 2, (8.0, 5.0))
-    for ax, n in zip(axes, sizes, strict=False):
+def _courses(r: Results) -> Chart:
+    frames = []
+    for n in (n for n in (3, 5, 10, 20) if (n, 0) in r.gaits):
         g = r.gaits[n, 0]
-        x = g.population * np.arange(1, len(g.course) + 1)
-        ax.plot(x, g.course[:, 1], color=GREY, lw=0.8, label="mean of the generation")
-        ax.plot(x, g.course[:, 2], color=BLUE, lw=1.4, label="best so far")
-        ax.axvline(converged_at(g), color=RED, ls=":", lw=1.0, label="90 % of the largest mean")
-        ax.set(title=f"{n} nodes", xlabel="evaluations", ylabel="score [-]")
-    axes[0].legend(frameon=False, fontsize=8)
-    return canvas
+        x, at = g.population * np.arange(1, len(g.course) + 1), converged_at(g)
+        layers = [
+            line("mean of the generation", x, g.course[:, 1], GREY, size=0.8),
+            line("best so far", x, g.course[:, 2], BLUE, size=1.6),
+            line("90 % of the largest mean", [at, at], [0.0, g.course[:, 2].max()], RED,
+                 shape=DASHED),
+        ]  # fmt: skip
+        frames.append(Frame(Axis("evaluations [-]"), Axis("score [-]"), layers, f"{n} nodes"))
+    return Chart(frames)
 
 
 @figure("6.3")
-def _speed_power(r: Results) -> Figure:
-    canvas, (left, right) = _new(2, size=(8.0, 3.4))
-    _bars(left, {n: v * KMH for n, v in r.over_sizes(lambda g: g.speed).items()}, BLUE, "")
-    left.set(xlabel="nodes", ylabel="speed [km/h]", ylim=(0.0, None))
-    _bars(right, {n: v / 1e3 for n, v in r.over_sizes(author_power).items()}, RED, "")
-    right.set(xlabel="nodes", ylabel="power, author's formula [kW]", ylim=(0.0, None))
-    return canvas
+def _speed_power(r: Results) -> Chart:
+    speed = [(n, v * KMH) for n, v in r.over_sizes(lambda g: g.speed).items()]
+    power = [(n, v / 1e3) for n, v in r.over_sizes(author_power).items()]
+    return Chart([
+        _over_nodes("speed [km/h]", spread("speed", speed, BLUE)),
+        _over_nodes("power, author's formula [kW]", spread("power", power, RED)),
+    ])  # fmt: skip
 
 
 @figure("6.4", "omega")
-def _frequencies(r: Results) -> Figure:
-    canvas, (left, right) = _new(2, size=(8.5, 3.6), sharey=True)
-    f = r.frequencies
-    everything = []
-    for n in sorted({n for n, _, _ in r.omega}):
+def _frequencies(r: Results) -> Chart:
+    f, everything, layers = r.frequencies, [], list[Layer]()
+    for i, n in enumerate(sorted({n for n, _, _ in r.omega})):
         score = [
             np.mean([g.clean for (m, j, _), g in r.omega.items() if (m, j) == (n, k)])
             for k in range(len(f))
         ]
         everything.append(score)
-        left.semilogx(f, score, marker="o", ms=3, lw=1.0, label=f"{n} nodes")
-    left.legend(frameon=False)
-    mean, spread = np.mean(everything, axis=0), np.std(everything, axis=0)
-    right.semilogx(f, mean, color=BLUE)
-    right.fill_between(f, mean - spread, mean + spread, color=BLUE, alpha=0.2)
-    for edge in band(r):
-        right.axvline(edge, color=RED, ls=":")
-        right.annotate(f"{edge:.2f} Hz", (edge, 0.02), color=RED)
-    left.set(xlabel="frequency [Hz]", ylabel="score without noise [-]")
-    right.set(xlabel="frequency [Hz]", title="all sizes, and its -3 dB band")
-    return canvas
+        colour = PALETTE[i % len(PALETTE)]
+        layers += [line(f"{n} nodes", f, score, colour), dots(f"{n} nodes", f, score, colour)]
+    mean, off = np.mean(everything, axis=0), np.std(everything, axis=0)
+    whole = [line("all sizes", f, mean, BLUE, size=1.8)]
+    whole += [line("one deviation", f, mean + by * off, BLUE, shape=DASHED) for by in (-1, 1)]
+    top = float(np.max(mean + off))
+    whole += [line("-3 dB band", [edge, edge], [0.0, top], RED, shape=DASHED) for edge in band(r)]
+    axes = Axis("frequency [Hz]", logarithmic=True), Axis("score without noise [-]")
+    titles = "each size", "all sizes, and their band"
+    return Chart([Frame(*axes, each, title)
+                  for title, each in zip(titles, (layers, whole), strict=True)])  # fmt: skip
 
 
 @figure("6.5", "powers")
-def _power(r: Results) -> Figure:
-    canvas, (ax,) = _new()
-    watts = sorted({p for p, _, _ in r.powers})
-    for f in sorted({f for _, f, _ in r.powers}):
-        speed = [power_speed(r, p, f) for p in watts]
-        ax.plot(np.array(watts) / 1e3, speed, marker="o", ms=4, label=f"{f:g} Hz")
-    ax.plot(20.0, 14.0, "k+", ms=10, label="thesis, 20 kW")
-    ax.set(xlabel="power budget [kW]", ylabel="speed [m/s]", ylim=(0.0, None))
-    ax.legend(frameon=False)
-    return canvas
+def _power(r: Results) -> Chart:
+    watts, layers = np.array(sorted({p for p, _, _ in r.powers})), list[Layer]()
+    for i, f in enumerate(sorted({f for _, f, _ in r.powers})):
+        speed, colour = [power_speed(r, p, f) for p in watts], PALETTE[i % len(PALETTE)]
+        layers += [line(f"{f:g} Hz", watts / 1e3, speed, colour),
+                   dots(f"{f:g} Hz", watts / 1e3, speed, colour)]  # fmt: skip
+    layers.append(dots("thesis, 20 kW", [20.0], [14.0], BLACK, size=5.0))
+    axes = Axis("power budget [kW]"), Axis("speed [m/s]", limits=_from_zero(layers))
+    return Chart([Frame(*axes, layers)])
 
 
 @figure("6.7", "noise")
-def _noise(r: Results) -> Figure:
-    canvas, (ax,) = _new()
+def _noise(r: Results) -> Chart:
     noise, distance = r.noise.arrays["noise"], r.noise.arrays["distance"]
-    ax.semilogx(noise, distance, ".", color=RED, ms=4)
-    ax.semilogx(noise, distance.mean(axis=1), color=BLUE)
-    ax.axvline(knee(r.noise), color=GREY, ls=":")
-    ax.set(xlabel="noise on the amplitudes, relative [-]", ylabel="distance in 10 s [m]")
-    return canvas
+    at, top = knee(r.noise), float(np.max(distance))
+    each = dots("runs", np.repeat(noise, distance.shape[1]), distance.ravel(), RED, size=2.0)
+    layers = [each, line("mean", noise, distance.mean(axis=1), BLUE, size=1.8),
+              line("knee", [at, at], [0.0, top], GREY, shape=DASHED)]  # fmt: skip
+    x = Axis("noise on the amplitudes, relative [-]", logarithmic=True)
+    return Chart([Frame(x, Axis("distance in 10 s [m]"), layers)])
 
 
 @figure("6.8", "loops")
-def _learning(r: Results) -> Figure:
-    canvas, (ax,) = _new()
+def _learning(r: Results) -> Chart:
     loop = r.loops[20, 0]
     t, error = loop.arrays["t"], np.maximum(loop.arrays["error"], 1e-7)
-    ax.semilogy(t, error, color=BLUE, lw=0.6)
-    for name, start in (("closing", loop.values["closing"]), ("test", loop.values["test"])):
-        ax.axvline(start, color=GREY, lw=0.8)
-        ax.annotate(name, (start, 1.01), xycoords=ax.get_xaxis_transform(), color="0.4")
-    ax.set(xlabel="time [s]", ylabel="error of the readout, rms over links [-]")
-    return canvas
+    layers = [line("error", t, error, BLUE, size=0.8)]
+    for name in ("closing", "test"):
+        at, ends = loop.values[name], [error.min(), error.max()]
+        layers.append(line(f"{name} begins", [at, at], ends, GREY))
+    y = Axis("error of the readout, rms over links [-]", logarithmic=True)
+    return Chart([Frame(Axis("time [s]"), y, layers)])
 
 
-def _by_size(r: Results, key: str) -> dict[int, np.ndarray]:
+def _by_size(r: Results, key: str) -> list[tuple[int, np.ndarray]]:
     sizes = sorted({n for n, _ in r.loops})
-    return {n: np.array([c.values[key] for c in loops_of(r, n)]) for n in sizes}
+    return [(n, np.array([c.values[key] for c in loops_of(r, n)])) for n in sizes]
 
 
 @figure("6.9", "loops")
-def _distances(r: Results) -> Figure:
-    canvas, (ax,) = _new()
-    _bars(ax, _by_size(r, "open"), BLUE, "open loop")
-    _bars(ax, _by_size(r, "closed"), RED, "closed loop")
-    ax.set(xlabel="nodes", ylabel="distance in the last 10 s [m]")
-    ax.legend(frameon=False)
-    return canvas
+def _distances(r: Results) -> Chart:
+    layers = spread("open loop", _by_size(r, "open"), BLUE)
+    layers += spread("closed loop", _by_size(r, "closed"), RED)
+    return Chart([Frame(Axis("nodes [-]"), Axis("distance in the last 10 s [m]"), layers)])
 
 
 @figure("6.10", "loops")
-def _cycles(r: Results) -> Figure:
-    sizes = [n for n in (5, 10, 15, 20) if (n, 0) in r.loops]
-    canvas, axes = _new(2, 2, (7.0, 6.5))
-    for ax, n in zip(axes, sizes, strict=False):
+def _cycles(r: Results) -> Chart:
+    frames = []
+    for n in (n for n in (5, 10, 15, 20) if (n, 0) in r.loops):
         path = r.loops[n, 0].arrays["cycle"]
-        colours = np.linspace(0.0, 1.0, len(path))
-        ax.scatter(*path.T, c=colours, cmap="YlOrBr", s=1.0, lw=0, rasterized=True)
-        last = path[-len(path) // 10 :]
-        ax.plot(*last.T, color="black", lw=0.7)
-        ax.set(title=f"{n} nodes", xlabel="1st component [m/s²]", ylabel="2nd component [m/s²]")
-    return canvas
+        layers = [line("test", *path.T, RED, size=0.5),
+                  line("its last tenth", *path[-len(path) // 10 :].T, BLACK)]  # fmt: skip
+        axes = (Axis(f"{rank} component [m/s²]") for rank in ("1st", "2nd"))
+        frames.append(Frame(*axes, layers, f"{n} nodes"))
+    return Chart(frames)
 
 
 @figure("6.11", "loops")
-def _errors(r: Results) -> Figure:
-    canvas, (ax,) = _new()
-    _bars(ax, _by_size(r, "nrmse"), BLUE, "closing and test")
-    _bars(ax, _by_size(r, "nrmse_test"), RED, "test")
-    ax.set(xlabel="nodes", ylabel="NRMSE of the readout [-]", yscale="log")
-    ax.legend(frameon=False)
-    return canvas
+def _errors(r: Results) -> Chart:
+    layers = spread("closing and test", _by_size(r, "nrmse"), BLUE)
+    layers += spread("test", _by_size(r, "nrmse_test"), RED)
+    return Chart([_over_nodes("NRMSE of the readout [-]", layers, logarithmic=True)])

@@ -9,6 +9,8 @@ from pathlib import Path
 from loco_control.files import write_whole
 from loco_sim.msd.params import PRESETS
 
+from ..drawing import png
+from ..drawing.chart import Chart
 from . import figures as msd_figures
 from .claims import Verdict, judge
 from .results import Results, author_power, load
@@ -22,20 +24,35 @@ CAPTIONS = {
     "6.7": "Distance under noise on the actuation, open loop",
     "6.8": "Error of the readout while it learns, 20 nodes",
     "6.9": "Distance in the last 10 s, open and closed loop",
-    "6.10": "Filtered accelerations of the test in two principal components, light to dark",
+    "6.10": "Filtered accelerations of the test in two principal components",
     "6.11": "Error of the readout over the number of nodes",
 }
 
 
-def write(name: str, preset: str, data: Path, folder: Path) -> tuple[Path, list[Verdict]]:
-    """Write README.md, figures and gaits.csv about a plan's results; returns page and verdicts."""
+def write(
+    name: str, preset: str, data: Path, folder: Path
+) -> tuple[str, list[Verdict], dict[str, Chart]]:
+    """Write README.md, figures and gaits.csv about a plan's results.
+
+    Args:
+        name: Name of the plan.
+        preset: Name of the preset.
+        data: Folder of the runs.
+        folder: Folder to write to.
+
+    Returns:
+        Title, verdicts, and charts by their number in the thesis.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     results = load(name, preset, data)
     verdicts = judge(results)
-    figures = {path.stem: path.name for path in msd_figures.write(results, folder)}
+    drawn = msd_figures.charts(results)
+    for number, chart in drawn.items():
+        png.write(chart, folder / picture(number))
     _table(results, folder / "gaits.csv")
+    title = f"Chapter 6, preset {preset}, {name} plan"
     lines = [
-        f"# Chapter 6, preset `{preset}`, {name} plan",
+        f"# {title}",
         "",
         f"{PRESETS[preset].about}. Made by `loco reproduce msd --plan {name}"
         f" --preset {preset}`; every run with its seed is in [gaits.csv](gaits.csv).",
@@ -46,10 +63,16 @@ def write(name: str, preset: str, data: Path, folder: Path) -> tuple[Path, list[
         "",
     ]
     for number, caption in CAPTIONS.items():
-        file = figures.get(f"figure_{number.replace('.', '_')}")
-        if file:
-            lines += [f"## Figure {number}", "", f"{caption}.", "", f"![{caption}]({file})", ""]
-    return write_whole(folder / "README.md", "\n".join(lines)), verdicts
+        if number in drawn:
+            shown = f"![{caption}]({picture(number)})"
+            lines += [f"## Figure {number}", "", f"{caption}.", "", shown, ""]
+    write_whole(folder / "README.md", "\n".join(lines))
+    return title, verdicts, drawn
+
+
+def picture(number: str) -> str:
+    """Name of the file with a figure."""
+    return f"figure_{number.replace('.', '_')}.png"
 
 
 def _table(results: Results, path: Path) -> None:

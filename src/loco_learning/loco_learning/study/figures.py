@@ -6,47 +6,32 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from loco_control.files import write_whole
 
+from ..drawing import png
+from ..drawing.chart import DASHED, GREY, LINE, PALETTE, Axis, Chart, Frame, Layer, dots, line
+from ..metrics.registry import METRICS
 from ..params import OPEN, PHASES
 from .case import CaseResult
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-COLOURS = {"pse": "#2a7f4f", "rse": "#c0392b", "open": "#34568b"}
-OTHER = ("#34568b", "#b8860b", "#6a3d9a", "#444444")
-TARGET = "#34568b"
+BLACK = "#222222"
+COLOURS = {"pse": "#009e73", "rse": "#d55e00", "open": "#0072b2"}
+TARGET = "#8cc5ea"
+COMPONENT = "{} component [-]"
 VERDICT = ("nrmse", "amplitude", "slip", "lag", "frequency")
 
-FIGURES: dict[str, Callable[[Sequence[CaseResult]], Figure]] = {}
+FIGURES: dict[str, Callable[[Sequence[CaseResult]], Chart]] = {}
 
 
-def figure(function: Callable[[Sequence[CaseResult]], Figure]) -> Callable:
+def figure(function: Callable[[Sequence[CaseResult]], Chart]) -> Callable:
     """Register a figure under the name of its function."""
     FIGURES[function.__name__] = function
     return function
-
-
-def new(
-    columns: int, size: tuple[float, float], rows: int = 1, **kwargs: Any
-) -> tuple[Figure, np.ndarray]:
-    """Figure of some size [in] without a display, and its axes: a row, or (rows, columns)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=size, layout="constrained", dpi=120)
-    FigureCanvasAgg(made)  # no display, and no global state as pyplot has
-    axes = made.subplots(rows, columns, squeeze=False, **kwargs)
-    for ax in axes.flat:
-        ax.spines[["top", "right"]].set_visible(False)
-    return made, axes if rows > 1 else axes[0]
 
 
 def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
@@ -57,156 +42,192 @@ def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
 
 
 def _colour(variant: str, index: int) -> str:
-    return COLOURS.get(variant, OTHER[index % len(OTHER)])
+    return COLOURS.get(variant, PALETTE[index % len(PALETTE)])
 
 
-def _marks(ax: Any, result: CaseResult, low: float = -np.inf) -> None:
-    """Vertical lines where phases and effects begin, with their names above the axes."""
+def _marks(result: CaseResult, top: float, low: float = -np.inf) -> list[Layer]:
+    """Vertical lines where phases and effects begin."""
     learner = result.experiment["learner"]
     starts = np.cumsum([learner[phase] for phase in PHASES])
-    marks = {phase: t for phase, t in zip(PHASES[1:], starts[:-1], strict=True) if learner[phase]}
+    marks = {f"{phase} begins": float(t) for phase, t in zip(PHASES[1:], starts[:-1], strict=True)
+             if learner[phase]}  # fmt: skip
     for effect in result.experiment["effects"]:
-        marks[effect["name"].replace("_", " ")] = effect.get("start", 0.0)
-    for name, t in marks.items():
-        if t >= low:
-            ax.axvline(t, color="0.6", lw=0.8, ls="-" if name in PHASES else ":", zorder=0)
-            ax.annotate(name, (t, 1.01), xycoords=ax.get_xaxis_transform(), color="0.4")
+        marks[f"{effect['name'].replace('_', ' ')} begins"] = effect.get("start", 0.0)
+    shown = {name: t for name, t in marks.items() if t >= low}
+    return [line(name, [t, t], [0.0, top], GREY, size=0.8) for name, t in shown.items()]
 
 
 @figure
-def nrmse_over_time(results: Sequence[CaseResult]) -> Figure:
-    """Smoothed NRMSE of all trials over time, as figure 8.3."""
-    made, (ax,) = new(1, (9.0, 4.0))
+def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
+    """Smoothed NRMSE of all trials over time, as figure 8.3; a dot where the robot fell."""
+    layers = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
-        colour = _colour(variant, i)
-        ax.plot([], [], color=colour, label=f"{variant.upper()} ({len(cases)} trials)")
-        for case in (case for case in cases if "error" in case.curves):
-            t, error = case.curves["error_t"], case.curves["error"]
-            ax.plot(t, error, color=colour, lw=0.9, alpha=0.8)
-            if case.verdict["fall"]:
-                ax.plot(t[-1], error[-1], "x", color=colour, ms=7, mew=2)
+        name, colour = f"{variant.upper()} ({len(cases)} trials)", _colour(variant, i)
+        told = [case for case in cases if "error" in case.curves]
+        layers += [line(name, c.curves["error_t"], c.curves["error"], colour) for c in told]
+        fell = [c for c in told if c.verdict["fall"]]
+        ends = [[c.curves[key][-1] for c in fell] for key in ("error_t", "error")]
+        layers.append(dots(name, *ends, colour, texts=[f"{c.name} fell" for c in fell]))
     learner = results[0].experiment["learner"]
     closing = learner["stand"] + learner["train"]
-    ax.set_xlim(max(0.0, closing - 10.0), max(case.verdict["end"] for case in results))
-    _marks(ax, results[0], closing - 10.0)
+    ends = max(0.0, closing - 10.0), max(case.verdict["end"] for case in results)
     bound = results[0].experiment["criterion"]["nrmse"]
-    ax.axhline(bound, color="0.5", lw=0.8, ls="--", label=f"failure above {bound:g}")
-    ax.set(xlabel="time [s]", ylabel="NRMSE, mean over one stride [-]", ylim=(0.0, None))
-    ax.legend(loc="upper left", frameon=False)
-    return made
+    seen = [layer.y[layer.x >= ends[0]] for layer in layers]
+    most = max((float(np.nanmax(y)) for y in seen if np.isfinite(y).any()), default=bound)
+    top = 1.05 * (max(most, bound) if bound < 3.0 * most else most)  # or it is far above
+    layers += _marks(results[0], top, ends[0])
+    layers.append(line("bound of the criterion", ends, [bound, bound], GREY, shape=DASHED))
+    axes = Axis("time [s]", limits=ends), Axis("NRMSE, mean over one stride [-]", limits=(0.0, top))
+    return Chart([Frame(*axes, layers, height=330)])
 
 
 @figure
-def limit_cycles(results: Sequence[CaseResult]) -> Figure:
+def limit_cycles(results: Sequence[CaseResult]) -> Chart:
     """Limit cycle of one trial per variant in the target's principal components, as figure 8.4."""
-    groups = {
-        v: [c for c in cases if "cycle" in c.curves] for v, cases in _variants(results).items()
-    }
-    groups = {v: cases for v, cases in groups.items() if cases}
-    columns = max(1, len(groups))
-    made, axes = new(columns, (4.6 * columns, 5.2), sharex=True, sharey=True)
-    for ax, (variant, cases) in zip(axes, groups.items(), strict=False):
-        case = _typical(cases)
-        t, path = case.curves["cycle_t"], case.curves["cycle"]
-        last = len(t) - max(1, len(t) // 10)
-        ax.plot(*case.curves["cycle_target"][:300].T, color=TARGET, lw=2.0, label="target")
-        ax.scatter(*path[:last].T, c=t[:last], cmap="autumn_r", s=1.0, lw=0, rasterized=True)
-        ax.plot(*path[last:].T, color="black", lw=0.8, label="last tenth of the test")
-        ax.set(title=f"{variant.upper()}, seed {case.seed}", xlabel="1st component [-]")
-        ax.set_aspect("equal", adjustable="box")
-    axes[0].set_ylabel("2nd component [-]")
-    made.legend(
-        *axes[0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=2,
-        title="dots: the test phase, from yellow to red",
-    )
-    return made
-
-
-@figure
-def foot_heights(results: Sequence[CaseResult]) -> Figure:
-    """Heights of the front feet at the end of one trial per variant, as figure 8.5."""
-    groups = _variants(results)
-    made, axes = new(len(groups), (5.2 * len(groups), 3.4), sharey=True)
-    for ax, (variant, cases) in zip(axes, groups.items(), strict=True):
-        case = _typical(cases)
-        t = case.curves["feet_t"]
-        shown = t > t[-1] - 3.0
-        for foot, (leg, colour) in enumerate((("LF", "#d97706"), ("RF", "#15803d"))):
-            wanted = 100.0 * case.curves["feet_target"][shown, foot]
-            ax.plot(t[shown], wanted, color=colour, lw=1.0, ls=":", label=f"{leg} target")
-            sent = 100.0 * case.curves["feet"][shown, foot]
-            ax.plot(t[shown], sent, color=colour, lw=1.5, label=f"{leg} network")
-        ax.set(title=f"{variant.upper()}, seed {case.seed}", xlabel="time [s]")
-    axes[0].set_ylabel("height of the foot [cm]")
-    made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return made
-
-
-@figure
-def joint_traces(results: Sequence[CaseResult]) -> Figure:
-    """First and last driven and passive joint in train and test, moved by its lag, per variant."""
-    groups = {v: c for v, c in _variants(results).items() if "test_trace_t" in _typical(c).curves}
-    columns = max(1, len(groups))
-    made, axes = new(columns, (4.6 * columns, 4.4), rows=2, sharex=True, sharey="row")
-    for column, (variant, cases) in zip(axes.T, groups.items(), strict=False):
-        case = _typical(cases)
-        period = 1.0 / case.experiment["target"]["frequency"]
-        for phase, look in (("train", {"color": "0.7", "lw": 3.0}), ("test", {"lw": 1.1})):
-            t = case.curves[f"{phase}_trace_t"] - case.curves[f"{phase}_trace_t"][0]
-            lag = case.metrics[phase]["phase_lag"] % 1.0 * period
-            for ax, what in zip(column, ("command", "passive"), strict=True):
-                values = case.curves[f"{phase}_trace_{what}"]
-                for k, name, colour in ((0, "first", OTHER[0]), (-1, "last", OTHER[1])):
-                    style = {"color": colour, **look}
-                    ax.plot(t - lag, values[:, k], label=f"{phase}, {name}", **style)
-        column[0].set_title(f"{variant}, seed {case.seed}")
-        column[1].set(xlabel="time [s]", xlim=(0.0, t[-1] - period))
-    axes[0, 0].set_ylabel("driven joints [rad]")
-    axes[1, 0].set_ylabel("passive joints [rad]")
-    handles = axes[0, 0].get_legend_handles_labels()
-    made.legend(*handles, loc="outside lower center", ncols=4, frameon=False)
-    return made
-
-
-@figure
-def survival(results: Sequence[CaseResult]) -> Figure:
-    """Share of trials that do not fall, and that keep the gait, over the first axis of a grid."""
-    made, axes = new(2, (9.0, 3.6), sharey=True)
+    frames = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
-        axis = next(iter(cases[0].at), "seed")
-        at = np.array([case.at.get(axis, case.seed) for case in cases], dtype=float)
-        stands = np.array([not case.verdict["fall"] for case in cases], dtype=float)
-        keeps = np.array([case.verdict["survived"] for case in cases], dtype=float)
-        for ax, values in zip(axes, (stands, keeps), strict=True):
-            places = np.unique(at)
-            shares = [values[at == place].mean() + 0.012 * i for place in places]  # apart
-            ax.plot(places, shares, "o-", color=OTHER[i % len(OTHER)], ms=4, label=variant)
-            ax.set(xlabel=axis, ylim=(-0.03, 1.08))
-    axes[0].set(ylabel="share of trials", title="does not fall")
-    axes[1].set_title("keeps the gait (no criterion fails)")
-    axes[1].legend(frameon=False)
-    return made
+        told = [case for case in cases if "cycle" in case.curves]
+        if not told:
+            continue
+        case = _typical(told)
+        path, target = case.curves["cycle"], case.curves["cycle_target"][:300]
+        last = len(path) - max(1, len(path) // 10)
+        layers = [
+            line("test phase", *path[:last].T, _colour(variant, i), size=0.5),
+            line("target", *target.T, TARGET, size=3.0),
+            line("last tenth of the test", *path[last:].T, BLACK),
+        ]
+        axes = (Axis(COMPONENT.format(rank)) for rank in ("1st", "2nd"))
+        title = f"{variant.upper()}, seed {case.seed}"
+        frames.append(Frame(*axes, layers, title, equal=True, height=330))
+    return Chart(frames)
 
 
 @figure
-def trunk(results: Sequence[CaseResult]) -> Figure:
+def foot_heights(results: Sequence[CaseResult]) -> Chart:
+    """Heights of the front feet at the end of one trial per variant, as figure 8.5."""
+    frames = []
+    for variant, cases in _variants(results).items():
+        case = _typical(cases)
+        t, layers = case.curves["feet_t"], list[Layer]()
+        shown = t > t[-1] - 3.0
+        for foot, (leg, colour) in enumerate((("LF", PALETTE[1]), ("RF", PALETTE[2]))):
+            for key, name, shape in (
+                ("feet_target", "target", DASHED), ("feet", "network", LINE),
+            ):  # fmt: skip
+                height = 100.0 * case.curves[key][shown, foot]
+                layers.append(line(f"{leg} {name}", t[shown], height, colour, shape=shape))
+        axes = Axis("time [s]"), Axis("height of the foot [cm]")
+        frames.append(Frame(*axes, layers, f"{variant.upper()}, seed {case.seed}"))
+    return Chart(frames)
+
+
+@figure
+def joint_traces(results: Sequence[CaseResult]) -> Chart:
+    """First and last driven and passive joint in train and test, moved by its lag, per variant."""
+    frames = []
+    for what, label in (("command", "driven joints [rad]"), ("passive", "passive joints [rad]")):
+        for variant, cases in _variants(results).items():
+            case = _typical(cases)
+            if "test_trace_t" not in case.curves:
+                continue
+            period = 1.0 / case.experiment["target"]["frequency"]
+            layers, end = [], 0.0
+            for phase, dark, size in (("train", False, 3.0), ("test", True, 1.2)):
+                t = case.curves[f"{phase}_trace_t"] - case.curves[f"{phase}_trace_t"][0]
+                lag, end = case.metrics[phase]["phase_lag"] % 1.0 * period, t[-1] - period
+                values = case.curves[f"{phase}_trace_{what}"]
+                for k, name in ((0, "first"), (-1, "last")):
+                    colour = (PALETTE[0], PALETTE[1])[k] if dark else (TARGET, "#f3c9a5")[k]
+                    layers.append(
+                        line(f"{phase}, {name}", t - lag, values[:, k], colour, size=size)
+                    )
+            axes = Axis("time [s]", limits=(0.0, end)), Axis(label)
+            frames.append(Frame(*axes, layers, f"{variant}, seed {case.seed}"))
+    return Chart(frames)
+
+
+@figure
+def survival(results: Sequence[CaseResult]) -> Chart:
+    """Share of trials that do not fall, and that keep the gait, over the first axis of a grid."""
+    whats = {
+        "does not fall": lambda case: not case.verdict["fall"],
+        "keeps the gait (no criterion fails)": lambda case: case.verdict["survived"],
+    }
+    frames = []
+    for title, holds in whats.items():
+        layers, axis = list[Layer](), "seed"
+        for i, (variant, cases) in enumerate(_variants(results).items()):
+            axis = next(iter(cases[0].at), "seed")
+            at = np.array([case.at.get(axis, case.seed) for case in cases], dtype=float)
+            values = np.array([holds(case) for case in cases], dtype=float)
+            places = np.unique(at)
+            shares = [values[at == place].mean() for place in places]
+            layers += [line(variant, places, shares, _colour(variant, i)),
+                       dots(variant, places, shares, _colour(variant, i))]  # fmt: skip
+        axes = Axis(axis), Axis("share of trials [-]", limits=(-0.05, 1.05))
+        frames.append(Frame(*axes, layers, title))
+    return Chart(frames)
+
+
+@figure
+def trunk(results: Sequence[CaseResult]) -> Chart:
     """Height, attitude and path of the trunk."""
-    made, axes = new(3, (11.0, 3.4))
+    height, angles, path = list[Layer](), list[Layer](), list[Layer]()
     for i, case in enumerate(results):
         colour = _colour(case.variant, i)
         t, position = case.curves["trunk_t"], case.curves["trunk_position"]
-        axes[0].plot(t, 100.0 * position[:, 2], color=colour, lw=0.6)
+        height.append(line(case.variant, t, 100.0 * position[:, 2], colour))
         for k, name in enumerate(("roll", "pitch", "yaw")):
-            label = name if i == 0 else None
-            axes[1].plot(t, case.curves["trunk_angles"][:, k], color=OTHER[k], lw=0.6, label=label)
-        axes[2].plot(position[:, 0], position[:, 1], color=colour, lw=0.8)
-    axes[0].set(xlabel="time [s]", ylabel="trunk height [cm]")
-    axes[1].set(xlabel="time [s]", ylabel="trunk attitude [rad]")
-    axes[1].legend(frameon=False)
-    axes[2].set(xlabel="x [m]", ylabel="y [m]")
-    return made
+            values = case.curves["trunk_angles"][:, k]
+            angles.append(line(name, t, values, PALETTE[k + 3], size=0.8))
+        path.append(line(case.variant, *position[:, :2].T, colour))
+    return Chart([
+        Frame(Axis("time [s]"), Axis("trunk height [cm]"), height),
+        Frame(Axis("time [s]"), Axis("trunk attitude [rad]"), angles),
+        Frame(Axis("x [m]"), Axis("y [m]"), path, equal=True),
+    ])  # fmt: skip
+
+
+def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
+    """Metrics of every trial, a dot each, a row for each variant.
+
+    Args:
+        study: The study, whose metrics are shown.
+        results: Its cases.
+    """
+    table, variants = rows(study, results), list(_variants(results))
+    frames = []
+    for name in study.metrics:
+        layers = []
+        for survived, label, colour in (
+            (True, "survived", PALETTE[2]),
+            (False, "failed", PALETTE[1]),
+        ):
+            own = [
+                (row, case)
+                for row, case in zip(table, results, strict=True)
+                if bool(row["survived"]) == survived and np.isfinite(row[name])
+            ]
+            # Trials of one variant lie a little apart, in the order of their seeds.
+            apart = [variants.index(row["variant"]) + 0.3 * (_rank(case, results) - 0.5)
+                     for row, case in own]  # fmt: skip
+            layers.append(dots(
+                label, [row[name] for row, _ in own], apart, colour,
+                texts=[f"{case.name}: {row[name]:.4g}" for row, case in own],
+                links=[f"#case-{case.name}" for _, case in own],
+            ))  # fmt: skip
+        unit = METRICS[name].unit if name in METRICS else "-"
+        label = f"{name.replace('_', ' ')} [{unit}]"
+        height = 90 + 34 * len(variants)
+        frames.append(Frame(Axis(label), Axis("variant", names=variants), layers, height=height))
+    return Chart(frames)
+
+
+def _rank(case: CaseResult, results: Sequence[CaseResult]) -> float:
+    """Place of a trial among those of its variant, from 0 to 1."""
+    own = [other.name for other in results if other.variant == case.variant]
+    return own.index(case.name) / max(1, len(own) - 1)
 
 
 def _typical(cases: Sequence[CaseResult]) -> CaseResult:
@@ -231,8 +252,7 @@ def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list
     columns = table_of(study, results)
     written.append(write_whole(folder / "cases.npz", lambda file: np.savez(file, **columns)))
     for name in study.figures:
-        draw = partial(FIGURES[name](results).savefig, format="png")
-        written.append(write_whole(folder / f"{name}.png", draw))
+        written.append(png.write(FIGURES[name](results), folder / f"{name}.png"))
     return written
 
 

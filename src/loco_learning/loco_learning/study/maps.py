@@ -6,22 +6,25 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..drawing import heat
+from ..drawing.chart import DASHED, Chart, Frame, Layer, dots, line
+from ..drawing.chart import Axis as Scale
 from ..metrics.registry import METRICS
 from .case import CaseResult
 from .figures import rows
 from .grid import Axis, MapSpec
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-BOX = (0.17, 0.13, 0.57, 0.78)  # axes in a figure: left, bottom, width, height
 KAPPA = "kappa"  # y / sqrt(x), which is proportional to the damping ratio
-COLOURS = ("#6b7a8f", "#e0a458", "#c0392b", "#6a3d9a", "#2a7f4f", "#34568b", "#b5d99c", "#8cc5ea")
+# Full and pale colours of regions.
+COLOURS = (
+    ("#0072b2", "#b9d7ea"), ("#d55e00", "#f3cdb0"), ("#009e73", "#b5dfd2"), ("#cc79a7", "#efd5e3"),
+    ("#a07000", "#e6d6ac"), ("#56b4e9", "#cfe8f8"), ("#5b3a8c", "#d0c5e0"), ("#6b7a8f", "#d5d9df"),
+)  # fmt: skip
+BLACK, EDGE = "#222222", "#d62728"
 
 
 @dataclass(frozen=True)
@@ -133,115 +136,70 @@ def regions(sheet: Sheet, spec: MapSpec) -> dict[str, Region]:
 # ---- drawing -----------------------------------------------------------------
 
 
-def heat_map(sheet: Sheet, metric: str, spec: MapSpec) -> Figure:
-    """A metric as colour; hatched where trials failed, a red edge around what is legal."""
-    made, ax = _canvas(sheet)
-    values = np.ma.masked_invalid(sheet.columns[metric])
-    low, high = (np.percentile(values.compressed(), p) if values.count() else 0.0 for p in (2, 98))
-    wide = low > 0.0 and high > 30.0 * low
-    norm = _norm(low, high, wide)
-    mesh = ax.pcolormesh(_edges(sheet.x), _edges(sheet.y), values, cmap="viridis", norm=norm)
-    box = made.add_axes((BOX[0] + BOX[2] + 0.02, BOX[1], 0.025, BOX[3]))
+def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
+    """A metric as colour; dots where trials failed, an edge around what is legal.
+
+    Args:
+        sheet: The plane.
+        metric: Name of the metric.
+        spec: The map's settings.
+        page: Page that the cells lead to, from the page with the map; none for that page.
+    """
     unit = METRICS[metric].unit if metric in METRICS else "-"
-    made.colorbar(mesh, cax=box, label=f"{metric.replace('_', ' ')} [{unit}]", extend="both")
-    failed = sheet.columns["survived"] < 0.5
-    _hatch(ax, failed)
+    layers = heat.cells(sheet.columns[metric], unit, _links(sheet, page), metric.replace("_", " "))
+    failed = np.argwhere(sheet.columns["survived"] < 0.5).reshape(-1, 2)
+    layers += heat.haloed(dots("failed", failed[:, 1], failed[:, 0], BLACK, size=2.0))
     if metric in spec.legal:
-        _outline(ax, sheet.within({metric: spec.legal[metric]}), "#d62728")
-    _damping_lines(ax, sheet, spec)
-    return made
+        legal = sheet.within({metric: spec.legal[metric]})
+        layers.append(heat.outline(legal, "edge of the legal range", EDGE))
+    return _plane(sheet, [*layers, *_damping_lines(sheet, spec)])
 
 
-def region_map(sheet: Sheet, spec: MapSpec) -> Figure:
-    """Regions: pale where the rule places them, full where the robot behaves as the rule says."""
-    made, ax = _canvas(sheet)
+def region_map(sheet: Sheet, spec: MapSpec, page: str = "") -> Chart:
+    """Regions: pale where the rule places them, full where the robot behaves as the rule says.
+
+    Args:
+        sheet: The plane.
+        spec: The map's settings.
+        page: Page that the cells lead to, from the page with the map; none for that page.
+    """
+    layers = []
     for k, (name, region) in enumerate(regions(sheet, spec).items()):
-        colour = COLOURS[k % len(COLOURS)]
-        for mask, alpha in ((region.where, 0.25), (region.found, 1.0)):
-            shade = np.ma.masked_where(~mask, np.ones(mask.shape))
-            ax.pcolormesh(
-                _edges(sheet.x), _edges(sheet.y), shade, cmap=_flat(colour), alpha=alpha, lw=0
-            )
+        full, pale = COLOURS[k % len(COLOURS)]
         label = f"{name} ({region.share:.0%})" if region.where.any() else f"{name} (no point)"
-        ax.plot([], [], "s", color=colour, label=label)
-    _damping_lines(ax, sheet, spec)
-    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=7)
-    return made
+        for mask, colour, what in (
+            (region.where & ~region.found, pale, "as placed, not as it behaves"),
+            (region.found, full, "as it behaves"),
+        ):
+            texts = [f"{name}: {what}"] * int(mask.sum())
+            layers.append(heat.marked(mask, label, colour, _links(sheet, page), texts))
+    return _plane(sheet, [*layers, *_damping_lines(sheet, spec)])
 
 
-def _canvas(sheet: Sheet) -> tuple[Figure, Axes]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=(6.4, 4.6), dpi=120)
-    FigureCanvasAgg(made)
-    ax = made.add_axes(BOX)
-    for axis, set_ticks, label in (
-        (sheet.x, ax.set_xticks, ax.set_xlabel), (sheet.y, ax.set_yticks, ax.set_ylabel),
-    ):  # fmt: skip
-        count = len(axis.values)
-        shown = np.unique(np.linspace(0, count - 1, min(count, 5)).round().astype(int))
-        set_ticks(shown, [f"{axis.values[i]:.3g}" for i in shown])
-        label(f"{axis.name} [{axis.unit}]" if axis.unit else axis.name)
-    ax.set_title(sheet.title, fontsize=9)
-    return made, ax
+def _links(sheet: Sheet, page: str) -> list[list[str]]:
+    """Address of the first case in each cell."""
+    return [[f"{page}#case-{names[0]}" if names else "" for names in row] for row in sheet.cases]
 
 
-def _edges(axis: Axis) -> np.ndarray:
-    """Cells are of equal size, in the order of the values."""
-    return np.arange(len(axis.values) + 1) - 0.5
+def _plane(sheet: Sheet, layers: list[Layer]) -> Chart:
+    """Layers on the axes of a sheet, whose cells are of equal size in the order of the values."""
+    x, y = (
+        Scale(f"{axis.name} [{axis.unit}]" if axis.unit else axis.name,
+             names=[f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else str(value)
+                    for value in axis.values])
+        for axis in (sheet.x, sheet.y)
+    )  # fmt: skip
+    return Chart([Frame(x, y, layers, sheet.title, height=420)])
 
 
-def _norm(low: float, high: float, wide: bool) -> Any:
-    from matplotlib.colors import LogNorm, Normalize
-
-    return LogNorm(low, high) if wide else Normalize(low, high if high > low else low + 1.0)
-
-
-def _flat(colour: str) -> Any:
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap([colour])
-
-
-def _hatch(ax: Axes, mask: np.ndarray) -> None:
-    """Hatch the cells of a mask."""
-    from matplotlib.collections import PatchCollection
-    from matplotlib.patches import Rectangle
-
-    cells = [Rectangle((j - 0.5, i - 0.5), 1.0, 1.0) for i, j in np.argwhere(mask)]
-    look = {"facecolor": "none", "edgecolor": "white", "hatch": "////", "linewidth": 0.0}
-    ax.add_collection(PatchCollection(cells, **look))
-
-
-def _outline(ax: Axes, mask: np.ndarray, colour: str) -> None:
-    """Edge around the cells of a mask, along their sides."""
-    from matplotlib.collections import LineCollection
-
-    padded = np.pad(mask, 1)
-    sides = [
-        ([(j - 1.5, i - 1.5), (j - 0.5, i - 1.5)])
-        for i, j in np.argwhere(padded[1:, :] != padded[:-1, :]) + (1, 0)
-    ]
-    sides += [
-        ([(j - 1.5, i - 1.5), (j - 1.5, i - 0.5)])
-        for i, j in np.argwhere(padded[:, 1:] != padded[:, :-1]) + (0, 1)
-    ]
-    ax.add_collection(LineCollection(sides, colors=colour, linewidths=1.6))
-
-
-def _damping_lines(ax: Axes, sheet: Sheet, spec: MapSpec) -> None:
+def _damping_lines(sheet: Sheet, spec: MapSpec) -> list[Layer]:
     """Lines y = kappa sqrt(x), along which the damping ratio is the same."""
     if not (sheet.x.logarithmic and sheet.y.logarithmic):
-        return
+        return []
     x, y = (np.log10(np.asarray(axis.values, dtype=float)) for axis in (sheet.x, sheet.y))
+    places = np.arange(len(x))
+    lines = []
     for kappa in spec.iso_damping:
         at = np.interp(np.log10(kappa) + 0.5 * x, y, np.arange(len(y)), np.nan, np.nan)
-        ax.plot(np.arange(len(x)), at, color="black", lw=1.4, alpha=0.5)
-        ax.plot(np.arange(len(x)), at, color="white", lw=0.8, ls=(0, (4, 3)))
-        seen = np.flatnonzero(np.isfinite(at))
-        if len(seen):
-            box = {"fc": "white", "lw": 0, "pad": 0.8}
-            at_end = (seen[-1], at[seen[-1]])
-            ax.annotate(f"κ {kappa:g}", at_end, fontsize=6.5, ha="right", va="bottom", bbox=box)
-    ax.set(xlim=(-0.5, len(x) - 0.5), ylim=(-0.5, len(y) - 0.5))
+        lines += heat.haloed(line(f"κ {kappa:g}", places, at, BLACK, shape=DASHED, size=1.2))
+    return lines

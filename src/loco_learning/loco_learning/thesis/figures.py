@@ -5,25 +5,18 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from loco_control.files import write_whole
-
+from ..drawing import heat
+from ..drawing.chart import Axis, Chart, Frame, dots, line
 from ..study import figures as study_figures
 from ..study import maps
-from ..study.figures import new as new_figure
 from .evidence import Evidence, column
 from .registry import NotRunError
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 log = logging.getLogger(__name__)
-BLUE, RED = "#34568b", "#c0392b"
+BLUE, RED = "#0072b2", "#d55e00"
 COMPARED = (
     ("cost_of_transport", "cost of transport [-]", True), ("power", "power [W]", True),
     ("speed", "speed [m/s]", False), ("step_length", "step length [m]", False),
@@ -31,56 +24,56 @@ COMPARED = (
 )  # fmt: skip
 
 
-def figure_7_5(evidence: Evidence) -> Figure:
+def figure_7_5(evidence: Evidence) -> Chart:
     """Regions of stiffness and damping: pale where the rule places one, full where it is found."""
     study, cases = evidence.study("map")
-    return maps.region_map(maps.sheets(study, cases)[0], study.map)
+    return maps.region_map(maps.sheets(study, cases)[0], study.map, page="map/study.html")
 
 
-def figure_7_6(evidence: Evidence) -> Figure:
+def figure_7_6(evidence: Evidence) -> Chart:
     """Open and closed loop over stiffness: the closed loop's cost should rise steeply."""
     _, cases = evidence.study("stiffness")
     kp = np.array([case.at["kp"] for case in cases])
-    made, axes = new_figure(3, (10.0, 5.6), rows=2, sharex=True)
-    for ax, (metric, label, log_scale) in zip(axes.flat, COMPARED, strict=True):
-        for phase, colour, name in (("train", BLUE, "open"), ("test", RED, "closed")):
-            values = column(cases, metric, phase)
-            places = np.unique(kp)
+    frames = []
+    for metric, label, log_scale in COMPARED:
+        layers = []
+        for phase, colour, name in (("train", BLUE, "open loop"), ("test", RED, "closed loop")):
+            values, places = column(cases, metric, phase), np.unique(kp)
             means = [np.nanmean(values[kp == place]) for place in places]
-            ax.plot(kp, values, ".", color=colour, ms=4, alpha=0.5)
-            ax.plot(places, means, color=colour, lw=1.4, label=f"{name} loop")
-        ax.set(ylabel=label, xscale="log", yscale="log" if log_scale else "linear")
-    for ax in axes[1]:
-        ax.set_xlabel("stiffness [N·m/rad]")
-    axes[0, 0].legend(frameon=False)
-    return made
+            layers += [dots(name, kp, values, colour, size=2.0), line(name, places, means, colour)]
+        x = Axis("stiffness [N·m/rad]", logarithmic=True)
+        frames.append(Frame(x, Axis(label, logarithmic=log_scale), layers))
+    return Chart(frames)
 
 
-def figure_7_7(evidence: Evidence) -> Figure:
-    """Accuracy over memory and neurons, white where it fell: on soft legs it should grow."""
+def figure_7_7(evidence: Evidence) -> Chart:
+    """Accuracy over memory and neurons, empty where it fell: on soft legs it should grow."""
     study, cases = evidence.study("complexity")
-    made, axes = new_figure(2, (9.0, 3.8), sharey=True)
-    for ax, sheet in zip(axes, maps.sheets(study, cases), strict=False):
-        mesh = ax.pcolormesh(sheet.x.values, sheet.y.values, sheet.columns["accuracy"],
-                             shading="nearest", cmap="viridis")  # fmt: skip
-        made.colorbar(mesh, ax=ax, label="accuracy [-]")
-        ax.set(title=sheet.title, xlabel="memory M [ticks]")
-    axes[0].set_ylabel("neurons N")
-    return made
+    frames = []
+    for sheet in maps.sheets(study, cases)[:2]:
+        layers = heat.cells(sheet.columns["accuracy"], "-", name="accuracy")
+        x, y = ([f"{value:g}" for value in axis.values] for axis in (sheet.x, sheet.y))
+        axes = Axis("memory M [ticks]", names=x), Axis("neurons N [-]", names=y)
+        frames.append(Frame(*axes, layers, sheet.title))
+    return Chart(frames)
 
 
-def figure_terrain(evidence: Evidence) -> Figure:
+def figure_terrain(evidence: Evidence) -> Chart:
     """Beyond the thesis: trials with (PSE) and without the clock (RSE) on rough ground."""
     return study_figures.survival(evidence.study("terrain")[1])
 
 
-FIGURES: tuple[Callable[[Evidence], Figure], ...] = (
+FIGURES: tuple[Callable[[Evidence], Chart], ...] = (
     figure_7_5, figure_7_6, figure_7_7, figure_terrain,
 )  # fmt: skip
 
 
-def write(evidence: Evidence, folder: Path) -> list[tuple[Path, str]]:
-    """Draw all figures that the evidence allows; returns their files and captions."""
+def charts(evidence: Evidence) -> list[tuple[str, str, Chart]]:
+    """Name, caption and chart of all figures that the evidence allows.
+
+    Args:
+        evidence: Results of the runs.
+    """
     drawn = []
     for draw in FIGURES:
         try:
@@ -88,10 +81,7 @@ def write(evidence: Evidence, folder: Path) -> list[tuple[Path, str]]:
         except NotRunError as error:
             log.info("no %s: %s", draw.__name__, error)
             continue
-        path = folder / f"{draw.__name__}.png"
-        write_whole(path, partial(made.savefig, format="png"))
         number = draw.__name__.removeprefix("figure_").replace("_", ".")
-        drawn.append(
-            (path, f"Figure {number}: {draw.__doc__ or ''}".replace("Figure terrain: ", ""))
-        )
+        caption = f"Figure {number}: {draw.__doc__ or ''}".replace("Figure terrain: ", "")
+        drawn.append((draw.__name__, caption, made))
     return drawn

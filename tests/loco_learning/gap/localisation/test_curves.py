@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import BagError
+from loco_learning.drawing.chart import limits
 from loco_learning.gap.localisation import curves as gap_curves
 from loco_learning.gap.localisation import errors, figures
 from loco_learning.gap.localisation.curves import FIT, HELD_OUT, Curve, Curves
@@ -107,8 +108,8 @@ def test_nothing_measured_is_a_dash():
 
 
 def test_a_channel_that_misses_nothing_does_not_stretch_the_axis_of_the_others():
-    (ax,) = figures.channels(made(late=0.0, noise=0.0)).axes
-    assert ax.get_xlim()[0] > 0.1 * figures.FAINT
+    (frame,) = figures.channels(made(late=0.0, noise=0.0)).frames
+    assert limits(frame, True)[0] > 0.1 * figures.FAINT
 
 
 def test_the_window_holds_the_largest_gap():

@@ -12,12 +12,13 @@ from loco_control.files import write_whole
 from loco_learning.calibration import figures, results
 from loco_learning.calibration.mawe import UNITS
 from loco_learning.calibration.results import Comparison, Result
+from loco_learning.drawing.chart import PALETTE
 from loco_sim.plant.model import Model
 
 from ..page import html
 from ..page.html import document, part
 from ..page.plot import Line, Panel, Plot
-from ..report.joint_figures import PALETTE, short
+from ..report.joint_figures import short
 
 SURROGATE = (
     "SURROGATE: these recordings come from a simulated stand-in with effects that the model lacks, "

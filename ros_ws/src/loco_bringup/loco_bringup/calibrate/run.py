@@ -22,6 +22,7 @@ from loco_learning.calibration.parameters import parameter_set
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.progress import Fit, Generation
 from loco_learning.calibration.recording import Recording
+from loco_learning.drawing import png
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
@@ -144,6 +145,7 @@ def write(result: results.Result, model: Model, folder: Path) -> None:
     """Model, result, tables, figures and page."""
     for name, draw in figures.FIGURES.items():
         write_whole(folder / f"{name}.png", partial(draw(result).savefig, format="png"))
+    png.write(figures.bodies(result), folder / "bodies.png")
     text = "\n".join(
         results.markdown(*figure)
         for figure in (

@@ -17,6 +17,7 @@ from loco_sim.export import isaac, ranges
 from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import Portable, portable
 from loco_sim.export.ranges import Range
+from loco_sim.export.ros2_control import ros2_control
 from loco_sim.export.urdf import urdf
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
@@ -26,7 +27,8 @@ from ..gap.importing import load as load_records
 from .replay import SCRIPT, Compared, compare
 
 MJCF, URDF, ISAAC, PACE = "mjcf", "urdf", "isaac", "pace"
-TARGETS = (MJCF, URDF, ISAAC, PACE)
+CONTROL = "ros2_control"
+TARGETS = (MJCF, URDF, ISAAC, PACE, CONTROL)
 Texts = dict[str, tuple[str, list[str]]]
 
 
@@ -118,6 +120,7 @@ WRITERS: dict[str, Callable[[Portable, Sequence[Range]], Texts]] = {
     URDF: lambda made, known: {"robot.urdf": urdf(made)},
     ISAAC: _to_isaac,
     PACE: lambda made, known: {"pace.py": isaac.pace(made, known)},
+    CONTROL: lambda made, known: ros2_control(made),
 }
 
 
@@ -125,7 +128,9 @@ def _claim(folder: Path) -> None:
     """Refuse a folder with files that no export wrote."""
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
-    known = re.compile(r"(model|replay_\d+)\.(xml|npz)|robot\.urdf|[a-z_]+\.py|meshes")
+    known = re.compile(
+        r"(model|replay_\d+)\.(xml|npz)|robot\.urdf|(controllers|nodes)\.yaml|[a-z_]+\.py|meshes"
+    )
     strange = [p.name for p in folder.glob("*") if not known.fullmatch(p.name)]
     if strange:
         raise ParameterError(f"{folder} holds other files ({strange[0]}); choose another --out")

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from loco_sim.plant import model as models
 
 from ..page import html
 from ..terminal import bar, console, table
+from . import plots, text
 from . import run as runner
-from . import text
 from .importing import load
 
 PAGE, JSON = "check.html", "check.json"
@@ -230,11 +231,15 @@ def page(found: Checked) -> str:
 def _recordings(found: Checked) -> Markup:
     notes = signals(found)
     notes += [f"{r['name']}: {note}" for r in found["recordings"] for note in r["notes"]]
-    return html.join([html.table(RECORDING_HEAD, recording_rows(found)), html.bullets(notes)])
+    return html.join(
+        [html.table(RECORDING_HEAD, recording_rows(found), range(2, 7)), html.bullets(notes)]
+    )
 
 
 def _effects(found: Checked) -> Markup:
-    return html.join([html.paragraph(_SHOWS, soft=True), html.table(HEAD, by_effect(found))])
+    chart = html.figure(partial(plots.sizes, found), "What would show", _SIZES)
+    shows = html.paragraph(_SHOWS, soft=True)
+    return html.join([chart, shows, html.table(HEAD, by_effect(found), range(1, 4))])
 
 
 def _matrix(found: Checked) -> Markup:
@@ -242,8 +247,7 @@ def _matrix(found: Checked) -> Markup:
     places = list(dict.fromkeys(row["place"] for row in found["effects"]))
     rows: dict[str, dict[str, Any]] = {}
     for row in found["effects"]:
-        name = " ".join(filter(None, (text.words(row["effect"]), row["variant"], row["parameter"])))
-        rows.setdefault(f"{name} [{row['unit']}]", {})[row["place"]] = row
+        rows.setdefault(f"{plots.named(row)} [{row['unit']}]", {})[row["place"]] = row
     marks = {YES: "good", LARGE: "so", NO: "bad"}
     cells = [
         (name, [
@@ -265,5 +269,9 @@ _SHOWS = (
     "Size from which on an effect adds three quarters of the noise to some channel, as the model "
     "predicts it under the recorded commands. Effects that look the same there change these "
     "recordings in the same way (cosine above 0.95): only their kind can be told."
+)
+_SIZES = (
+    "Smallest size that shows beside the usual size, a dot for each place: what lies left of the "
+    "dashed line shows at its usual size."
 )
 _MATRIX = "Smallest size that shows; green below what is usual, red where none does."

@@ -3,12 +3,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
+from loco_learning.drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, dots, line
 from loco_learning.gap.localisation import figures
 from loco_learning.gap.localisation.curves import Curve, Curves
+from loco_learning.gap.preview.visible import LARGE, NO, YES
 
 from ..page.plot import Line, Panel, Plot
+from . import text
 
 MEASURED, BEFORE, AFTER, NOISE = "#9aa3ad", "#d55e00", "#0072b2", "#222222"
 RUNAWAY = 4.0  # half ranges of the measurement that are shown of a model that runs away
@@ -57,8 +63,8 @@ def spectra(curves: Curves) -> Plot:
         lines = [Line("noise", noise, NOISE, 0.8, dashed=True)]
         for name, values, color, width in rows:
             found = figures.spectrum(curve.t, values[:, c])[1]
-            line = found if len(found) else np.full(len(bands), np.nan)
-            lines.append(Line(name, line, color, width))
+            shown = found if len(found) else np.full(len(bands), np.nan)
+            lines.append(Line(name, shown, color, width))
         panels.append(Panel(f"{curves.label(c)} [{curves.unit(c)}]", lines, logarithmic=True))
     return Plot(bands, panels, axis="frequency [Hz]")
 
@@ -77,3 +83,30 @@ def _limits(*lines: np.ndarray) -> tuple[float, float] | None:
     low, high = max(known.min(), middle - most), min(known.max(), middle + most)
     pad = 0.06 * (high - low) + 1e-12
     return float(low - pad), float(high + pad)
+
+
+def sizes(found: Mapping[str, Any]) -> Chart:
+    """Smallest size that shows over the usual size, a dot for each effect at a place.
+
+    Args:
+        found: Contents of ``check.json``.
+    """
+    told = [row for row in found["effects"] if row["smallest"] and row["typical"]]
+    names = list(dict.fromkeys(named(row) for row in reversed(told)))
+    colors = {YES: PALETTE[2], LARGE: PALETTE[4], NO: PALETTE[1]}
+    words = {YES: "shows at its usual size", LARGE: "shows if it is large", NO: "does not show"}
+    layers = [line("usual size", [1.0, 1.0], [-0.5, len(names) - 0.5], GREY, shape=DASHED)]
+    for seen, color in colors.items():
+        own = [row for row in told if row["seen"] == seen]
+        texts = [f"{named(row)} at {text.place_of(row['place'])}: from "
+                 f"{text.number(row['smallest'])} {row['unit']}" for row in own]  # fmt: skip
+        share = [row["smallest"] / row["typical"] for row in own]
+        at = [names.index(named(row)) for row in own]
+        layers.append(dots(words[seen], share, at, color, texts=texts))
+    x = Axis("smallest size that shows [times the usual size]", logarithmic=True)
+    return Chart([Frame(x, Axis("effect", names=names), layers, height=70 + 18 * len(names))])
+
+
+def named(row: Mapping[str, Any]) -> str:
+    """Effect, variant and parameter of a row in words."""
+    return " ".join(filter(None, (text.words(row["effect"]), row["variant"], row["parameter"])))

@@ -8,17 +8,18 @@ import math
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
 from loco_learning.calibration.figures import CALIBRATED, DEFAULT, ROBOT
 from loco_learning.calibration.segments import Segments
+from loco_learning.drawing.chart import DASHED, GREY, Axis, Chart, Frame, dots, line
 
 from ..gap import tables as gap_tables
 from ..gap import text as gap_text
 from ..page import html
 from ..page.html import document, number, part
-from ..page.style import Chapter, canvas, legend
+from ..page.plot import Line, Panel, Plot
+from ..page.style import Chapter
 from ..report import parts
 from .log import MEASURED, MODEL, LiveRun
 
@@ -80,66 +81,69 @@ def _robots(run: LiveRun) -> str:
     )
 
 
-def gap(run: LiveRun) -> Figure:
+def gap(run: LiveRun) -> Chart:
     """Gap per period over the time of the measured robot, a colour step at each model."""
     if not len(run.gap):
         raise BagError("no period of both robots was compared")
-    figure, ((ax,),) = canvas(1, 1, 2.6)
     t, values, model, mixed = run.gap.T
     last = max(1.0, model.max())
     whole = mixed == 0.0
     groups = [
-        (whole & (model == 0), DEFAULT, "model as given"),
+        (~whole, GREY, "of two models"),
+        (whole & (model == 0), DEFAULT["color"], "model as given"),
         (whole & (model > 0) & (model < last), _BETWEEN, "models between"),
-        (whole & (model == last), CALIBRATED, "last model"),
+        (whole & (model == last), CALIBRATED["color"], "last model"),
     ]
-    ax.plot(t, values, color="0.8", lw=0.8, zorder=1)
-    for chosen, look, label in groups:
-        if chosen.any():
-            ax.plot(t[chosen], values[chosen], "o", ms=4.5, color=look["color"], label=label)
-    ax.plot(t[~whole], values[~whole], "o", ms=3.5, mfc="white", color="0.7", label="of two models")
-    ax.set(xlabel="simulated time of the measured robot [s]", ylabel="windowed error [rad]")
-    ax.set_ylim(0.0, 1.1 * values.max())
-    legend(figure, ax)
-    return figure
+    layers = [line("gap", t, values, GREY, size=0.8)]
+    for chosen, color, label in groups:
+        texts = [f"{label}, model {k:.0f}: {v:.4g} rad" for k, v in zip(model, values, strict=True)]
+        kept = [text for text, mine in zip(texts, chosen, strict=True) if mine]
+        layers.append(dots(label, t[chosen], values[chosen], str(color), texts=kept))
+    x = Axis("simulated time of the measured robot [s]")
+    y = Axis("windowed error [rad]", limits=(0.0, 1.1 * float(values.max()) or 1.0))
+    return Chart([Frame(x, y, layers)])
 
 
-def periods(run: LiveRun) -> Figure:
+def periods(run: LiveRun) -> Plot:
     """Average period of each passive joint: measured robot, model before, model after."""
-    columns = min(4, len(run.joints))
-    rows = -(-len(run.joints) // columns)
-    figure, axes = canvas(rows, columns, 0.6 + 2.1 * rows, sharex=True, sharey=True)
-    lines: list[tuple[Segments | None, dict, str]] = [
+    sources: list[tuple[Segments | None, dict, str]] = [
         (run.measured, ROBOT, "measured robot (surrogate)"),
         (run.before, DEFAULT, "model as given"),
         (run.after, CALIBRATED, "last model"),
     ]
-    for j, (ax, joint) in enumerate(zip(axes.flat, run.joints, strict=False)):
-        for found, look, label in lines:
-            if found is None:
-                continue
-            t = np.arange(found.mean.shape[0]) / found.mean.shape[0] * run.period
-            mean, spread = np.degrees(found.mean[:, j]), np.degrees(found.spread[:, j])
-            ax.fill_between(t, mean - spread, mean + spread, color=look["color"], alpha=0.18, lw=0)
-            ax.plot(t, mean, label=label, **look)
-        ax.set_title(joint.removesuffix("_joint").replace("_", " "))
-        ax.set_xlabel("time in the period [s]")
-    axes[0, 0].set_ylabel("angle [deg]")
-    legend(figure, axes[0, 0])
-    return figure
+    known = [(found, str(look["color"]), label) for found, look, label in sources if found]
+    if not known:
+        raise BagError("no whole period was recorded")
+    count = max(found.mean.shape[0] for found, _, _ in known)
+    share = np.arange(count) / count
+    panels = []
+    for j, joint in enumerate(run.joints):
+        lines = []
+        for found, color, label in known:
+            own = np.arange(found.mean.shape[0]) / found.mean.shape[0]
+            mean, spread = (np.interp(share, own, np.degrees(values[:, j]))
+                            for values in (found.mean, found.spread))  # fmt: skip
+            lines += [Line(label, mean + by * spread, color, 0.8, dashed=True) for by in (-1, 1)]
+            lines.append(Line(label, mean, color, 2.4 if found is run.measured else 1.6))
+        panels.append(Panel(f"{joint.removesuffix('_joint').replace('_', ' ')} [deg]", lines))
+    return Plot(share * run.period, panels, axis="time in the period [s]")
 
 
-def search(run: LiveRun) -> Figure:
+def search(run: LiveRun) -> Chart:
     """Smallest error so far over the generations."""
     told = [s for s in run.states if s.phase in ("fitting", "done", "cancelled")]
     if len(told) < 2:
         raise BagError("the search told of no generation")
-    figure, ((ax,),) = canvas(1, 1, 2.2)
-    ax.step([s.tick for s in told], [s.best for s in told], where="post", color=CALIBRATED["color"])
-    ax.axhline(told[0].before, color=DEFAULT["color"], ls=DEFAULT["ls"], lw=0.9)
-    ax.set(xlabel="generation", ylabel="smallest error so far")
-    ax.set_ylim(0.0)
-    return figure
+    at, best = [s.tick for s in told], [s.best for s in told]
+    layers = [
+        line("body as given", [at[0], at[-1]], [told[0].before] * 2, str(DEFAULT["color"]),
+             shape=DASHED),
+        line("best so far", at, best, str(CALIBRATED["color"])),
+        dots("best so far", at, best, str(CALIBRATED["color"]), size=2.5),
+    ]  # fmt: skip
+    top = 1.06 * max(told[0].before, *best)
+    y = Axis("smallest error so far [-]", limits=(0.0, top))
+    return Chart([Frame(Axis("generation [-]"), y, layers)])
 
 
 def parameters(run: LiveRun) -> Markup:
@@ -176,18 +180,18 @@ def models(run: LiveRun) -> Markup:
     return html.table(head, rows, range(1, 3))
 
 
-_BETWEEN = {"color": "#8a8a8a"}
+_BETWEEN = "#666666"
 _SURROGATE = (
     "SURROGATE: the measured robot is a simulated stand-in with effects that the model lacks, not "
     "a machine."
 )
 _GAP = (
     "Windowed error of thesis eq. (5.4) over the last period of both robots, summed over the "
-    "passive joints, as it was told while they ran. Hollow dots: the model robot became another "
-    "model within the period, and started anew."
+    "passive joints, as it was told while they ran. “Of two models”: the model robot became "
+    "another model within the period, and started anew."
 )
 _PERIODS = (
     "Averages over all whole periods: of the measured robot, of the model before the first change "
-    "and after the last. Bands: one standard deviation between periods."
+    "and after the last. Dashed: one standard deviation between periods."
 )
 _SEARCH = "CMA-ES on the part that was listened to; dashed: the body as given."

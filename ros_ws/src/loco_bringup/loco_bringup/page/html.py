@@ -12,8 +12,6 @@ from __future__ import annotations
 import base64
 import functools
 import importlib.resources
-import io
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,12 +20,12 @@ from typing import Any
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from loco_control.exceptions import LocoError
+from loco_learning.drawing.chart import Chart
 
-from .plot import Plot, data_of, seen
-from .style import style, svg
+from . import chart, plot
+from .plot import Plot
 
 _TEMPLATES = Environment(
     loader=PackageLoader("loco_bringup.page"),
@@ -116,6 +114,16 @@ def code(text: str) -> Markup:
     return Markup("<code>{}</code>").format(text)
 
 
+def link(text: str, target: str) -> Markup:
+    """Text that leads to a page beside this one.
+
+    Args:
+        text: The text.
+        target: Path of that page, from the folder of this one.
+    """
+    return Markup('<a href="{}">{}</a>').format(target, text)
+
+
 def good(text: str, well: bool = True) -> Markup:
     """Text in the colour of what went well, or of what did not."""
     return Markup('<span class="{}">{}</span>').format("good" if well else "bad", text)
@@ -177,20 +185,18 @@ def number(value: float) -> str:
 
 
 def figure(
-    drawn: Figure | Plot | Callable[[], Figure | Plot], title: str, text: Markup | str
+    drawn: Plot | Chart | Callable[[], Plot | Chart], title: str, text: Markup | str
 ) -> Markup:
-    """A picture, or a plot that a reader can zoom, under its caption.
+    """A plot or a chart that a reader can explore, under its caption.
 
     Args:
-        drawn: Figure or plot, or the function that draws it in the style of all pages.
+        drawn: Plot or chart, or the function that makes it.
         title: Name of it, for readers who cannot see it.
         text: Caption.
     """
-    with style():
-        shown = drawn() if callable(drawn) else drawn
-        if isinstance(shown, Plot):
-            return _block("plot", text, seen(title, shown), data_of(title, shown))
-        return _block("figure", text, _address(svg(shown), "svg+xml"), f"{title}. {text}")
+    shown = drawn() if callable(drawn) else drawn
+    of = plot if isinstance(shown, Plot) else chart
+    return _block("plot", text, of.seen(title, shown), of.data_of(title, shown))
 
 
 def beside(left: Markup, right: Markup) -> Markup:
@@ -198,26 +204,12 @@ def beside(left: Markup, right: Markup) -> Markup:
     return Markup('<div class="beside"><div>{}</div><div>{}</div></div>').format(left, right)
 
 
-def clickable(
-    drawn: Figure, box: tuple[float, ...], cells: list[list[str]], title: str, text: str
-) -> Markup:
-    """A picture whose cells show their case in the `case_panel` of the page.
+def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
+    """The place where ``#case-NAME``, which a mark of a chart leads to, shows a case.
 
     Args:
-        drawn: The figure.
-        box: Left, bottom, width and height of its axes, as shares of the figure.
-        cells: Name of the case in each cell, top row first; empty for none.
-        title: Text for readers who cannot see it.
-        text: Caption.
+        details: Texts of each case by its name.
     """
-    file = io.BytesIO()
-    drawn.savefig(file, format="png", metadata={"Software": None})
-    source = _address(file.getvalue(), "png")
-    return _block("clickable", text, source, title, json.dumps(box), json.dumps(cells))
-
-
-def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
-    """The place where a click on a `clickable` picture shows the texts of a case, by name."""
     return _block("case_panel", {name: dict(values) for name, values in details.items()})
 
 

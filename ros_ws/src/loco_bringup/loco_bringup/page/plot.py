@@ -89,13 +89,13 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
     lines = [line for panel in plot.panels for line in panel.lines]
     every = max(1, -(-len(plot.x) * len(lines) // BUDGET))
     logs = [panel.logarithmic for panel in plot.panels for _ in panel.lines]
-    packed = [_packed(line.values[::every], log) for line, log in zip(lines, logs, strict=True)]
+    packed = [pack(line.values[::every], log) for line, log in zip(lines, logs, strict=True)]
     ends = iter(packed)
     return {
         "title": title, "axis": plot.axis, "log": "[Hz]" in plot.axis,
         "view": plot.view, "every": every,
-        "x": _text(np.asarray(_axis(plot.x[::every]), "<f8")), "count": len(plot.x[::every]),
-        "steps": _text(np.concatenate([steps for _, _, steps in packed])),
+        "x": text(np.asarray(_axis(plot.x[::every]), "<f8")), "count": len(plot.x[::every]),
+        "steps": text(np.concatenate([steps for _, _, steps in packed])),
         "spans": [[both(color), name, start, end] for color, name, start, end in plot.spans],
         "panels": [
             {
@@ -118,7 +118,8 @@ def _axis(x: np.ndarray) -> np.ndarray:
     return np.array([x[0], step]) if even else x
 
 
-def _text(values: np.ndarray) -> str:
+def text(values: np.ndarray) -> str:
+    """Bytes of an array, deflated, as text of a page."""
     return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
 
 
@@ -127,7 +128,7 @@ def seen(title: str, plot: Plot) -> str:
     ends = f" from {_short(plot.x[0])} to {_short(plot.x[-1])}" if len(plot.x) else ""
     rows = []
     for panel in plot.panels:
-        lines = ", ".join(f"{line.name} {_range(line.values)}" for line in panel.lines)
+        lines = ", ".join(f"{line.name} {ends_of(line.values)}" for line in panel.lines)
         rows.append(f"{panel.label}: {lines}")
     return f"{title} over {plot.axis}{ends}. {'; '.join(rows)}."
 
@@ -137,8 +138,13 @@ def both(color: str) -> str:
     return f"light-dark({color}, {DARK.get(color, color)})"
 
 
-def _packed(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.ndarray]:
-    """Smallest and largest value of a line, and its steps as differences, (N,)."""
+def pack(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.ndarray]:
+    """Smallest and largest value of a line, and its steps as differences, (N,).
+
+    Args:
+        values: Values, (N,); NaN where unknown.
+        logarithmic: True for steps of the logarithm, without values of zero and below.
+    """
     values = np.asarray(values, dtype=float)
     known = np.isfinite(values) & ((values > 0.0) | (not logarithmic))
     scaled = np.log10(np.where(known, values, 1.0)) if logarithmic else values
@@ -148,7 +154,8 @@ def _packed(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.nda
     return float(low), float(high), np.diff(steps, prepend=steps.dtype.type(0))
 
 
-def _range(values: np.ndarray) -> str:
+def ends_of(values: np.ndarray) -> str:
+    """Smallest and largest known value in words."""
     known = np.asarray(values)[np.isfinite(values)]
     if not len(known):
         return "unknown"

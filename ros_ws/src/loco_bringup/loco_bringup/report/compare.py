@@ -14,6 +14,7 @@ from scipy.stats import ttest_ind
 
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
+from loco_learning.drawing.chart import PALETTE
 from loco_learning.metrics import quantities
 from loco_learning.metrics import registry as metrics
 from loco_learning.runs.log import Log
@@ -25,7 +26,7 @@ from ..page.plot import Line, Panel, Plot
 from ..page.style import spans
 from ..terminal import console
 from .figures import close_look
-from .joint_figures import PALETTE, short
+from .joint_figures import short
 from .parts import label, unit
 
 PIECES = 6  # of a phase, whose metrics tell the noise of a run

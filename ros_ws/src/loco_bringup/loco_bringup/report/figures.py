@@ -7,32 +7,38 @@ is its place on the page. `report_motion` goes on after it.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
 from loco_control.stance.controller import ESTIMATORS
+from loco_learning.drawing.chart import GREY, Axis, Chart, Frame, Layer, bars, limits, line
 from loco_learning.metrics import quantities, signals
+from loco_learning.params import OPEN
 from loco_learning.runs.log import Log
 
 from ..page.plot import Line, Panel, Plot
 from ..page.style import (
     BOUND,
+    BROAD,
     COMMAND,
     MEASURED,
     OTHER,
     TARGET,
-    canvas,
     chapters,
-    every,
     flag_spans,
-    legend,
     spans,
 )
 from ..record.readout_check import ReadoutCheck
 
 WINDOW = 1.5  # length of a close look [s]
 STRIDES = 6  # of a foot cycle or of an animation
+SHOWN_TICKS = 200  # of the check of a readout at first
+JOINED = 0.2  # pauses of learning that the timeline does not show [s]
+# Bars of phases, stronger than their tints behind signals.
+PHASE_COLOURS = {"stand": "#c9c9c9", "train": "#8cb8dc", "closing": "#f0cf86", "test": "#8fcfae"}
+PHASE_COLOURS[OPEN] = PHASE_COLOURS["train"]
 
 
 CHAPTERS, chapter = chapters()
@@ -79,10 +85,10 @@ def motion_of_base(log: Log) -> Plot:
     for label, y in rows:
         lines = [
             Line("as it is", y, "#999999", 0.7),
-            Line("mean of a stride", signals.moving_mean(y, window), MEASURED["color"]),
+            Line("mean of a stride", signals.moving_mean(y, window), MEASURED),
         ]
         if label.startswith("forward") and quantities.walks(log):
-            lines.insert(0, Line("target", log.target_speed, TARGET["color"], 3.0))
+            lines.insert(0, Line("target", log.target_speed, TARGET, 3.0))
         panels.append(Panel(label, lines))
     return Plot(log.t, panels, spans(log))
 
@@ -112,37 +118,59 @@ def learned(log: Log) -> Log:
     "Which signal drives hips and knees, how often the readout learns, who decides which legs "
     "stand, and when effects act on the plant.",
 )
-def timeline(log: Log) -> Figure:
+def timeline(log: Log) -> Chart:
     """Bars over time: phases, driver, learning, estimator, effects, fall."""
     effects = [e for e in log.experiment.effects if e.get("start", 0.0) < log.t[-1] + log.dt]
     lanes = ["phase", "HFE, KFE from", "readout learns", "stance from"]
     lanes += [e["name"].replace("_", " ") for e in effects]
-    figure, axes = canvas(1, 1, 0.62 + 0.27 * len(lanes))
-    ax = axes[0, 0]
-    whole = len(log) * log.dt
-    for color, name, start, stop in spans(log):
-        _bar(ax, 0, [(start, stop - start)], color, whole, name)
-    by_target, by_readout = drivers(log)
-    _bar(ax, 1, flag_spans(log.t, by_target, log.dt), TARGET["color"], whole, "target")
-    _bar(ax, 1, flag_spans(log.t, by_readout, log.dt), COMMAND["color"], whole, "readout", "white")
-    share = signals.moving_mean(log.learning.astype(float), round(0.2 / log.dt))
-    rows = every(log.t)
-    ax.fill_between(log.t[rows], 2.38, 2.38 - 0.76 * share[rows], color=OTHER["color"], linewidth=0)
-    for index, name in enumerate(_estimators()):
+    layers = [
+        bars(name, [(start, stop - start)], 0, PHASE_COLOURS[name])
+        for _, name, start, stop in spans(log)
+    ]
+    for flags, name, color in zip(
+        drivers(log), ("target drives", "readout drives"), (TARGET, COMMAND), strict=True
+    ):
+        layers.append(bars(name, flag_spans(log.t, flags, log.dt), 1, color))
+    learning = flag_spans(log.t, log.learning.astype(bool), log.dt)
+    layers.append(bars("learns", _joined(learning), 2, OTHER))
+    for index, name in enumerate(ESTIMATORS):
         flags = flag_spans(log.t, log.estimator == index, log.dt)
-        _bar(ax, 3, flags, ("#d9d9d9", "#f0c9a8")[index], whole, name.upper())
+        layers.append(bars(f"stance from {name.upper()}", flags, 3, (GREY, "#e69f00")[index]))
     for lane, effect in enumerate(effects, 4):
         start = max(float(effect.get("start", 0.0)), float(log.t[0]))
         stop = min(float(effect.get("stop", np.inf)), float(log.t[-1]) + log.dt)
-        _bar(ax, lane, [(start, stop - start)], "#cc79a7", whole)
+        layers.append(bars("effect", [(start, stop - start)], lane, "#cc79a7"))
     if log.fall:
-        ax.axvline(log.t[-1], color="#222222", linewidth=2.5)
-        ax.annotate("fall", (log.t[-1], -0.55), ha="right", va="bottom", fontsize=8)
-    ax.set_yticks(range(len(lanes)), lanes)
-    ax.set(ylim=(len(lanes) - 0.45, -0.55), xlabel="time [s]")
-    ax.set_xlim(log.t[0], log.t[-1] + log.dt)
-    ax.tick_params(axis="y", length=0)
-    return figure
+        end = float(log.t[-1])
+        layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], BOUND, size=3.0))
+    # The first lane is on top.
+    layers = [turned(layer, len(lanes)) for layer in layers]
+    whole = (float(log.t[0]), float(log.t[-1]) + log.dt)
+    axes = Axis("time [s]", limits=whole), Axis("what", names=lanes[::-1])
+    return Chart([Frame(*axes, layers, height=60 + 30 * len(lanes))])
+
+
+def turned(layer: Layer, lanes: int) -> Layer:
+    """A layer upside down, so that lane 0 is on top of an axis of names.
+
+    Args:
+        layer: The layer.
+        lanes: Number of lanes.
+    """
+    if layer.top is None:
+        return dataclasses.replace(layer, y=lanes - 1.0 - layer.y)
+    return dataclasses.replace(layer, y=lanes - 1.0 - layer.top, top=lanes - 1.0 - layer.y)
+
+
+def _joined(spans: list[tuple[float, float]], gap: float = JOINED) -> list[tuple[float, float]]:
+    """Stretches with start and length [s]; those with less than `gap` [s] between are one."""
+    joined: list[tuple[float, float]] = []
+    for start, length in spans:
+        if joined and start - sum(joined[-1]) < gap:
+            first = joined.pop()[0]
+            length, start = start + length - first, first
+        joined.append((start, length))
+    return joined
 
 
 def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
@@ -150,20 +178,6 @@ def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
     command = quantities.outputs_commanded(log)
     by_target = np.all(command == quantities.outputs_wanted(log), axis=1)
     return by_target, np.all(command == log.prediction, axis=1) & ~by_target
-
-
-def _estimators() -> tuple[str, ...]:
-    return ESTIMATORS
-
-
-def _bar(
-    ax, lane: int, bars: list, color: str, whole: float, text: str = "", ink: str = "#333333"
-) -> None:
-    """Bars in a lane; a text stands in those that are long enough for it, of `whole` [s]."""
-    ax.broken_barh(bars, (lane - 0.38, 0.76), facecolor=color, linewidth=0)
-    for start, length in bars:
-        if text and length > 0.014 * len(text) * whole:
-            ax.text(start + length / 2, lane, text, ha="center", va="center", color=ink, fontsize=8)
 
 
 @chapter(
@@ -191,9 +205,9 @@ def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
 def tracked(target: np.ndarray, command: np.ndarray, measured: np.ndarray) -> list[Line]:
     """Target, command and measurement of a joint, each (T,), in the colours of all pages."""
     return [
-        Line("target", target, TARGET["color"], 3.0),
-        Line("command", command, COMMAND["color"]),
-        Line("measured", measured, MEASURED["color"], 1.0),
+        Line("target", target, TARGET, 3.0),
+        Line("command", command, COMMAND),
+        Line("measured", measured, MEASURED, 1.0),
     ]
 
 
@@ -213,8 +227,8 @@ def prediction_error(log: Log) -> Plot:
     error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     panels = [
         error_panel(error, criterion.nrmse),
-        Panel("lag [stride]", [Line("lag", quantities.lag(log), COMMAND["color"])]),
-        Panel("readout norm [-]", [Line("readout norm", log.weight_norm, OTHER["color"])]),
+        Panel("lag [stride]", [Line("lag", quantities.lag(log), COMMAND)]),
+        Panel("readout norm [-]", [Line("readout norm", log.weight_norm, OTHER)]),
     ]
     return Plot(log.t, panels, spans(log))
 
@@ -222,16 +236,10 @@ def prediction_error(log: Log) -> Plot:
 def error_panel(error: np.ndarray, bound: float) -> Panel:
     """Smoothed NRMSE, (T,), and the bound of the failure criterion."""
     lines = [
-        Line("error", error, COMMAND["color"]),
-        Line("bound", np.full(len(error), bound), BOUND["color"], dashed=True),
+        Line("error", error, COMMAND),
+        Line("bound", np.full(len(error), bound), MEASURED, dashed=True),
     ]
     return Panel("smoothed NRMSE [-]", lines, logarithmic=True)
-
-
-def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a smooth signal that are worth drawing."""
-    rows = every(t)
-    return t[rows], y[rows]
 
 
 @chapter(
@@ -240,62 +248,78 @@ def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     "components of their targets (thesis section 3.6.3.3, fig. 8.4), in the last strides of each "
     "phase. Each channel is measured in standard deviations of its target.",
 )
-def limit_cycle(log: Log) -> Figure:
+def limit_cycle(log: Log) -> Chart:
     """Target, command and measured joints in the target's PCA plane, by phase."""
     log = moving(log)
     target, outputs = quantities.outputs_wanted(log), log.experiment.outputs
     tracks = (
-        (target, TARGET, "target"),
-        (quantities.outputs_commanded(log), COMMAND, "command"),
-        (np.concatenate((log.q[:, outputs], log.dq[:, outputs]), axis=1), MEASURED, "measured"),
-    )
-    planes = [(signals.limit_cycle(target, x)[1], look, label) for x, look, label in tracks]
-    reached = log.phases()
-    figure, axes = canvas(1, max(2, len(reached)), 3.1, sharex=True, sharey=True)
-    for ax in axes[0, len(reached) :]:
-        ax.set_axis_off()
-    for ax, (name, ticks) in zip(axes[0], reached.items(), strict=False):
+        (target, "target", TARGET, BROAD),
+        (quantities.outputs_commanded(log), "command", COMMAND, 1.2),
+        (
+            np.concatenate((log.q[:, outputs], log.dq[:, outputs]), axis=1),
+            "measured", MEASURED, 0.8,
+        ),
+    )  # fmt: skip
+    planes = [(signals.limit_cycle(target, x)[1], *look) for x, *look in tracks]
+    frames = []
+    for name, ticks in log.phases().items():
         first = max(ticks.start, ticks.stop - STRIDES * quantities.period(log))
-        for plane, look, label in planes:
-            ax.plot(*plane[first : ticks.stop].T, label=label, **look)
-        ax.set_title(name)
-        ax.set(aspect="equal", xlabel="1st component [-]")
-    axes[0, 0].set_ylabel("2nd component [-]")
-    legend(figure, axes[0, 0])
-    return figure
+        layers = [line(label, *plane[first : ticks.stop].T, color, size=size)
+                  for plane, label, color, size in planes]  # fmt: skip
+        frames.append(component_frame(layers, name))
+    return Chart(of_one_range(frames))
 
 
-def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Figure:
-    """A stride of one joint with the network run again, and the differences through test."""
-    figure, axes = canvas(2, 1, 4.4, height_ratios=(3, 2))
-    top, bottom = axes[:, 0]
-    rows = slice(-min(len(check.t), 200), None)
-    top.plot(check.t[rows], check.target[rows, joint], label="target", **TARGET)
-    top.plot(check.t[rows], check.commanded[rows, joint], label="command", **COMMAND)
-    dots = {
-        "color": MEASURED["color"],
-        "linestyle": "",
-        "marker": ".",
-        "markersize": 3,
-        "zorder": 3,
-    }
-    again = check.recomputed[rows, joint][::4]
-    top.plot(check.t[rows][::4], again, label="network run again", **dots)
-    top.set(ylabel=f"{name} [rad]", xlabel="time [s]")
-    top.margins(x=0)
+def component_frame(layers: list[Layer], title: str) -> Frame:
+    """Frame of two principal components.
+
+    Args:
+        layers: What it shows.
+        title: Name of the frame.
+    """
+    axes = (Axis(f"{rank} component [-]") for rank in ("1st", "2nd"))
+    return Frame(*axes, layers, title, equal=True, height=300)
+
+
+def of_one_range(frames: list[Frame]) -> list[Frame]:
+    """Frames with the axes that all of them need.
+
+    Args:
+        frames: The frames, one at least.
+    """
+    ends = [np.array([limits(f, horizontal) for f in frames]) for horizontal in (True, False)]
+    across, up = ((float(e[:, 0].min()), float(e[:, 1].max())) for e in ends)
+    return [
+        dataclasses.replace(
+            f, x=dataclasses.replace(f.x, limits=across), y=dataclasses.replace(f.y, limits=up)
+        )
+        for f in frames
+    ]
+
+
+def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
+    """One joint with the network run again, and the differences through test."""
     off = np.max(np.abs(check.commanded - check.recomputed), axis=1)
-    for distance, look in ((check.target_distance, TARGET), (off, dots)):
-        rows = every(check.t, 450)
-        bottom.plot(check.t[rows], np.maximum(distance, _ZERO)[rows], **look)
-    bottom.set(yscale="log", ylim=(_ZERO / 10, 100), xlabel="time [s]")
-    bottom.set_ylabel("distance of command\n[rad, rad/s]")
-    bottom.set_yticks([_ZERO, 1e-12, 1e-8, 1e-4, 1.0], ["0", "1e-12", "1e-8", "1e-4", "1"])
-    bottom.minorticks_off()
-    bottom.margins(x=0)
-    for height, text in ((10.0, "from the target"), (_ZERO * 30, "from the network run again")):
-        bottom.text(check.t[0], height, " " + text, va="center", fontsize=8, color="#444444")
-    legend(figure, top)
-    return figure
+    panels = [
+        Panel(
+            f"{name} [rad]",
+            [
+                Line("target", check.target[:, joint], TARGET, BROAD),
+                Line("network run again", check.recomputed[:, joint], OTHER, 2.4),
+                Line("command", check.commanded[:, joint], COMMAND),
+            ],
+        ),
+        Panel(
+            "distance of the command [rad, rad/s]",
+            [
+                Line("from the target", np.maximum(check.target_distance, _ZERO), TARGET, 2.0),
+                Line("from the network run again", np.maximum(off, _ZERO), OTHER),
+            ],
+            logarithmic=True,
+        ),
+    ]
+    shown = check.t[-min(len(check.t), SHOWN_TICKS)], check.t[-1]
+    return Plot(check.t, panels, view=(float(shown[0]), float(shown[1])))
 
 
-_ZERO = 1e-16  # where a difference of exactly 0 is drawn
+_ZERO = 1e-16  # what a difference of exactly 0 is drawn as

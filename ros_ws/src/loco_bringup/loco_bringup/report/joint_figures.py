@@ -4,9 +4,18 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from loco_control.exceptions import BagError
+from loco_learning.drawing.chart import (
+    GREY,
+    PALETTE,
+    Axis,
+    Chart,
+    Frame,
+    Layer,
+    dots,
+    line,
+)
 from loco_learning.metrics import quantities, signals
 from loco_learning.reflex.joint_sensors import passive_joints
 from loco_learning.runs.log import Log
@@ -18,17 +27,21 @@ from ..page.style import (
     COMMAND,
     MEASURED,
     OTHER,
-    canvas,
     chapters,
-    every,
-    legend,
     spans,
 )
-from .figures import close_look, error_panel, motion_of_base, posed, tracked
+from .figures import (
+    close_look,
+    component_frame,
+    error_panel,
+    motion_of_base,
+    of_one_range,
+    posed,
+    tracked,
+)
 
 MOST = 12  # joints in one plot
 STRIDES = 6  # of a foot path or a limit cycle
-PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999999")
 
 
 CHAPTERS, chapter = chapters()
@@ -93,7 +106,7 @@ def passive(log: Log) -> Plot:
     panels = [
         Panel(
             f"{short(plant.joints[joint])} [rad]",
-            [Line("measured", log.q[:, joint], MEASURED["color"], 1.0)],
+            [Line("measured", log.q[:, joint], MEASURED, 1.0)],
         )
         for joint in found
     ]
@@ -122,7 +135,7 @@ def prediction_error(log: Log) -> Plot:
     lag[begin : begin + len(alone)] = quantities.lag(alone)
     panels = [
         error_panel(error, bounds.nrmse),
-        Panel("lag [stride]", [Line("lag", lag, COMMAND["color"])]),
+        Panel("lag [stride]", [Line("lag", lag, COMMAND)]),
     ]
     return Plot(log.t, panels, spans(log))
 
@@ -133,7 +146,7 @@ def prediction_error(log: Log) -> Plot:
     "components of the whole run (thesis section 3.6.3.3), in the last strides of each phase. "
     "A gait is a closed loop; a thin one repeats well.",
 )
-def limit_cycle(log: Log) -> Figure:
+def limit_cycle(log: Log) -> Chart:
     """Commands and passive joints in a common PCA plane, by phase."""
     stride, whole = quantities.period(log), log.phases().items()
     found = {k: v for k, v in whole if v.stop - v.start > stride and k != "stand"}
@@ -143,35 +156,33 @@ def limit_cycle(log: Log) -> Figure:
         (log.command, log.command_dq, log.q[:, passive_joints(log.experiment.plant)]), axis=1
     )
     plane = signals.limit_cycle(points, points)[1]
-    figure, axes = canvas(1, max(2, len(found)), 2.5, sharex=True, sharey=True)
-    for ax in axes[0, len(found) :]:
-        ax.set_axis_off()
-    for ax, (name, ticks) in zip(axes[0], found.items(), strict=False):
+    frames = []
+    for name, ticks in found.items():
         first = max(ticks.start, ticks.stop - STRIDES * stride)
-        ax.plot(*plane[first : ticks.stop].T, **(COMMAND if name in ("closing", "test") else OTHER))
-        ax.set_title(name)
-        ax.set(aspect="equal", xlabel="1st component [-]")
-    axes[0, 0].set_ylabel("2nd component [-]")
-    return figure
+        drives = name in ("closing", "test")
+        label, color = ("readout drives", COMMAND) if drives else ("oscillators drive", OTHER)
+        layers = [line(label, *plane[first : ticks.stop].T, color, size=0.9)]
+        frames.append(component_frame(layers, name))
+    return Chart(of_one_range(frames))
 
 
-@chapter("Path", "The base from above. Grey dots: every fifth stride; the arrow is the heading.")
-def path(log: Log) -> Figure:
+@chapter("Path", "The base from above. Dots: every fifth stride.")
+def path(log: Log) -> Chart:
     """Position of the base in the plane, one colour per phase."""
     log = posed(log)
-    figure, axes = canvas(1, 1, 2.9)
-    ax, step = axes[0, 0], 5 * quantities.period(log)
+    layers, step = list[Layer](), 5 * quantities.period(log)
     for i, (name, ticks) in enumerate(log.phases().items()):
-        xy = log.position[slice(ticks.start, ticks.stop + 1), :2][every(log.t[ticks])]
-        ax.plot(*xy.T, color=PALETTE[i], linewidth=1.3, label=name)
-    ax.plot(*log.position[::step, :2].T, linestyle="", marker=".", color="#888888", markersize=4)
+        xy = log.position[slice(ticks.start, ticks.stop + 1), :2]
+        layers.append(line(name, *xy.T, PALETTE[i], size=1.6))
+    marks = log.position[::step, :2]
+    texts = [f"stride {5 * k}" for k in range(len(marks))]
+    layers.append(dots("every fifth stride", *marks.T, GREY, size=2.5, texts=texts))
     yaw = signals.roll_pitch_yaw(log.orientation)[-1, 2]
     x, y = log.position[-1, :2]
-    ax.annotate("", (x + 0.06 * np.cos(yaw), y + 0.06 * np.sin(yaw)), (x, y),
-                arrowprops={"arrowstyle": "->"})  # fmt: skip
-    ax.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]")
-    legend(figure, ax)
-    return figure
+    reach = 0.05 * max(float(np.ptp(log.position[:, :2], axis=0).max()), 0.1)
+    ends = [x, x + reach * np.cos(yaw)], [y, y + reach * np.sin(yaw)]
+    layers.append(line("heading at the end", *ends, MEASURED, size=2.0))
+    return Chart([Frame(Axis("x [m]"), Axis("y [m]"), layers, equal=True)])
 
 
 @chapter(
@@ -185,31 +196,28 @@ def base_motion(log: Log) -> Plot:
 
 @chapter(
     "Feet",
-    "Left: path of each foot in the frame of the base in the last strides, seen from the left. "
-    "Right: height of each foot over the lowest point that any reached, by ground truth and "
+    "Paths of each foot in the frame of the base in the last strides, seen from the left. "
+    "Heights of each foot over the lowest point that any reached, by ground truth and "
     "measured joints.",
 )
-def feet(log: Log) -> Figure:
+def feet(log: Log) -> Chart:
     """Foot paths in the base frame and foot heights in the world."""
     names = log.experiment.plant.feet
     if not names:
         raise BagError("the robot has no feet")
     log = posed(log).cut(tail(posed(log), STRIDES))
     places = feet_in_base(log.experiment.plant, log.q)  # (T, f, 3)
-    figure, axes = canvas(1, 2, 3.2, width_ratios=(1.25, 1))
-    left, right = axes[0]
     height = np.einsum("ti,tfi->tf", _down(log.orientation), places) + log.position[:, 2:]
-    lowest = float(height.min())
-    rows = slice(-2 * quantities.period(log), None)
+    lowest, rows = float(height.min()), slice(-2 * quantities.period(log), None)
+    paths, heights = [], []
     for i, name in enumerate(names):
-        look = {"color": PALETTE[i % len(PALETTE)], "linewidth": 1.0}
-        left.plot(*places[:, i, ::2].T, label=name.replace("_foot", ""), **look)
-        right.plot(log.t[rows], 1e3 * (height[rows, i] - lowest), **look)
-    left.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="z [m]")
-    right.set(xlabel="time [s]", ylabel="height [mm]")
-    right.margins(x=0)
-    legend(figure, left)
-    return figure
+        label, color = name.replace("_foot", ""), PALETTE[i % len(PALETTE)]
+        paths.append(line(label, *places[:, i, ::2].T, color, size=1.0))
+        heights.append(line(label, log.t[rows], 1e3 * (height[rows, i] - lowest), color))
+    return Chart([
+        Frame(Axis("x [m]"), Axis("z [m]"), paths, "paths", equal=True),
+        Frame(Axis("time [s]"), Axis("height [mm]"), heights, "heights"),
+    ])  # fmt: skip
 
 
 def _down(quaternion: np.ndarray) -> np.ndarray:
@@ -246,7 +254,7 @@ def power(log: Log, window: int) -> Panel:
     each = log.dq[:, driven] * log.tau[:, driven]
     positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
     lines = [
-        Line("positive work only", positive, OTHER["color"]),
-        Line("signed", signals.moving_mean(each.sum(axis=1), window), MEASURED["color"], 1.0),
+        Line("positive work only", positive, OTHER),
+        Line("signed", signals.moving_mean(each.sum(axis=1), window), MEASURED, 1.0),
     ]
     return Panel("power [W]", lines)

@@ -4,22 +4,20 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from loco_control.names import LEGS
+from loco_learning.drawing.chart import Axis, Chart, Frame, bars, line
 from loco_learning.metrics import quantities, signals
 from loco_learning.runs.log import Log
 
 from ..page.plot import Line, Panel, Plot
 from ..page.style import (
-    BOUND,
+    BROAD,
     COMMAND,
     MEASURED,
     OTHER,
     TARGET,
-    canvas,
     flag_spans,
-    legend,
     spans,
 )
 from .figures import (
@@ -30,6 +28,7 @@ from .figures import (
     moving,
     posed,
     tail,
+    turned,
     whole_strides,
 )
 
@@ -47,8 +46,8 @@ def ground_reaction_forces(log: Log) -> Plot:
         Panel(
             f"{leg.upper()} [N]",
             [
-                Line("half the weight", half, BOUND["color"], 0.9, dashed=True),
-                Line("force", log.grf[:, i, 2], OTHER["color"], 1.0),
+                Line("half the weight", half, MEASURED, 0.9, dashed=True),
+                Line("force", log.grf[:, i, 2], OTHER, 1.0),
             ],
         )
         for i, leg in enumerate(LEGS)
@@ -61,27 +60,26 @@ def ground_reaction_forces(log: Log) -> Plot:
     "When each foot stands, in the last strides: by the gait clock, by the estimator that the "
     "trunk controller uses, and by measured contact.",
 )
-def gait_diagram(log: Log) -> Figure:
+def gait_diagram(log: Log) -> Chart:
     """Stance bars per leg from the clock, the estimator and contact."""
     ticks = tail(log, 2 * WINDOW)
     t = log.t[ticks]
     rows = (
-        ("gait clock", log.clock, TARGET["color"]),
-        ("estimator", log.stance, OTHER["color"]),
-        ("contact", log.contact, MEASURED["color"]),
+        ("gait clock", log.clock, TARGET),
+        ("estimator", log.stance, OTHER),
+        ("contact", log.contact, MEASURED),
     )
-    figure, axes = canvas(1, 1, 2.7)
-    ax = axes[0, 0]
-    for leg in range(4):
-        for k, (label, flags, color) in enumerate(rows):
-            bars = flag_spans(t, flags[ticks, leg].astype(bool), log.dt)
-            name = label if leg == 0 else None
-            ax.broken_barh(bars, (leg - 0.36 + 0.25 * k, 0.22), facecolor=color, label=name)
-    ax.set_yticks(range(4), [leg.upper() for leg in LEGS])
-    ax.set(ylim=(3.5, -0.5), xlim=(t[0], t[-1] + log.dt), xlabel="time [s]")
-    ax.tick_params(axis="y", length=0)
-    legend(figure, ax)
-    return figure
+    layers = [
+        bars(label, flag_spans(t, flags[ticks, leg].astype(bool), log.dt),
+             leg - 0.25 + 0.25 * k, color, 0.22)
+        for leg in range(4)
+        for k, (label, flags, color) in enumerate(rows)
+    ]  # fmt: skip
+    axes = (
+        Axis("time [s]", limits=(float(t[0]), float(t[-1]) + log.dt)),
+        Axis("leg", names=[leg.upper() for leg in reversed(LEGS)]),
+    )
+    return Chart([Frame(*axes, [turned(layer, 4) for layer in layers])])
 
 
 @chapter(
@@ -89,28 +87,21 @@ def gait_diagram(log: Log) -> Figure:
     "Path of each foot in the frame of the trunk over the last strides, seen from the left "
     "(thesis section 3.6.2.6). Forward is right.",
 )
-def foot_cycles(log: Log) -> Figure:
+def foot_cycles(log: Log) -> Chart:
     """Foot x and z in the base frame: target, command and measured."""
     log = log.cut(whole_strides(log))
     paths = (
-        (log.target_feet, TARGET, "target"),
-        (quantities.feet(log, "command"), COMMAND, "command"),
-        (quantities.feet(log), MEASURED, "measured"),
+        (log.target_feet, "target", TARGET, BROAD),
+        (quantities.feet(log, "command"), "command", COMMAND, 1.2),
+        (quantities.feet(log), "measured", MEASURED, 0.8),
     )
-    figure, axes = canvas(2, 2, 4.6)
-    for leg, place in enumerate(((0, 1), (1, 1), (0, 0), (1, 0))):  # front is right, left on top
-        ax = axes[place]
-        for path, look, label in paths:
-            ax.plot(path[:, leg, 0], path[:, leg, 2], label=label, **look)
-        ax.set_title(LEGS[leg].upper())
-        ax.set(aspect="equal", adjustable="datalim")
-        ax.locator_params(nbins=5)
-    for ax in axes[:, 0]:
-        ax.set_ylabel("z [m]")
-    for ax in axes[1]:
-        ax.set_xlabel("x [m]")
-    legend(figure, axes[0, 0])
-    return figure
+    frames = []
+    for leg in (2, 0, 3, 1):  # front is right, left on top
+        layers = [line(label, path[:, leg, 0], path[:, leg, 2], color, size=size)
+                  for path, label, color, size in paths]  # fmt: skip
+        axes = Axis("x [m]"), Axis("z [m]")
+        frames.append(Frame(*axes, layers, LEGS[leg].upper(), equal=True, height=230))
+    return Chart(frames)
 
 
 @chapter(
@@ -143,8 +134,8 @@ def power_and_cost(log: Log) -> Plot:
         Panel(
             "speed [m/s]",
             [
-                Line("asked for", log.target_speed, TARGET["color"], 3.0),
-                Line("speed", speed, MEASURED["color"]),
+                Line("asked for", log.target_speed, TARGET, 3.0),
+                Line("speed", speed, MEASURED),
             ],
         ),
         Panel("cost of transport [-]", _powers(positive / weight / fast, signed / weight / fast)),
@@ -154,6 +145,6 @@ def power_and_cost(log: Log) -> Plot:
 
 def _powers(positive: np.ndarray, signed: np.ndarray) -> list[Line]:
     return [
-        Line("positive work only", positive, OTHER["color"]),
-        Line("signed", signed, MEASURED["color"]),
+        Line("positive work only", positive, OTHER),
+        Line("signed", signed, MEASURED),
     ]

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from loco_control.exceptions import BagError
 from loco_control.ros.messages.joint_codec import JointCodec
 from loco_control.ros.messages.msd_topics import link_names, node_names
+from loco_learning.drawing.chart import Axis, Chart, Frame
+from loco_learning.drawing.chart import line as draw_line
 from loco_learning.params import PHASES
 from loco_learning.runs.experiment import from_values, is_network
 from loco_learning.runs.network_experiment import NetworkExperiment
@@ -27,20 +28,12 @@ from loco_sim.msd.network import Network, chain
 from ..bag.reader import Bag
 from ..page import html
 from ..page.html import document, part
-from ..page.style import (
-    COMMAND,
-    OTHER,
-    TARGET,
-    TINTS,
-    Chapter,
-    canvas,
-    every,
-    legend,
-    shade_spans,
-)
+from ..page.plot import Line, Panel, Plot, Span
+from ..page.style import BROAD, COMMAND, OTHER, TARGET, TINTS, Chapter
 from . import parts
 
 SHOWN = 6.0  # seconds of the animation
+LEAST = 1e-6  # error that a smaller one is drawn as
 SKY, SOIL, MASS = (255, 255, 255), (222, 214, 202), (34, 34, 34)
 SHORT, LONG = np.array([213, 94, 0]), np.array([0, 114, 178])  # links driven so
 
@@ -173,48 +166,41 @@ def _speed(log: MsdLog, start: float, end: float) -> float:
     return float((b - a) / (end - start))
 
 
-def _shaded(log: MsdLog, axes: np.ndarray) -> None:
-    shade_spans(axes, [(TINTS[name], name, a, b) for name, a, b in log.spans()])
+def _tinted(log: MsdLog) -> list[Span]:
+    return [(TINTS[name], name, a, b) for name, a, b in log.spans()]
 
 
-def distance_figure(log: MsdLog) -> Figure:
+def distance_figure(log: MsdLog) -> Plot:
     """Distance over time."""
-    figure, axes = canvas(1, 1, 2.4)
-    few = every(log.t)
-    axes[0, 0].plot(log.t[few], log.distance[few], **OTHER)
-    axes[0, 0].set(xlabel="time [s]", ylabel="distance [m]")
-    _shaded(log, axes)
-    return figure
+    panel = Panel("distance [m]", [Line("centre of mass", log.distance, OTHER)])
+    return Plot(log.t, [panel], _tinted(log))
 
 
-def error_figure(log: MsdLog) -> Figure:
+def error_figure(log: MsdLog) -> Plot:
     """Error of the readout over time."""
-    figure, axes = canvas(1, 1, 2.4)
     error = np.sqrt(np.mean((log.prediction - log.target) ** 2, axis=1))
-    few = every(log.t)
-    axes[0, 0].semilogy(log.t[few], np.maximum(error[few], 1e-6), **OTHER)
-    axes[0, 0].set(xlabel="time [s]", ylabel="error [-]")
-    _shaded(log, axes)
-    return figure
+    line = Line("error", np.maximum(error, LEAST), OTHER)
+    return Plot(log.t, [Panel("error [-]", [line], logarithmic=True)], _tinted(log))
 
 
-def links_figure(log: MsdLog) -> Figure:
+def links_figure(log: MsdLog) -> Plot:
     """Target and command of the three links with the largest amplitudes."""
-    figure, axes = canvas(3, 1, 4.0, sharex=True)
-    late = log.t > log.t[-1] - 3.0
     names = link_names(log.network.links.tolist())
-    for ax, link in zip(axes[:, 0], np.argsort(-np.ptp(log.target, axis=0))[:3], strict=True):
-        ax.plot(log.t[late], log.target[late, link], **TARGET, label="open loop")
-        ax.plot(log.t[late], log.command[late, link], **COMMAND, label="driven")
-        ax.set_ylabel(names[link].replace("_", " "))
-    axes[-1, 0].set_xlabel("time [s]")
-    legend(figure, axes[0, 0])
-    return figure
+    panels = [
+        Panel(
+            f"{names[link].replace('_', ' ')} [of its rest length]",
+            [
+                Line("open loop", log.target[:, link], TARGET, BROAD),
+                Line("driven", log.command[:, link], COMMAND),
+            ],
+        )
+        for link in np.argsort(-np.ptp(log.target, axis=0))[:3]
+    ]
+    return Plot(log.t, panels, _tinted(log), view=(max(log.t[0], log.t[-1] - 3.0), log.t[-1]))
 
 
-def cycle_figure(log: MsdLog) -> Figure:
+def cycle_figure(log: MsdLog) -> Chart:
     """Accelerations, a tenth of a second smoothed, in their principal components."""
-    figure, axes = canvas(1, 1, 4.2)
     begin = next((a for name, a, _ in log.spans() if name == "test"), log.t[-1] / 2.0)
     a = log.acceleration[log.t >= begin].reshape(np.count_nonzero(log.t >= begin), -1)
     width = max(1, round(0.1 / log.dt))
@@ -224,9 +210,10 @@ def cycle_figure(log: MsdLog) -> Figure:
     smooth = (total[width:] - total[:-width]) / width
     smooth = smooth - smooth.mean(axis=0)
     path = smooth @ np.linalg.svd(smooth, full_matrices=False)[2][:2].T
-    axes[0, 0].plot(*path[:: max(1, len(path) // 3000)].T, **{**OTHER, "linewidth": 0.5})
-    axes[0, 0].set(xlabel="1st component [m/s²]", ylabel="2nd component [m/s²]")
-    return figure
+    path = path[:: max(1, len(path) // 3000)]
+    axes = (Axis(f"{rank} component [m/s²]") for rank in ("1st", "2nd"))
+    layers = [draw_line("test", *path.T, OTHER, size=0.6)]
+    return Chart([Frame(*axes, layers, height=360)])
 
 
 # ---- the animation

@@ -10,7 +10,6 @@ from pathlib import Path
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import check_writable
 from loco_learning.networks import jobs as msd_jobs
-from loco_learning.networks import page as msd_page
 from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
 from loco_learning.thesis.evidence import Entry, Evidence
 from loco_learning.thesis.registry import Claim, Verdict
@@ -102,9 +101,8 @@ def _others(entries: dict[str, Entry], folder: Path) -> dict:
         readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
     if "msd" in entries and (folder / "msd" / "runs").is_dir():
         options = entries["msd"].options
-        readers["msd"] = lambda: msd_page.write(
-            options["plan"], options["preset"], folder / "msd" / "runs", folder / "msd"
-        )[1]
+        names = options["plan"], options["preset"]
+        readers["msd"] = lambda: page.write_msd(*names, folder / "msd")[1]
     return readers
 
 
@@ -146,7 +144,7 @@ def reproduce_msd(
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     check_writable(folder)
     _run_msd(plan, preset, folder, workers, scheduler)
-    written, verdicts = msd_page.write(plan, preset, folder / "runs", folder)
+    written, verdicts = page.write_msd(plan, preset, folder)
     return show(verdicts, written)
 
 

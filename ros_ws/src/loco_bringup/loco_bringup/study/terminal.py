@@ -18,7 +18,7 @@ from loco_learning.study.case import CaseResult
 from loco_learning.study.study import Study
 
 from ..terminal import bar, console
-from . import map_page
+from . import page
 
 MOST_ROWS = 40  # cases on the terminal; more are in the table only
 
@@ -87,9 +87,8 @@ def run_study(
 
 
 def write(loaded: Study, results: list[CaseResult], folder: Path) -> list[Path]:
-    """Tables, figures and, of a grid of two axes or more, the page of its maps."""
-    paths = figures.write(loaded, results, folder)
-    return [*paths, map_page.write(loaded, results, folder)] if loaded.map else paths
+    """Tables, figures and the page; of a grid of two axes or more, its maps, too."""
+    return [*figures.write(loaded, results, folder), page.write(loaded, results, folder)]
 
 
 def _upright(rows: list[dict[str, Any]]) -> Table:

@@ -3,37 +3,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from .curves import FIT, HELD_OUT, Curve, Curves
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ...drawing.chart import DASHED, Axis, Chart, Frame, dots, line
+from .curves import HELD_OUT, Curve, Curves
 
 # Colours of Okabe and Ito, safe for colour-blind readers; the measurement is broad and pale, so
 # that a line exactly on it still shows.
-MEASURED = {"color": "#9aa3ad", "lw": 3.0, "solid_capstyle": "butt"}
-BEFORE = {"color": "#d55e00", "lw": 1.0}
-AFTER = {"color": "#0072b2", "lw": 1.0}
-FLOOR = {"color": "#222222", "lw": 0.8, "ls": (0, (4, 3))}
-BAND = {"color": "#e9ecef", "lw": 0}
-WIDTH = 7.4  # [in]
-POINTS = 1500  # that a line is drawn with
+MEASURED, BEFORE, AFTER, FLOOR = "#9aa3ad", "#d55e00", "#0072b2", "#222222"
 MOST_SIGNALS = 4  # channels in a figure of signals
 FAINT = 0.01  # noise floors: what is missed less is drawn there, as nothing at all has no logarithm
-
-
-def canvas(rows: int, columns: int, height: float, **more: object) -> tuple[Figure, np.ndarray]:
-    """Figure without a window and its axes, (rows, columns)."""
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = made.subplots(rows, columns, squeeze=False, **more)
-    for ax in axes.flat:
-        ax.spines[["top", "right"]].set_visible(False)
-    return made, axes
 
 
 def window(curve: Curve, columns: list[int], length: float) -> slice:
@@ -83,25 +62,23 @@ def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray,
     return middle[filled], np.sqrt(power[filled] / count[filled])
 
 
-def channels(curves: Curves) -> Figure:
+def channels(curves: Curves) -> Chart:
     """Gap of every channel in units of its noise, before and after."""
     floor = np.maximum(curves.floor, 1e-30)
     ratio = {k: np.maximum(curves.rms(k) / floor, FAINT) for k in ("before", "after")}
-    shown = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])]
-    made, ((ax,),) = canvas(1, 1, 0.9 + 0.24 * len(shown))
-    y = np.arange(len(shown))[::-1]
-    for row, c in zip(y, shown, strict=True):
-        ax.plot(
-            [ratio["before"][c], ratio["after"][c]], [row, row], color="#c3c9d0", lw=2, zorder=1
-        )
-    ax.scatter(ratio["before"][shown], y, s=26, color=BEFORE["color"], label="before", zorder=2)
-    ax.scatter(ratio["after"][shown], y, s=26, color=AFTER["color"], label="after", zorder=3)
-    ax.axvline(1.0, label="noise", **FLOOR)
-    ax.set(xscale="log", xlabel="rms of what the model misses, in units of the noise")
-    ax.set_yticks(y, [curves.label(c) for c in shown])
-    ax.set_ylim(-0.7, len(shown) - 0.3)
-    made.legend(loc="outside upper left", ncols=3)
-    return made
+    shown = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])][::-1]
+    rows, gap = np.arange(len(shown)), np.full(len(shown), np.nan)
+    before, after = ratio["before"][shown], ratio["after"][shown]
+    between = np.column_stack([before, after, gap]).ravel()
+    layers = [
+        line("change", between, np.column_stack([rows, rows, gap]).ravel(), MEASURED, size=2.0),
+        dots("before", before, rows, BEFORE, size=4.5),
+        dots("after", after, rows, AFTER, size=4.5),
+        line("noise", [1.0, 1.0], [-0.5, len(shown) - 0.5], FLOOR, shape=DASHED, size=0.8),
+    ]
+    x = Axis("rms of what the model misses [times the noise]", logarithmic=True)
+    y = Axis("channel", names=[curves.label(c) for c in shown])
+    return Chart([Frame(x, y, layers, height=70 + 24 * len(shown))])
 
 
 def worst_record(curves: Curves, columns: list[int]) -> Curve:
@@ -117,6 +94,3 @@ def worst_record(curves: Curves, columns: list[int]) -> Curve:
 def span(curve: Curve) -> float:
     """Length of signal that a plot shows at first [s]: enough to see shapes."""
     return max(4.0, 400 * (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1))
-
-
-ROLES = {FIT: "fitted", HELD_OUT: "held out"}

@@ -96,7 +96,7 @@ Armature, damping, friction, delays, gains, masses and contact, as far as the ta
 what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
 recordings that were held out are replayed in MuJoCo alone."""
     p.add_argument("model", type=Path, help="robot, model.yaml, or folder of results of loco gap")
-    p.add_argument("--to", required=True, help="mjcf, urdf, isaac or pace")
+    p.add_argument("--to", required=True, help="mjcf, urdf, isaac, pace or ros2_control")
     p.add_argument("--replay", nargs="+", default=[], metavar="BAG",
                    help="mjcf: recordings to check it with (default: those held out)")  # fmt: skip
     p.add_argument("--mapping", type=Path, metavar="YAML", help="mapping of the recordings")

@@ -17,123 +17,38 @@ theme.addEventListener("click", () => {
   dress(wanted);
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dress(""));
-document.addEventListener("click", (event) => {
-  if (event.target.matches("img.figure:not(.map)")) event.target.classList.toggle("large");
-});
-// Colours of the page are CSS; a canvas wants them plain.
-const probe = document.body.appendChild(document.createElement("i"));
-probe.hidden = true;
-function ink(color) { probe.style.color = color; return getComputedStyle(probe).color; }
-async function bytes(text) {
-  const packed = new Blob([Uint8Array.from(atob(text), (c) => c.charCodeAt(0))]);
-  return new Response(packed.stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
-}
 function add(parent, tag, className, text) {
   const made = parent.appendChild(document.createElement(tag));
   made.className = className;
   if (text !== undefined) made.textContent = text;
   return made;
 }
-function values(line, differences, log) {
-  const [low, high] = line.ends, scale = (high - low) / 65534;
-  let step = 0;
-  return Array.from(differences, (difference) => {
-    step = ((step + difference) << 16) >> 16;
-    if (step === -32768) return null;
-    const value = low + (step + 32767) * scale;
-    return log ? 10 ** value : value;
+// The case that the address names, in the panel of cases.
+function showCase() {
+  const panel = document.getElementById("case"), stored = document.getElementById("cases");
+  if (!panel) return;
+  const all = JSON.parse(stored.textContent);
+  let name = "";
+  try { name = decodeURIComponent(location.hash.replace("#case-", "")); } catch (error) { /* no name */ }
+  if (!Object.hasOwn(all, name)) return;
+  const table = document.createElement("table");
+  table.className = "facts";
+  for (const [key, value] of Object.entries({ case: name, ...all[name] })) {
+    const row = table.insertRow();
+    add(row, "th", "", key);
+    row.insertCell().textContent = value;
+  }
+  panel.replaceChildren(table);
+  panel.classList.add("shown");
+  const close = add(panel, "button", "", "Close");
+  close.type = "button";
+  close.addEventListener("click", () => {
+    panel.classList.remove("shown");
+    history.replaceState(null, "", location.pathname);
   });
 }
-function brief(value) { return value == null ? "–" : String(+value.toPrecision(4)); }
-function shade(chart, spans, named) {
-  const { ctx, bbox } = chart, ratio = devicePixelRatio || 1;
-  ctx.save();
-  ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
-  ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
-  for (const [color, name, start, end] of spans) {
-    const left = Math.max(bbox.left, chart.valToPos(start, "x", true));
-    const right = Math.min(bbox.left + bbox.width, chart.valToPos(end, "x", true));
-    if (right <= left) continue;
-    ctx.fillStyle = ink(color); ctx.fillRect(left, bbox.top, right - left, bbox.height);
-    if (named && ctx.measureText(name).width + 6 * ratio < right - left) {
-      ctx.fillStyle = ink("var(--soft)"); ctx.fillText(name, left + 3 * ratio, bbox.top + 2 * ratio);
-    }
-  }
-  ctx.restore();
-}
-function save(name, data, x, columns) {
-  const head = [data.axis], rows = [];
-  data.panels.forEach((p) => p.lines.forEach((l) => head.push(`${p.label} ${l.name}`)));
-  rows.push(head.map((h) => `"${h.replaceAll('"', '""')}"`).join(","));
-  for (let i = 0; i < x.length; i++) {
-    rows.push([x[i], ...columns.map((c) => c[i])].map((v) => (v == null ? "" : +v.toPrecision(7))).join(","));
-  }
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([rows.join("\n") + "\n"], { type: "text/csv" }));
-  link.download = name.toLowerCase().replaceAll(/[^a-z0-9]+/g, "_") + ".csv";
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-}
-async function draw(figure) {
-  const data = JSON.parse(figure.querySelector("script").textContent);
-  const axis = new Float64Array(await bytes(data.x)), steps = new Int16Array(await bytes(data.steps));
-  const even = axis.length === 2 && data.count !== 2;
-  const x = even ? Array.from({ length: data.count }, (_, i) => axis[0] + i * axis[1]) : Array.from(axis);
-  const columns = [], mine = [];
-  const next = () => steps.subarray(columns.length * data.count, (columns.length + 1) * data.count);
-  const legend = add(figure, "div", "legend"), names = new Map();
-  data.panels.forEach((panel, index) => {
-    const own = panel.lines.map((line) => columns[columns.push(values(line, next(), panel.log)) - 1]);
-    const head = add(figure, "div", "head", panel.label + " "), read = add(head, "span", "read");
-    const last = index === data.panels.length - 1;
-    const look = { stroke: () => ink("var(--soft)"), font: "11px system-ui, sans-serif",
-      grid: { stroke: () => ink("var(--line)"), width: 1 }, ticks: { show: false } };
-    const chart = new uPlot({
-      width: figure.clientWidth, height: last ? 165 : 130, legend: { show: false },
-      scales: { x: { time: false, distr: data.log ? 3 : 1 },
-        y: { distr: panel.log ? 3 : 1, ...(panel.limits ? { range: panel.limits } : {}) } },
-      cursor: { drag: { x: true, y: false }, points: { size: 6 }, sync: { key: data.axis, scales: ["x", null] } },
-      axes: [{ ...look, size: last ? 46 : 16, label: last ? data.axis : undefined, labelSize: 18,
-          labelFont: "12px system-ui, sans-serif", values: last ? undefined : (u, ticks) => ticks.map(() => "") },
-        { ...look, size: 58, values: (u, ticks) => ticks.map((v) => (v == null ? "" : brief(v))) }],
-      series: [{}, ...panel.lines.map((line) => ({ label: line.name, width: line.width, stroke: () => ink(line.color),
-        dash: line.dashed ? [6, 4] : undefined, points: { show: false } }))],
-      hooks: {
-        drawClear: [(u) => shade(u, data.spans, index === 0)],
-        setCursor: [(u) => {
-          const i = u.cursor.idx;
-          read.textContent = i == null ? "" : `${data.axis.split(" ")[0]} ${brief(x[i])}: ` +
-            panel.lines.map((l, k) => `${l.name} ${brief(own[k][i])}`).join(" · ");
-        }],
-      },
-    }, [x, ...own], figure);
-    panel.lines.forEach((line, k) => {
-      if (!names.has(line.name)) names.set(line.name, { color: line.color, places: [] });
-      names.get(line.name).places.push([chart, k + 1]);
-    });
-    if (data.view) chart.setScale("x", { min: data.view[0], max: data.view[1] });
-    charts.push(chart); mine.push(chart);
-  });
-  for (const [name, { color, places }] of names) {
-    const button = add(legend, "button", "toggle"), swatch = add(button, "i", "swatch");
-    swatch.style.background = color;
-    button.type = "button"; button.append(name); button.setAttribute("aria-pressed", "true");
-    button.addEventListener("click", () => {
-      const show = button.getAttribute("aria-pressed") !== "true";
-      button.setAttribute("aria-pressed", String(show));
-      for (const [chart, series] of places) chart.setSeries(series, { show });
-    });
-  }
-  const whole = add(legend, "button", "", "Whole"), csv = add(legend, "button", "", "Save CSV");
-  whole.type = csv.type = "button";
-  whole.addEventListener("click", () => charts.filter((c) => c.cursor.sync.key === data.axis).forEach((c) =>
-    c.setScale("x", { min: c.data[0][0], max: c.data[0][c.data[0].length - 1] })));
-  csv.addEventListener("click", () => save(data.title, data, x, columns));
-  new ResizeObserver(() => mine.forEach((c) => {
-    if (figure.clientWidth && c.width !== figure.clientWidth) c.setSize({ width: figure.clientWidth, height: c.height });
-  })).observe(figure);
-}
+addEventListener("hashchange", showCase);
+showCase();
 let kept = "";
 try { kept = localStorage.getItem("loco-theme") || ""; } catch (error) { /* see above */ }
 dress(kept);
-Promise.all(Array.from(document.querySelectorAll("figure.plot"), draw)).then(() => { root.dataset.drawn = "all"; });

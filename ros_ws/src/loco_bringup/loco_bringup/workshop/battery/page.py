@@ -5,16 +5,35 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
+from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
+from loco_learning.drawing.chart import (
+    DASHED,
+    GREY,
+    PALETTE,
+    Axis,
+    Chart,
+    Frame,
+    dots,
+    line,
+)
 
 from ...page import html
 from ...page.html import document, part
 from . import bags, score, score_text
+
+MARKS = {"good": ("right", PALETTE[2]), "so": ("undecided", PALETTE[4]),
+         "bad": ("wrong", PALETTE[1])}  # fmt: skip
+_ERRORS = (
+    "A dot for each case: rms of what the model misses on data that was never fitted, before and "
+    "after the search. On the dashed line nothing was gained."
+)
 
 
 def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -69,32 +88,64 @@ def page(
     marks = [_mark(r) for r in rows]
     return document(
         title,
-        header + html.table(*score_text.acceptance(found, later)),
+        header + _numbers(*score_text.acceptance(found, later)),
         [
             part("By robot and size", lambda: _rates(found, later)),
             part("What was hidden (rows), what was said (columns)", lambda: _matrix(table)),
-            part("Held-out error, in noise floors", lambda: _held_out(found)),
+            part("Held-out error, in noise floors", lambda: _held_out(found, rows)),
             part("Cases", lambda: html.table(columns, cells, marks=marks), long=True),
         ],
     )
 
 
+def _numbers(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
+    """A table of numbers, whose first column names them."""
+    return html.table(head, rows, range(1, len(head)))
+
+
 def _rates(found: Mapping[str, Any], later: Mapping[str, Any] | None) -> Markup:
     pieces = [
         html.paragraph("Single effects; by robot and condition: medium and large."),
-        html.table(*score_text.rates(found)),
+        _numbers(*score_text.rates(found)),
     ]
     if later:
         text = f"The same {score_text.AFTER}, where the verdict was ambiguous:"
-        pieces += [html.paragraph(text), html.table(*score_text.rates(later))]
+        pieces += [html.paragraph(text), _numbers(*score_text.rates(later))]
     return html.join(pieces)
 
 
-def _held_out(found: Mapping[str, Any]) -> Markup:
+def _held_out(found: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Markup:
     count = found["held-out error"]["cases"]
-    return html.paragraph(f"{count} cases with something hidden.") + html.table(
-        *score_text.held_out(found["held-out error"])
-    )
+    return html.join([
+        html.figure(partial(errors, rows), "Held-out error", _ERRORS),
+        html.paragraph(f"{count} cases with something hidden."),
+        _numbers(*score_text.held_out(found["held-out error"])),
+    ])  # fmt: skip
+
+
+def errors(rows: Sequence[Mapping[str, Any]]) -> Chart:
+    """Held-out error of each case before and after the search.
+
+    Args:
+        rows: Rows of the score.
+
+    Raises:
+        ParameterError: No case has both errors.
+    """
+    told = [r for r in rows if r["before"] and r["after"]]
+    if not told:
+        raise ParameterError("no case has an error before and after")
+    layers = []
+    for mark, (name, color) in MARKS.items():
+        own = [r for r in told if _mark(r) == mark]
+        texts = [f"{r['case']}: {', '.join(r['true']) or 'nothing'}, {r['verdict']}" for r in own]
+        places = [[float(r[key]) for r in own] for key in ("before", "after")]
+        layers.append(dots(name, *places, color, texts=texts))
+    most = max(float(r[key]) for r in told for key in ("before", "after"))
+    layers.append(line("nothing gained", [1.0, most], [1.0, most], GREY, shape=DASHED))
+    layers.append(line("noise", [1.0, most], [1.0, 1.0], GREY))
+    axes = (Axis(f"error {when} [noise floors]", logarithmic=True) for when in ("before", "after"))
+    return Chart([Frame(*axes, layers, height=330)])
 
 
 def _matrix(table: Mapping[str, Mapping[str, int]]) -> Markup:

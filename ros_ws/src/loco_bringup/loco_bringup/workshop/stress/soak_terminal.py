@@ -7,13 +7,12 @@ import argparse
 from pathlib import Path
 
 from loco_control.files import check_writable
+from loco_learning.drawing import png
+from loco_learning.drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, Layer, line
 from loco_learning.runs.experiment import load
 
-from ...page.style import canvas, style
 from ...terminal import bar, console
 from . import soak as soaking
-
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#222222", "#e69f00", "#56b4e9")
 
 
 def show_soak(a: argparse.Namespace) -> int:
@@ -30,7 +29,7 @@ def show_soak(a: argparse.Namespace) -> int:
         outcome = soaking.soak(experiment, a.ticks, folder / "soak.csv", a.layout, tell, a.clock)
     samples = soaking.read(folder / "soak.csv")
     verdicts = soaking.judge(samples)
-    draw(samples, folder / "soak.png")
+    png.write(draw(samples), folder / "soak.png")
     text = page(experiment.name, f"{a.layout}, {a.clock}", samples, outcome, verdicts)
     (folder / "soak.md").write_text(text)
     console.print(text, markup=False)
@@ -71,30 +70,31 @@ def page(
     return "\n".join(lines) + "\n"
 
 
-def draw(samples: list[soaking.Sample], path: Path) -> None:
-    """Memory and counts of each process over the ticks."""
+def draw(samples: list[soaking.Sample]) -> Chart:
+    """Memory and counts of each process over the ticks.
+
+    Args:
+        samples: Samples of all processes.
+    """
     names = list(dict.fromkeys(s.process for s in samples))
-    panels = (
-        ("memory", "memory, change [MB]"), ("descriptors", "descriptors"),
-        ("threads", "threads"), ("shm_files", "files of /dev/shm"),
+    whats = (
+        ("memory", "memory, change [MB]"), ("descriptors", "descriptors [-]"),
+        ("threads", "threads [-]"), ("shm_files", "files of /dev/shm [-]"),
     )  # fmt: skip
-    with style():
-        figure, axes = canvas(2, 2, 4.6, sharex=True)
-        for ax, (what, label) in zip(axes.flat, panels, strict=True):
-            for name, color in zip(names, COLORS * len(names), strict=False):
-                rows = [s for s in samples if s.process == name]
-                values = [getattr(s, what) for s in rows]
-                if what == "memory":
-                    values = [v - values[int(soaking.WARM_UP * len(values))] for v in values]
-                ticks = [s.tick / 1e6 for s in rows]
-                ax.plot(ticks, values, color=color, linewidth=1.0, label=name)
-            ax.set_ylabel(label)
-            if what != "memory":
-                ax.set_ylim(bottom=0)
-            end = max(s.tick for s in samples) / 1e6 if samples else 1.0
-            ax.axvspan(0, soaking.WARM_UP * end, color="#f1f1f1", linewidth=0, zorder=-10)
-        for ax in axes[-1]:
-            ax.set_xlabel("ticks [10⁶]")
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper left", ncols=4)
-        figure.savefig(path, dpi=130)
+    end = max((s.tick for s in samples), default=0) / 1e6
+    frames = []
+    for what, label in whats:
+        layers, top = list[Layer](), 1.0
+        for i, name in enumerate(names):
+            rows = [s for s in samples if s.process == name]
+            values = [getattr(s, what) for s in rows]
+            if what == "memory":
+                values = [v - values[int(soaking.WARM_UP * len(values))] for v in values]
+            top = max(top, *values)
+            ticks = [s.tick / 1e6 for s in rows]
+            layers.append(line(name, ticks, values, PALETTE[i % len(PALETTE)]))
+        at = [soaking.WARM_UP * end] * 2
+        layers.append(line("judged from here", at, [0.0, top], GREY, shape=DASHED))
+        limits = None if what == "memory" else (0.0, 1.06 * top)
+        frames.append(Frame(Axis("ticks [10⁶]"), Axis(label, limits=limits), layers))
+    return Chart(frames)

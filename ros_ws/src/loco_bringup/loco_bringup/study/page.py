@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One self-contained HTML page about a study: maps, figures, trials, and every case by a click."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from loco_control.files import write_whole
+from loco_learning.drawing import png
+from loco_learning.drawing.chart import Chart
+from loco_learning.study import figures, maps
+from loco_learning.study.case import CaseResult
+from loco_learning.study.study import Case, Study
+
+from ..page import html
+
+Drawn = tuple[str, str, Chart]
+
+MAP = (
+    "Colour: the metric. Dots: the trial failed. The edge runs around the legal range of the "
+    "metric, {legal}. Dashed: lines of equal damping ratio, y = κ √x. Click a cell for its case."
+)
+REGIONS = (
+    "Pale: where the rule of the study places a region. Full: the points there that behave as the "
+    "rule says; the share of them is in the legend. Click a cell for its case."
+)
+SEEDS = "A dot for each trial, in the phase {phase!r}. Click one for its case."
+MOST_ROWS = 400  # cases in the table of the page; all are in cases.csv
+
+
+def write(study: Study, results: list[CaseResult], folder: Path) -> Path:
+    """Write ``study.html``, and each map as a picture beside it; returns the page's path.
+
+    Args:
+        study: The study.
+        results: Its cases, one at least.
+        folder: Folder of the results.
+    """
+    drawn = _maps(study, results) if study.map else []
+    for title, _, chart in drawn:
+        png.write(chart, folder / f"map_{title.replace(', ', '_').replace(' ', '_')}.png")
+    return write_whole(folder / "study.html", page(study, results, drawn))
+
+
+def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -> str:
+    """HTML text of the page of a study.
+
+    Args:
+        study: The study.
+        results: Its cases, one at least.
+        drawn: Title, caption and chart of its maps.
+    """
+    sections = [html.part(title, partial(html.figure, chart, title, text))
+                for title, text, chart in drawn]  # fmt: skip
+    for name in study.figures:
+        draw = figures.FIGURES[name]
+        title = name.replace("_", " ").capitalize().replace("Nrmse", "NRMSE")
+        text = draw.__doc__ or ""
+        sections.append(html.part(title, partial(html.figure, partial(draw, results), title, text)))
+    if not study.axes:
+        title, text = "Trials", SEEDS.format(phase=study.phase)
+        chart = partial(figures.seeds, study, results)
+        sections.append(html.part(title, partial(html.figure, chart, title, text)))
+    sections.append(html.part("Failures by criterion", lambda: _table(figures.summary(results))))
+    sections.append(html.part("Cases", lambda: _cases(study, results), long=True))
+    cases = {case.name: case for case in study.cases()}
+    details = {result.name: _details(result, cases[result.name], study) for result in results}
+    header = html.join(
+        [html.paragraph(study.description), html.cards(_counts(results)), html.case_panel(details),
+         html.paragraph(html.note(f"{len(results)} cases; engine {_engine(study)}."))]
+    )  # fmt: skip
+    return html.document(study.name, header, sections)
+
+
+def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
+    """Title, caption and chart of each metric and of the regions, in every plane of the grid."""
+    made = []
+    for sheet in maps.sheets(study, results):
+        for metric in study.map.metrics:
+            title = f"{sheet.title}, {metric.replace('_', ' ')}"
+            made.append((title, _caption(study, metric), maps.heat_map(sheet, metric, study.map)))
+        if study.map.regions:
+            chart = maps.region_map(sheet, study.map)
+            made.append((f"{sheet.title}, regions", REGIONS, chart))
+    return made
+
+
+def _caption(study: Study, metric: str) -> str:
+    low, high = study.map.legal.get(metric, (None, None))
+    return MAP.format(legal="of which none is given" if low is None else f"{low:g} to {high:g}")
+
+
+def _counts(results: list[CaseResult]) -> list[tuple[str, str, str]]:
+    """Cards with the number of trials of each variant that survived."""
+    return [(str(row["variant"]), f"{row['survived']} of {row['trials']}", "survived")
+            for row in figures.summary(results)]  # fmt: skip
+
+
+def _cases(study: Study, results: list[CaseResult]) -> Markup:
+    rows = figures.rows(study, results)
+    empty = [key for key in rows[0] if all(row[key] != row[key] for row in rows)]  # all NaN
+    rows = [{key: row[key] for key in row if key not in empty} for row in rows]
+    more = f"The first {MOST_ROWS} of {len(rows)}; " if len(rows) > MOST_ROWS else ""
+    text = f"{more}cases.csv has all digits; metrics of the phase {study.phase!r}."
+    return html.paragraph(text, soft=True) + _table(rows[:MOST_ROWS])
+
+
+def _table(rows: list[dict[str, Any]]) -> Markup:
+    head = [name.replace("_", " ") for name in rows[0]]
+    numeric = [i for i, value in enumerate(rows[0].values()) if isinstance(value, (int, float))]
+    return html.table(head, [[_text(v) for v in row.values()] for row in rows], numeric)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    return html.number(float(value)) if isinstance(value, (int, float)) else str(value)
+
+
+def _engine(study: Study) -> str:
+    named = {e.sim["engine"] for e in study.variants.values()}
+    return " and ".join(sorted(named))
+
+
+def _details(result: CaseResult, case: Case, study: Study) -> dict[str, str]:
+    values = result.metrics.get(study.phase) or next(iter(result.metrics.values()), {})
+    shown = {key: f"{value:.4g}" if isinstance(value, float) else str(value)
+             for key, value in result.at.items()}  # fmt: skip
+    shown |= {"seed": str(result.seed)}
+    failed = ", ".join(result.verdict["failed"])
+    shown["end"] = f"failed by {failed}: {result.verdict['fall']}" if failed else "survived"
+    shown |= {name: f"{values[name]:.4g}" for name in study.metrics if name in values}
+    return {**shown, "run it, with a moving picture": command(study, case)}
+
+
+def command(study: Study, case: Case) -> str:
+    """Command that runs a case again and writes the report with its animation."""
+    name, changes = study.origins[case.variant]
+    words = ["./loco", "run", name, "--layout", "rollout", "--seed", str(case.seed)]
+    for key, value in {**changes, **case.settings}.items():
+        if key != "experiment":
+            words += ["--set", f"{key}={json.dumps(value)}"]
+    return " ".join(map(shlex.quote, [*words, "--out", f"bags/{case.name}", "--report"]))

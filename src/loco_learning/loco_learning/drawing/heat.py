@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps of cells: values in steps of colour, named masks, and edges around cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .chart import BOXES, DOTS, LINE, Layer, array
+
+# Nine colours of viridis, which colour-blind readers and grey prints keep in order.
+STEPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
+         "#fde725")  # fmt: skip
+WIDE = 30.0  # largest over smallest value from which on steps are logarithmic
+ENDS = (2.0, 98.0)  # percentiles of the values between which the steps lie
+
+
+def cells(
+    values: np.ndarray, unit: str, links: Sequence[Sequence[str]] = (), name: str = ""
+) -> list[Layer]:
+    """Layers of a map, one for each step of colour; the cell (i, j) lies around x = j, y = i.
+
+    Args:
+        values: Values, (ny, nx); NaN leaves a cell empty.
+        unit: Unit of the values; ``-`` for none.
+        links: Address that a click on a cell opens, (ny, nx) or nothing.
+        name: Name of what is shown, which the values begin with under the pointer.
+    """
+    known, unit = np.isfinite(values), unit.removeprefix("-")
+    if not known.any():
+        return []
+    low, high = np.percentile(values[known], ENDS)
+    wide = low > 0.0 and high > WIDE * low
+    count = len(STEPS) if high > low else 1
+    edges = (np.geomspace if wide else np.linspace)(low, high, count + 1)
+    step = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+    made = []
+    for k in range(count):
+        mask = known & (step == k)
+        if not mask.any():
+            continue
+        ends = f"{edges[k]:.3g} to {edges[k + 1]:.3g}" if count > 1 else f"{low:.3g}"
+        texts = [f"{name} {value:.4g} {unit}".strip() for value in values[mask]]
+        made.append(marked(mask, f"{ends} {unit}".strip(), STEPS[k], links, texts))
+    return made
+
+
+def marked(
+    mask: np.ndarray,
+    name: str,
+    color: str,
+    links: Sequence[Sequence[str]] = (),
+    texts: Sequence[str] = (),
+) -> Layer:
+    """Cells of a mask as boxes.
+
+    Args:
+        mask: True where a cell belongs to it, (ny, nx).
+        name: Name in the legend.
+        color: Colour, as ``#rrggbb``.
+        links: Address that a click on a cell opens, (ny, nx) or nothing.
+        texts: What is said of each marked cell, in the order of `np.nonzero`.
+    """
+    rows, columns = (array(at) for at in np.nonzero(mask))
+    chosen = [links[int(i)][int(j)] for i, j in zip(rows, columns, strict=True)] if links else ()
+    return Layer(
+        name, columns - 0.5, rows - 0.5, color, BOXES, 1.2, columns + 0.5, rows + 0.5, texts, chosen
+    )
+
+
+def haloed(layer: Layer) -> list[Layer]:
+    """A black line or dots above a white copy, which show on cells of any colour.
+
+    Args:
+        layer: The layer; its colour is not used.
+    """
+    wider = layer.size + (1.5 if layer.shape == DOTS else 2.0)
+    white = replace(layer, color="#ffffff", size=wider, shape=DOTS if layer.shape == DOTS else LINE)
+    return [white, replace(layer, color="#000000")]
+
+
+def outline(mask: np.ndarray, name: str, color: str) -> Layer:
+    """Edge around the cells of a mask, along their sides.
+
+    Args:
+        mask: True where a cell belongs to it, (ny, nx).
+        name: Name in the legend.
+        color: Colour, as ``#rrggbb``.
+    """
+    padded = np.pad(mask, 1)
+    sides = []
+    for i, j in np.argwhere(padded[1:, :] != padded[:-1, :]):
+        sides += [(j - 1.5, i - 0.5), (j - 0.5, i - 0.5), (np.nan, np.nan)]
+    for i, j in np.argwhere(padded[:, 1:] != padded[:, :-1]):
+        sides += [(j - 0.5, i - 1.5), (j - 0.5, i - 0.5), (np.nan, np.nan)]
+    x, y = array(sides).reshape(-1, 2).T
+    return Layer(name, x, y, color, LINE, 2.0)

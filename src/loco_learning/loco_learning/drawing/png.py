@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Charts as PNG files."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from loco_control.files import write_whole
+
+from .chart import BOXES, DASHED, DOTS, Axis, Chart, Frame, Layer, limits
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLUMNS = 3  # frames side by side
+WIDTH, HEIGHT = 4.2, 3.2  # of a frame [in]; one alone is wider
+MOST_NAMES = 6  # of a long axis to the right
+STYLE = {"font.size": 8.5, "axes.spines.top": False, "axes.spines.right": False,
+         "legend.frameon": False}  # fmt: skip
+
+
+def write(chart: Chart, path: Path) -> Path:
+    """Draw a chart into a PNG file, whole or not at all; returns its path."""
+    # Drawing is loaded when something is drawn: most commands draw nothing.
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    count = len(chart.frames)
+    columns = min(COLUMNS, max(1, count)) if count != 4 else 2
+    rows = max(1, -(-count // columns))
+    size = (WIDTH * columns, HEIGHT * rows) if count > 1 else (1.6 * WIDTH, 1.3 * HEIGHT)
+    with matplotlib.rc_context(STYLE):
+        made = Figure(figsize=size, layout="constrained", dpi=120)
+        FigureCanvasAgg(made)  # no display, and no global state as pyplot has
+        axes = made.subplots(rows, columns, squeeze=False).flat
+        known: dict[str, Any] = {}
+        for ax, frame in zip(axes, chart.frames, strict=False):
+            _frame(ax, frame, known)
+        for ax in list(axes)[count:]:
+            ax.set_axis_off()
+        named = {name: handle for name, handle in known.items() if name}
+        made.legend(named.values(), named, loc="outside right upper")
+        return write_whole(path, partial(made.savefig, format="png"))
+
+
+def _frame(ax: Axes, frame: Frame, known: dict[str, Any]) -> None:
+    for axis, horizontal in ((frame.x, True), (frame.y, False)):
+        _axis(ax, axis, limits(frame, horizontal), horizontal)
+    for order, layer in enumerate(frame.layers):
+        known.setdefault(layer.name, _layer(ax, layer, order))
+    ax.set_title(frame.title, fontsize=9)
+    if frame.equal:
+        ax.set_aspect("equal", adjustable="datalim")
+
+
+def _axis(ax: Axes, axis: Axis, ends: tuple[float, float], horizontal: bool) -> None:
+    if axis.logarithmic:
+        (ax.set_xscale if horizontal else ax.set_yscale)("log")
+    (ax.set_xlim if horizontal else ax.set_ylim)(*ends)
+    (ax.set_xlabel if horizontal else ax.set_ylabel)(axis.label)
+    if axis.names:
+        every = math.ceil(len(axis.names) / MOST_NAMES) if horizontal else 1
+        if not horizontal and len(axis.names) > 5 * MOST_NAMES:
+            every = math.ceil(len(axis.names) / MOST_NAMES)
+        at = np.arange(0, len(axis.names), every)
+        (ax.set_xticks if horizontal else ax.set_yticks)(at, [axis.names[i] for i in at])
+
+
+def _layer(ax: Axes, layer: Layer, order: int) -> Any:
+    look = {"color": layer.color, "label": layer.name, "zorder": 2.0 + 0.01 * order}
+    if layer.shape == BOXES:
+        from matplotlib.collections import PolyCollection
+
+        corners = [(layer.x, layer.y), (layer.right, layer.y), (layer.right, layer.top),
+                   (layer.x, layer.top)]  # fmt: skip
+        boxes = np.array(corners, dtype=float).transpose(2, 0, 1)
+        ax.add_collection(PolyCollection(boxes, color=layer.color, lw=0.2, zorder=look["zorder"]))
+        return ax.plot([], [], "s", **look)[0]
+    if layer.shape == DOTS:
+        return ax.plot(layer.x, layer.y, "o", ms=1.5 * layer.size, mew=0, **look)[0]
+    dashed = (0, (4, 3)) if layer.shape == DASHED else "-"
+    return ax.plot(layer.x, layer.y, lw=0.8 * layer.size, ls=dashed, **look)[0]
