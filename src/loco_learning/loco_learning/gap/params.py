@@ -49,6 +49,9 @@ class GapParams(Params):
     closed: float = parameter(
         0.998, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
     )
+    residual: bool = parameter(
+        False, "fit a learned correction, which explains nothing, to what has no name"
+    )
     screen_seconds: float = parameter(
         4.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6
     )

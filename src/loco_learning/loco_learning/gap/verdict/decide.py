@@ -239,12 +239,12 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     twins = EFFECTS[c.name].identity.twins if c.name in EFFECTS else ()
     others = tuple(sorted({*names, *twins, *c.traded}))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
-    lacks = _lacks(c, found, limits)
-    verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
+    wanting = lacks(c, found, limits)
+    verdict = UNKNOWN if wanting else AMBIGUOUS if others else NAMED
     named_else = [r for r in c.rivals if r.name != c.name]
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
     odds = min(odds, 1.0) if twins else odds
-    text = _sentence(c, verdict, lacks, others, places)
+    text = _sentence(c, verdict, wanting, others, places)
     return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
 
 
@@ -253,28 +253,34 @@ def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
     return tuple(r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed)
 
 
-def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
-    """Reasons against considering a candidate at all."""
-    lacks = []
+def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> list[str]:
+    """Reasons against considering a candidate at all.
+
+    Args:
+        c: Candidate with its evidence on data that it was not fitted to.
+        found: Alarms about it.
+        limits: Conditions for a name.
+    """
+    wanting = []
     sure = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
     if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and sure):
-        lacks.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
+        wanting.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
     if c.gain.blocks_improved < limits.blocks:
-        lacks.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
+        wanting.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
     if c.closed < limits.closed:
-        lacks.append(f"it closes only {c.closed:.0%} of the gap")
+        wanting.append(f"it closes only {c.closed:.0%} of the gap")
     strengths = [e for e in c.estimates if e.absent is not None]
     if strengths and not any(e.excludes_absent for e in strengths):
-        lacks.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
-    return lacks + [alarm.split(": ", 1)[1] for alarm in found]
+        wanting.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
+    return wanting + [alarm.split(": ", 1)[1] for alarm in found]
 
 
 def _sentence(
-    c: Candidate, verdict: str, lacks: list[str], others: Sequence[str], places: Sequence[str]
+    c: Candidate, verdict: str, wanting: list[str], others: Sequence[str], places: Sequence[str]
 ) -> str:
     what = f"{c.name} {c.place}".strip()
     if verdict == UNKNOWN:
-        return f"{what} is not established: {'; '.join(lacks)}."
+        return f"{what} is not established: {'; '.join(wanting)}."
     data = "likelihood of all records" if c.elsewhere else "held-out likelihood"
     text = (
         f"without {what} the {data} falls by {c.gain.gain:.3g} nat (95 % interval "
