@@ -338,6 +338,14 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
         "after": after,
         "closed": 1.0 - after / before,
         "gain": _gain(over),
+        "records": [
+            {
+                "name": case.records[i].name,
+                "before": evidence.rms([found.before.residuals[i]]),
+                "after": evidence.rms([found.after.residuals[i]]),
+            }
+            for i in case.judging
+        ],
         "says": said if not against else f"A learned correction is left out: {'; '.join(against)}.",
     }
 

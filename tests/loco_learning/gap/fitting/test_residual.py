@@ -81,6 +81,8 @@ def test_a_force_without_a_name_is_corrected_and_the_model_file_does_the_same(
     assert learned["before"] == pytest.approx(gap["gap"]["before"])
     assert learned["closed"] > 0.8
     assert "explains nothing" in learned["says"]
+    (row,) = learned["records"]
+    assert (row["name"], row["after"]) == (judge[0].name, pytest.approx(learned["after"]))
 
     Model(slide.model.robot, {}, learned["effects"]).save(tmp_path / "model.yaml")
     assert "explains nothing" in (tmp_path / "model.yaml").read_text()

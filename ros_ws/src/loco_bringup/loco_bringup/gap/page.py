@@ -101,9 +101,8 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _before_and_after(result: Mapping[str, Any], curves: Curves) -> Markup:
-    learned = text.learned_line(result)
-    told = html.paragraph(html.strong(learned)) if learned else Markup()
-    return told + html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
+    shown = html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
+    return tables.learned(result) + shown
 
 
 def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
