@@ -18,6 +18,7 @@ from loco_learning.gap.localisation.correction import KIND
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
+from loco_sim.effects.rows import FEATURES
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
@@ -114,6 +115,12 @@ def test_what_helps_only_where_it_was_fitted_is_left_out_with_the_reason(slide, 
     learned = workflow.find(slide.model, fit, judge, ASKED)["residual"]
     assert not learned["used"] and learned["effects"] == []
     assert learned["says"].startswith("A learned correction is left out: ")
+
+
+def test_joints_that_hardly_move_what_is_predicted_are_left_alone():
+    x = np.random.default_rng(0).normal(size=(50, 3 * FEATURES))
+    weights = np.repeat([1.0, 0.01, 0.5], FEATURES)
+    assert residual.telling(x, weights) == [0, 2]
 
 
 def test_same_bytes_for_any_number_of_workers(slide, measured):

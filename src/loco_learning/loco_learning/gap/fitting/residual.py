@@ -35,6 +35,7 @@ Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
 # made-up torques the fourth still gained a third of what was left, twice as many gained no more.
 ROUNDS = 4
 LEAST_GAIN = 0.02  # share by which a round must lower the rms for another one (taste)
+LEAST_OF_ALL = 0.01  # share of what all joints move below which one is left alone (taste)
 STEP = 0.02  # weight that is tried, of half the range of the joint's torque (taste)
 SHARES = (1.0, 0.5, 0.25)  # of a step that are tried, since runs are not straight lines (taste)
 MOST = 20_000  # values of a column: neighbours in time say the same (memory)
@@ -84,9 +85,12 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
         x = _columns(given, overrides, regions, at, stride, each)
         share, wanted = ridge(x, x @ at - residual[::stride])
         if turn == 0:
-            explained = share
             if share < LEAST_EXPLAINED:
                 return None
+            kept = telling(x, wanted)
+            regions, at = [regions[j] for j in kept], np.zeros(len(kept) * FEATURES)
+            x = x[:, np.concatenate([np.arange(j * FEATURES, (j + 1) * FEATURES) for j in kept])]
+            explained, wanted = ridge(x, -residual[::stride])
         before = _rms(residual)
         for part in SHARES:
             tried = _rounded(at + part * (wanted - at))
@@ -133,6 +137,18 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
         bounded = {k: _digits(float(np.clip(v, *_bounds(k)))) for k, v in values.items()}
         found.append({"name": LearnedResidual.name, "joint": joint, **bounded})
     return found
+
+
+def telling(x: np.ndarray, weights: np.ndarray) -> list[int]:
+    """Joints whose correction moves what is predicted more than a little; at least one.
+
+    Args:
+        x: Change of what is predicted per weight, (N, J FEATURES).
+        weights: Weights of all joints, (J FEATURES,).
+    """
+    parts = np.split(np.arange(x.shape[1]), x.shape[1] // FEATURES)
+    energy = np.array([float(np.square(x[:, p] @ weights[p]).sum()) for p in parts])
+    return np.flatnonzero(energy >= LEAST_OF_ALL * energy.sum()).tolist()
 
 
 def corrections(regions: Specs, weights: np.ndarray) -> Specs:
