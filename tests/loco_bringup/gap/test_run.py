@@ -154,6 +154,35 @@ def test_alarms_and_corrections_are_seen():
     assert "Correction, not explanation" in shown
 
 
+LEARNED = {
+    "kind": "correction: not an explanation", "used": True, "before": 14.2, "after": 2.84,
+    "closed": 0.8, "joints": ["pivot"], "says": "It closes 80 % and explains nothing.",
+    "effects": [{"name": "learned_residual", "joint": "pivot", "weights": [0.01] * 18}],
+}  # fmt: skip
+
+
+def test_a_learned_correction_is_marked_wherever_it_is():
+    gap = result("unknown", residual=LEARNED)
+    words = " ".join(Reader(pages.page(gap, curves())).words)
+    assert "correction, not an explanation: It closes 80 % and explains nothing." in words
+    assert "Learned correction" in words and "80 %" in words and "learned_residual" in words
+    assert text.headline(gap) == text.headline(result("unknown"))
+    assert [e["name"] for e in runner.patched(gap).effects] == ["learned_residual"]
+    refused = {**LEARNED, "used": False, "effects": [], "says": "Left out: chance."}
+    words = " ".join(Reader(pages.page(result("unknown", residual=refused), curves())).words)
+    assert "Left out: chance." in words and "Learned correction" not in words
+    assert runner.patched(result("unknown", residual=None)).effects == []
+
+
+def test_the_option_asks_for_a_learned_correction(found, tmp_path):
+    asked = "chirp", "--hold-out", "steps", "--robot", "servo_pendulum", "--workers", "1"
+    assert call(*asked, "--out", tmp_path / "plain") == 0
+    assert found["params"].residual is False
+    assert call(*asked, "--residual", "--out", tmp_path / "asked") == 0
+    assert found["params"].residual is True
+    assert runner.load_job(tmp_path / "asked").options["residual"] is True
+
+
 def test_a_search_writes_every_file_and_the_same_bytes_again(found, tmp_path):
     told = []
     for name in ("one", "two"):

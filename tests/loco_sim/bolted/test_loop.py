@@ -70,8 +70,9 @@ def specs(name: str) -> list[dict]:
     priors = effects.EFFECTS[name].identity.priors
     typical = {key: prior.typical or prior.high for key, prior in priors.items()}
     for key, value in typical.items():
-        if isinstance(getattr(effects.EFFECTS[name], key), tuple):
-            typical[key] = (value,) * 3
+        default = getattr(effects.EFFECTS[name], key)
+        if isinstance(default, tuple):
+            typical[key] = (value,) * len(default)
     return [{"name": name, **typical, **SMALL.get(name, {})}]
 
 

@@ -36,6 +36,7 @@ STRONG = {
     "hysteresis": {"torque": 5.0},
     "imu_tilt": {"roll": 0.1, "pitch": -0.2, "yaw": 0.3},
     "joint_offset": {"offset": 0.1},
+    "learned_residual": {"weights": (5.0,) * 18, "travel": 9.0, "speed": 99.0, "load_range": 99.0},
     "load_friction": {"share": 0.3},
     "payload": {"mass": 10.0, "position": (0.3, 0.0, 0.0)},
     "push": {"force": (0.0, 100.0, 0.0), "random": 50.0},

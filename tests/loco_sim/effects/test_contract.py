@@ -33,6 +33,7 @@ CLEAR = {
     "cable_force": {"stiffness": 50.0, "length": 0.1, "point": (0.0, 0.0, -0.1)},
     "added_stiffness": {"stiffness": 0.5},  # more needs finer steps on a shank of 20 g
     "end_stop": {"angle": 0.001},
+    "learned_residual": {"weights": (0.05,) * 18, "travel": 9.0, "speed": 99.0, "load_range": 99.0},
     "ground_height": {"height": 0.003, "foot": "lf_foot"},
     "series_elasticity": {"compliance": 0.5},
     "push": {"force": (1.0, 0.5, 0.2), "random": 0.5, "point": (0.0, 0.0, -0.1)},

@@ -42,8 +42,9 @@ def typical(name: str) -> dict:
     priors = effects.EFFECTS[name].identity.priors
     values = {key: prior.typical or prior.high for key, prior in priors.items()}
     for key, value in values.items():
-        if isinstance(getattr(effects.EFFECTS[name], key), tuple):
-            values[key] = [value] * 3
+        default = getattr(effects.EFFECTS[name], key)
+        if isinstance(default, tuple):
+            values[key] = [value] * len(default)
     return {"name": name, **values, **STRONG.get(name, {})}
 
 

@@ -66,6 +66,35 @@ def test_a_wrong_model_is_refused(tmp_path, text, message):
         model.load(path)
 
 
+LEARNED = "format: 1\nrobot: pendulum\neffects: [{{name: learned_residual, {}}}]\n"
+
+
+@pytest.mark.parametrize(
+    ("hostile", "message"),
+    [
+        ("weights: [1, 2, 3]", "weights must have 18 values, got 3"),
+        ("weights: [" + "1, " * 17 + ".nan]", r"weights\[17\] must be in \[-10000, 10000\]"),
+        ("weights: [" + "1, " * 17 + "1.0e+9]", r"weights\[17\] must be in \[-10000, 10000\]"),
+        ("weights: /etc/passwd", "weights must be a list of 18 numbers"),
+        ("weights: [" + "1, " * 17 + "{a: 1}]", r"weights\[17\] must be a number"),
+        ("travel: 0", "travel must be in"),
+        ("speed: .inf", "speed must be in"),
+        ("file: ../../weights.npz", "no parameter in effect learned_residual named 'file'"),
+    ],
+)
+def test_hostile_weights_of_a_learned_correction_are_one_line(tmp_path, hostile, message):
+    (tmp_path / "model.yaml").write_text(LEARNED.format(hostile))
+    with pytest.raises(LocoError, match=message) as error:
+        model.load(tmp_path / "model.yaml")
+    assert "\n" not in str(error.value)
+
+
+def test_a_model_with_a_learned_correction_says_that_it_explains_nothing():
+    learned = Model("pendulum", {}, [{"name": "learned_residual", "weights": [0.01] * 18}])
+    assert "explains nothing" in learned.dumps() and model.loads(learned.dumps()) == learned
+    assert "explains nothing" not in Model("pendulum", {}, DELAY).dumps()
+
+
 def test_a_model_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(LocoError, match="there is no model at"):
         model.load(tmp_path / "model.yaml")

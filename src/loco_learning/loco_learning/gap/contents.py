@@ -14,6 +14,7 @@ from loco_control.params import to_dict
 from loco_sim.plant.model import Model
 
 from ..plain import plain
+from .fitting import residual
 from .fitting.fit import Fitted
 from .localisation import correction
 from .localisation.localise import localise
@@ -26,13 +27,20 @@ from .proposals.following import following
 from .statistics import evidence, identify
 from .verdict import kinds, rounding, scale
 from .verdict.candidates import Candidate
-from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Ruling
+from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Ruling, lacks
 from .verdict.judge import Judged
 
 FORMAT = 1
-WHERE = 3  # key of a random stream
+WHERE, LEARNED = 3, 6  # keys of random streams
+FEW_JOINTS = 3  # that are told by name
 MOST_CELLS = 40  # cells that are told
-EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None, "next": []}
+EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None, "residual": None,
+         "next": []}  # fmt: skip
+
+NOT_LEARNED = (
+    "No learned correction: what is left does not hang on positions, speeds and torques of the "
+    "joints."
+)
 
 log = logging.getLogger(__name__)
 
@@ -105,8 +113,18 @@ class Detail:
     make: Callable[[list[str]], Any]
 
 
-def details(model: Model, case: Case, judged: Judged, params: GapParams) -> list[Detail]:
-    """Parts of ``gap.json`` that are made once the verdict is on disk, in order."""
+def details(
+    model: Model, case: Case, judged: Judged, params: GapParams, each: residual.Each
+) -> list[Detail]:
+    """Parts of ``gap.json`` that are made once the verdict is on disk, in order.
+
+    Args:
+        model: Robot, overrides and effects before the search.
+        case: Model and data.
+        judged: Decision with its evidence.
+        params: Settings.
+        each: Calls functions of the case, in any number of processes.
+    """
     verdict, found = judged.decision.verdict, []
     if verdict != NO_GAP:
         found += [
@@ -119,6 +137,9 @@ def details(model: Model, case: Case, judged: Judged, params: GapParams) -> list
         found.append(
             Detail("correction", "fitting a correction", lambda notes: fallback(case, judged.base))
         )
+    if verdict in (UNKNOWN, MORE) and params.residual:
+        found.append(Detail("residual", "fitting a learned correction",
+                            lambda notes: learned(case, judged, params.seed, each)))  # fmt: skip
     return [*found, Detail("next", "looking for the next experiment",
                            lambda notes: following(model, case, judged, notes))]  # fmt: skip
 
@@ -282,6 +303,51 @@ def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
         if found is None
         else {**asdict(found), "channels": [asdict(c) for c in found.channels]}
     )
+
+
+def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[str, Any]:
+    """Learned correction of what the model still misses, judged as an effect is.
+
+    Args:
+        case: Model and data.
+        judged: Decision with the model that goes on.
+        seed: Seed of the resampling.
+        each: Calls functions of the case, in any number of processes.
+    """
+    found = residual.fit(case, judged.after, each)
+    if found is None:
+        return {"kind": correction.KIND, "used": False, "effects": [], "says": NOT_LEARNED}
+    over = evidence.compare(found.after, found.before, np.random.default_rng([seed, LEARNED]))
+    closed = evidence.closed_by(found.before.residuals, found.after.residuals)
+    before, after = found.before.rms, found.after.rms
+    against = lacks(Candidate("learned_residual", "", (), over, closed, worse=before / after))
+    few, count = ", ".join(found.joints), len(found.joints)
+    where = few if count <= FEW_JOINTS else f"{count} joints"
+    said = (
+        f"A learned correction of the torque in {where} closes {1.0 - after / before:.0%} of the "
+        f"rms on held-out data: {before:.3g} noise floors without it, {after:.3g} with it. It "
+        "explains nothing."
+    )
+    return {
+        "kind": correction.KIND,
+        "used": not against,
+        "effects": [] if against else found.effects,
+        "joints": list(found.joints),
+        "explained": found.explained,
+        "before": before,
+        "after": after,
+        "closed": 1.0 - after / before,
+        "gain": _gain(over),
+        "records": [
+            {
+                "name": case.records[i].name,
+                "before": evidence.rms([found.before.residuals[i]]),
+                "after": evidence.rms([found.after.residuals[i]]),
+            }
+            for i in case.judging
+        ],
+        "says": said if not against else f"A learned correction is left out: {'; '.join(against)}.",
+    }
 
 
 def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:

@@ -43,11 +43,11 @@ class GapParams(Params):
     finalists: int = parameter(4, "effects that are fitted to the end", low=1, high=40)
     polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
     beyond: int = parameter(100, "simulations that look past the minimum of a fit", low=0)
-    adequate: float = parameter(
-        1.25, "whitened rms below which nothing is left to explain", "-", 1.0, 10.0
-    )
     closed: float = parameter(
         0.998, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
+    )
+    residual: bool = parameter(
+        False, "fit a learned correction, which explains nothing, to what has no name"
     )
     screen_seconds: float = parameter(
         4.0, "of the fit records that are simulated for screening", "s", 0.5, 1e6

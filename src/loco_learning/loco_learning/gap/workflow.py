@@ -78,7 +78,8 @@ def find(
     def half(start: float) -> Report:
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
 
-    air = search(model, fit[0], judges[0], params, half(0.0), workers, keep, memory)
+    named = params.replace(residual=False)  # on the ground effects are sought beside names alone
+    air = search(model, fit[0], judges[0], named, half(0.0), workers, keep, memory)
 
     def both(ground: dict[str, Any]) -> dict[str, Any]:
         return stages.joined(air, ground)
@@ -146,7 +147,7 @@ def search(
         result = contents(model, case, judged, params, not_tried)
         if keep:
             keep(result)
-        for detail in details(model, case, judged, params):
+        for detail in details(model, case, judged, params, partial(each, tasks)):
             report(0.95, detail.stage, " + ".join(result["names"]))
             result = add(result, detail)
     finally:

@@ -14,6 +14,7 @@ from math import exp
 
 from numba import njit
 
+from ..drives.learned_kernels import learned_torque
 from ..drives.servo_kernels import given, scaled
 from ..drives.spring_kernels import spring_torque
 from .rows import (
@@ -23,6 +24,7 @@ from .rows import (
     GAIN,
     HYSTERESIS,
     LAG,
+    LEARNED,
     LIMIT,
     MAXWELL,
     ON_MOTOR,
@@ -35,7 +37,7 @@ from .rows import (
     SPRING,
 )
 
-MADE_OF = "c2fc449d1bc3"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "d98284b6a23b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
@@ -261,6 +263,16 @@ def maxwell(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @njit(cache=True)
+def learned(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law `learned_kernels.learned_torque`; const[6]: exp(-dt / T). memory: begun, tau late."""
+    for r in range(first, last):
+        j = joint[r]
+        late = memory[r, 1] if memory[r, 0] != 0.0 else tau[j]
+        memory[r, 0], memory[r, 1] = 1.0, tau[j] + const[r, 6] * (late - tau[j])
+        tau[j] += learned_torque(q[j], dq[j], tau[j], late, const[r])
+
+
+@njit(cache=True)
 def friction(first, last, joint, const, budget, tau, dq):
     """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
 
@@ -325,6 +337,8 @@ def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
             hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == MAXWELL:
             maxwell(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == LEARNED:
+            learned(a, b, joint, const, memory, tau, q, dq, dt)
 
 
 @njit(cache=True)

@@ -9,8 +9,9 @@ import numpy as np
 
 # Numbers of the laws in `laws.torques`; a law of friction has none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
-SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL = range(8, 15)
-CONSTANTS, MEMORY = 9, 5  # per row
+SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(8, 16)
+FEATURES = 18  # of `learned_kernels.learned_torque`
+CONSTANTS, MEMORY = 7 + FEATURES, 5  # per row
 ON_MOTOR = 2  # among the constants of a drive's law: 1 where it is about the motor behind a gear
 NEVER = np.iinfo(np.int64).max
 

@@ -23,10 +23,13 @@ from loco_control.reading import parse_yaml, read_text, read_yaml, shown, unders
 
 from .. import effects
 from ..effects.base import Effect
+from ..effects.catalogue.learned import LearnedResidual
 from ..robot import robot
 
 FORMAT = 1
 KEYS = ("format", "robot", "overrides", "effects")
+HEAD = "# SPDX-License-Identifier: Apache-2.0\n"
+LEARNED = "# learned_residual is a correction: it closes a gap and explains nothing\n"
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,9 @@ class Model:
         """Text of a ``model.yaml``, for `loads`."""
         values = {"format": FORMAT, "robot": self.robot}
         values |= {"overrides": dict(self.overrides), "effects": list(self.effects)}
-        return "# SPDX-License-Identifier: Apache-2.0\n" + yaml.safe_dump(values, sort_keys=False)
+        learned = any(effect.get("name") == LearnedResidual.name for effect in self.effects)
+        head = HEAD + LEARNED if learned else HEAD
+        return head + yaml.safe_dump(values, sort_keys=False)
 
     def save(self, path: str | Path) -> None:
         """Write a ``model.yaml``, whole or not at all."""

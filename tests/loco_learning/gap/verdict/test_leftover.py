@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.verdict.decide import LIMITS
-from loco_learning.gap.verdict.leftover import adequate
+from loco_learning.gap.verdict.decide import LIMITS, has_gap
+from loco_learning.gap.verdict.leftover import adequate, explained
 
 ROWS = 400
 
@@ -18,6 +18,17 @@ def record(*levels: float) -> np.ndarray:
 
 def test_all_near_the_floor_is_explained():
     assert adequate([record(10.0, 1.0)], [record(1.1, 1.0)], LIMITS)
+
+
+@pytest.mark.parametrize("level", np.linspace(1.0, 1.9, 19))
+def test_a_record_is_explained_by_the_same_number_that_says_whether_there_is_a_gap(level):
+    before, after = [record(2.0)], [record(level)]
+    assert adequate(before, after, LIMITS) == (not has_gap(after)) == explained(after, LIMITS)[0]
+
+
+def test_the_shorter_a_record_the_more_may_be_chance():
+    short, long = ([np.resize(record(1.35), (rows, 1))] for rows in (300, 30000))
+    assert explained(short, LIMITS).all() and not explained(long, LIMITS).any()
 
 
 def test_most_of_a_large_gap_closed_is_explained():

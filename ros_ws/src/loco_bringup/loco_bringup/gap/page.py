@@ -30,7 +30,7 @@ def write_page(result: Mapping[str, Any], curves: Curves, path: Path) -> Path:
 def page(result: Mapping[str, Any], curves: Curves) -> str:
     """HTML text of the page."""
     sections = [
-        part("Before and after", lambda: _before_and_after(curves)),
+        part("Before and after", lambda: _before_and_after(result, curves)),
         part("Where", lambda: _where(result, curves)),
         part("Evidence", lambda: _evidence(result)),
         part("Spectra", lambda: html.figure(lambda: plots.spectra(curves), "Spectra", _SPECTRA)),
@@ -90,6 +90,9 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         cards.append(("Closed", text.closed_rms(gap), share))
     if result["verdict"] == "unknown" and result["regions"]:
         cards.append(("Where", "", result["regions"][0]))
+    if (result.get("residual") or {}).get("used"):
+        share = text.closed_rms(result["residual"])
+        cards.append(("Learned correction", share, "of the rms on held-out data; explains nothing"))
     odds = [t["odds"] for t in result["terms"] if isinstance(t.get("odds"), (int, float))]
     if odds and result["verdict"] in (*text.NAMED, "ambiguous"):
         what = "against the best explanation of another name"
@@ -97,8 +100,9 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return cards
 
 
-def _before_and_after(curves: Curves) -> Markup:
-    return html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
+def _before_and_after(result: Mapping[str, Any], curves: Curves) -> Markup:
+    shown = html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
+    return tables.learned(result) + shown
 
 
 def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
@@ -119,8 +123,10 @@ def _evidence(result: Mapping[str, Any]) -> Markup:
 
 
 def _model(result: Mapping[str, Any]) -> Markup:
-    body = html.yaml_block(dict(result["model"]))
-    return html.join([html.paragraph(_MODEL, soft=True), body, tables.correction(result)])
+    learned = (result.get("residual") or {}).get("effects", [])
+    model = {**result["model"], "effects": [*result["model"]["effects"], *learned]}
+    parts = [html.paragraph(_MODEL, soft=True), html.yaml_block(model)]
+    return html.join([*parts, tables.correction(result)])
 
 
 def _robot(result: Mapping[str, Any]) -> str:

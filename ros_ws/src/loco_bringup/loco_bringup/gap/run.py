@@ -150,9 +150,10 @@ def compare(result: Mapping, model: Model, fit: Sequence[Record], held: Sequence
 
 
 def patched(result: Mapping[str, Any]) -> Model:
-    """Model that was found."""
-    m = result["model"]
-    return Model(m["robot"], dict(m["overrides"]), [dict(e) for e in m["effects"]])
+    """Model that was found, with the learned correction if one holds."""
+    m, learned = result["model"], result.get("residual") or {}
+    listed = [*m["effects"], *learned.get("effects", ())]
+    return Model(m["robot"], dict(m["overrides"]), [dict(e) for e in listed])
 
 
 def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:

@@ -190,6 +190,15 @@ def correction(result: Result) -> Markup:
     return html.join([*text_of_it, *rows])
 
 
+def learned(result: Result) -> Markup:
+    """The learned correction: what it is, and what it does to each record that judges."""
+    said = text.learned_line(result)
+    if not said:
+        return Markup()
+    rows = result["residual"].get("records") or []
+    return html.paragraph(html.strong(said)) + (rows_of(rows, ("name",)) if rows else Markup())
+
+
 def notes(result: Result) -> Markup:
     """The gap of each record, notes of aligning and searching, and effects not tried."""
     told = [*(result.get("align") or ()), *(result.get("notes") or ())]

@@ -54,6 +54,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     """
     options: dict[str, Any] = {"seed": a.seed}
     options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}
+    options |= {"residual": True} if a.residual else {}
     options |= overrides(a.set, None)
     if a.add:
         return _more(a, options)
@@ -86,6 +87,8 @@ def show(result: Mapping[str, Any], folder: Path) -> None:
         console.print(f"  {gap}")
     if result["verdict"] == "no gap" and result.get("evidence"):
         console.print(f"  {result['evidence']}")
+    if learned := text.learned_line(result):
+        console.print(f"  {learned}")
     for alarm in result.get("alarms") or ():
         console.print(f"  alarm: {alarm}")
     for line in text.at_the_robot(result):

@@ -123,6 +123,12 @@ def gap_line(result: Result) -> str:
     return line
 
 
+def learned_line(result: Result) -> str:
+    """Words about the learned correction, with what it is; empty where none was asked for."""
+    found = result.get("residual")
+    return f"{found['kind'].replace(':', ',')}: {found['says']}" if found else ""
+
+
 def closed_rms(gap: Mapping[str, Any]) -> str:
     """Share of the rms on held-out data that is closed."""
     return f"{round(100.0 * (1.0 - gap['after'] / max(gap['before'], 1e-12))):d} %"

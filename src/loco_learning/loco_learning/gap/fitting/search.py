@@ -20,6 +20,7 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence, noise
+from ..verdict.decide import has_gap
 from .fit import Fitted, Setting, fit, polish, rough, weigh
 from .screen import Screened, screen
 
@@ -163,14 +164,10 @@ class Search:
     # ---- judging ---------------------------------------------------------------------
 
     def adequate(self, model: Fitted) -> bool:
-        """Nothing is left to explain in any channel, neither in what was fitted nor beyond."""
-        worst = 0.0
-        for held in (False, True):
-            rows = self.case.masked(model.whole, range(len(model.whole)), held)
-            stacked = np.concatenate(rows)
-            seen = np.maximum(np.isfinite(stacked).sum(0), 1)  # a channel may be in one alone
-            worst = max(worst, math.sqrt(np.max(np.nansum(np.square(stacked), axis=0) / seen)))
-        return worst <= self.params.adequate
+        """Nothing is left to explain, neither in what was fitted nor beyond nor in both."""
+        every = range(len(model.whole))
+        parts = (self.case.masked(model.whole, every, held) for held in (False, True))
+        return not any(has_gap(residuals) for residuals in (model.whole, *parts))
 
     def enough(self, model: Fitted, base: Fitted) -> bool:
         """Nothing is left that another effect would be worth, or could be seen to close."""

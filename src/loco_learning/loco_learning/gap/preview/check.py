@@ -33,6 +33,7 @@ from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record
+from ..verdict.decide import LIMITS
 from . import visible
 from .visible import Visible
 
@@ -80,7 +81,7 @@ def look(
     bundled = bundles(robots[0], case.forward.channels, hypotheses, fixed)
     tell(0.2, "trying every effect")
     with pool.start(call, (case,), workers if workers > 1 else 0) as tasks:
-        found = visible.look(case, bundled, math.sqrt(params.adequate**2 - 1.0), tasks)
+        found = visible.look(case, bundled, math.sqrt(LIMITS.explained**2 - 1.0), tasks)
     tell(0.9, "timing the search")
     ways = [_way(robot) for robot in robots]
     return plain(

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from loco_control.params import Params, parameter
 from loco_sim.effects import EFFECTS
@@ -21,7 +20,7 @@ from loco_sim.effects import EFFECTS
 from ..statistics import evidence
 from ..statistics.evidence import Score
 from .candidates import Candidate, Estimate, Rival
-from .leftover import adequate
+from .leftover import adequate, explained
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
 MORE = "named, and more is missing"
@@ -31,19 +30,27 @@ MORE = "named, and more is missing"
 class Limits(Params):
     """Conditions for a name."""
 
-    gap: float = parameter(
-        1.15, "rms of a channel [floors], beyond chance, from which on it is a gap", low=1.0
+    # The one answer to "does a model explain the data?", whoever asks: whether there is a gap,
+    # whether a search begins and ends, which effects show, whether a name leaves nothing. Battery:
+    # what noise, jitter of stamps and the other side's integrator leave of a true model.
+    explained: float = parameter(
+        1.25, "rms of a channel [floors], beyond chance, up to which a model explains it", low=1.0
     )
+    # Another question: small differences between models are told from noise only where one of
+    # them leaves little more than that in all data together (battery).
+    noise: float = parameter(
+        1.5, "rms on all data [floors] up to which what a model leaves says how large noise is",
+        low=1.0,
+    )  # fmt: skip
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     worse: float = parameter(3.0, "rms over the best model's beyond which it is no rival", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
     closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
-    adequate_rms: float = parameter(
-        1.5, "rms [floors] of a channel in a record up to which the model explains it", low=1.0
-    )
-    adequate_closed: float = parameter(
-        0.9, "share of the gap whose closing also counts as explaining the data", high=1.0
-    )
+    # No model of hardware follows a large gap down to noise (taste).
+    most: float = parameter(
+        0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
+        high=1.0,
+    )  # fmt: skip
     large: float = parameter(
         0.5, "share of the held-out rms that established effects must close to be named while more "
         "is missing", low=0.0, high=1.0
@@ -72,7 +79,6 @@ class Limits(Params):
 
 
 LIMITS = Limits()
-KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
 
 
 @dataclass(frozen=True)
@@ -139,12 +145,7 @@ def has_gap(before: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
         before: Whitened residuals of the model as it came on all records, (T, C) each.
         limits: Conditions for a name; here what is above the floor.
     """
-    channels = before[0].shape[1]
-    power = np.sum([np.nansum(np.square(r), axis=0) for r in before], axis=0)
-    count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in before], axis=0), 1)
-    z = stats.norm.ppf(1.0 - 0.01 / channels)
-    chance = 1.0 + z * np.sqrt(KURTOSIS / count)
-    return bool(np.any(power / count > limits.gap**2 * chance))
+    return not explained(before, limits).all()
 
 
 def decide(
@@ -172,16 +173,16 @@ def decide(
         return Decision(NO_GAP, (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
-    explained = adequate(*residuals, limits, enough)
-    if explained and _trifling(candidates, evidence.rms(residuals[0]), limits):
+    explains = adequate(*residuals, limits, enough)
+    if explains and _trifling(candidates, evidence.rms(residuals[0]), limits):
         text = (
             f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
             f"{candidates[0].name} too small to matter explains it."
         )
         return Decision(NO_GAP, (), True, text)
-    verdict = _overall(rulings, explained, large(residuals, before, after, limits))
-    text = _summary(verdict, rulings, explained, before.rms, after.rms, closed)
-    return Decision(verdict, rulings, explained, text)
+    verdict = _overall(rulings, explains, large(residuals, before, after, limits))
+    text = _summary(verdict, rulings, explains, before.rms, after.rms, closed)
+    return Decision(verdict, rulings, explains, text)
 
 
 def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
@@ -239,12 +240,12 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
     twins = EFFECTS[c.name].identity.twins if c.name in EFFECTS else ()
     others = tuple(sorted({*names, *twins, *c.traded}))
     places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
-    lacks = _lacks(c, found, limits)
-    verdict = UNKNOWN if lacks else AMBIGUOUS if others else NAMED
+    wanting = lacks(c, found, limits)
+    verdict = UNKNOWN if wanting else AMBIGUOUS if others else NAMED
     named_else = [r for r in c.rivals if r.name != c.name]
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
     odds = min(odds, 1.0) if twins else odds
-    text = _sentence(c, verdict, lacks, others, places)
+    text = _sentence(c, verdict, wanting, others, places)
     return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
 
 
@@ -253,28 +254,34 @@ def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
     return tuple(r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed)
 
 
-def _lacks(c: Candidate, found: Sequence[str], limits: Limits) -> list[str]:
-    """Reasons against considering a candidate at all."""
-    lacks = []
+def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> list[str]:
+    """Reasons against considering a candidate at all.
+
+    Args:
+        c: Candidate with its evidence on data that it was not fitted to.
+        found: Alarms about it.
+        limits: Conditions for a name.
+    """
+    wanting = []
     sure = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
     if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and sure):
-        lacks.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
+        wanting.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
     if c.gain.blocks_improved < limits.blocks:
-        lacks.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
+        wanting.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
     if c.closed < limits.closed:
-        lacks.append(f"it closes only {c.closed:.0%} of the gap")
+        wanting.append(f"it closes only {c.closed:.0%} of the gap")
     strengths = [e for e in c.estimates if e.absent is not None]
     if strengths and not any(e.excludes_absent for e in strengths):
-        lacks.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
-    return lacks + [alarm.split(": ", 1)[1] for alarm in found]
+        wanting.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
+    return wanting + [alarm.split(": ", 1)[1] for alarm in found]
 
 
 def _sentence(
-    c: Candidate, verdict: str, lacks: list[str], others: Sequence[str], places: Sequence[str]
+    c: Candidate, verdict: str, wanting: list[str], others: Sequence[str], places: Sequence[str]
 ) -> str:
     what = f"{c.name} {c.place}".strip()
     if verdict == UNKNOWN:
-        return f"{what} is not established: {'; '.join(lacks)}."
+        return f"{what} is not established: {'; '.join(wanting)}."
     data = "likelihood of all records" if c.elsewhere else "held-out likelihood"
     text = (
         f"without {what} the {data} falls by {c.gain.gain:.3g} nat (95 % interval "

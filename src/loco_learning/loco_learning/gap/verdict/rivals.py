@@ -63,7 +63,7 @@ def paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
 
 def sharp(limits: Limits, model: Fitted) -> Limits:
     """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
-    noise = evidence.rms(model.whole) <= limits.adequate_rms
+    noise = evidence.rms(model.whole) <= limits.noise
     return limits.replace(worse=min(limits.worse, NO_RIVAL)) if noise else limits
 
 

@@ -45,6 +45,8 @@ def search(p: ArgumentParser) -> None:
                    help="values of robot.yaml that may be wrong and are fitted along")  # fmt: skip
     p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
                    help="only these effects are offered as causes (default: all)")  # fmt: skip
+    p.add_argument("--residual", action="store_true", help="where something without a name is "
+                   "left, fit a learned correction, which explains nothing")  # fmt: skip
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="a setting of the search (repeatable), e.g. accuracy=0.1: an error below a "
                    "tenth of a signal's deviation counts as explained")  # fmt: skip

@@ -110,6 +110,9 @@ FINGERPRINTS: dict[str, Fingerprint] = {
     "command_delay": moved({"delay": 0.05}),
     "actuation_delay": moved({"delay": 0.012}),
     "joint_offset": moved({"offset": 0.01}),
+    "learned_residual": swing(
+        {"weights": (0.0, 0.0, 0.0, 0.5, *[0.0] * 14), "travel": 1.2, "speed": 99.0}, duration=2.5
+    ),
     # compliance
     "stiffness_error": ring({"error": 0.5}),
     "added_stiffness": swing({"stiffness": 1.0}, duration=2.5),

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque of a learned correction: a smooth function of what a joint has at the time.
+
+Position, velocity, and torque of drive and spring come in as shares of the region that was
+fitted, where every feature lies between -1 and 1. Outside of it the last value fades to zero.
+"""
+
+from __future__ import annotations
+
+from math import tanh
+
+from numba import njit
+
+REGION = 7  # constants before the weights
+SLOW = 0.02  # share of the fitted speed at which the side of a motion begins to count (taste)
+FADE = 0.5  # half regions beyond the region within which the torque goes to zero (taste)
+
+
+@njit(cache=True)
+def fade(x: float) -> float:
+    """1 for |x| up to 1, 0 from `1 + FADE` on, and a smooth step between them."""
+    beyond = (abs(x) - 1.0) / FADE
+    if beyond <= 0.0:
+        return 1.0
+    return 0.0 if beyond >= 1.0 else 1.0 - beyond * beyond * (3.0 - 2.0 * beyond)
+
+
+@njit(cache=True)
+def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
+    """Torque that a learned correction adds to a joint [N·m, or N where it slides].
+
+    Args:
+        q: Position [rad or m].
+        dq: Velocity [rad/s or m/s].
+        tau: Torque of drive and spring, in which commands show [N·m or N].
+        late: The same through a first-order lag [N·m or N].
+        row: Middle and half range of the positions, largest speed, middle and half range of the
+            torque, largest torque that is given, a number that the law of `late` uses, and the
+            weight of each feature, (25,).
+    """
+    x, v, u = (q - row[0]) / row[1], dq / row[2], (tau - row[3]) / row[4]
+    there = fade(x) * fade(v) * fade(u)
+    if there == 0.0:
+        return 0.0
+    x, v, u = min(max(x, -1.0), 1.0), min(max(v, -1.0), 1.0), min(max(u, -1.0), 1.0)
+    change = min(max((tau - late) / row[4], -1.0), 1.0)
+    side = tanh(v / SLOW)
+    x2 = x * x
+    w = row[REGION:]
+    total = w[0] + w[1] * x + w[2] * (2.0 * x2 - 1.0) + w[3] * (4.0 * x2 - 3.0) * x
+    total += w[4] * (8.0 * x2 * (x2 - 1.0) + 1.0) + w[5] * ((16.0 * x2 - 20.0) * x2 + 5.0) * x
+    total += (w[6] + w[7] * v * v) * v + w[8] * side
+    total += (w[9] + w[10] * u + w[11] * u * u) * u
+    total += w[12] * x * v + w[13] * x * u + w[14] * v * u
+    total += (w[15] * x + w[16] * u) * side + w[17] * change
+    return min(max(there * total, -row[5]), row[5])

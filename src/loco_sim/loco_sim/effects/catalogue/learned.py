@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a model lacks, learned from data: it corrects, and explains nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from loco_control.params import parameter
+
+from .. import rows
+from ..chain import TorqueEffect
+from ..identity import Identity, LookAlike, Prior
+
+
+@dataclass
+class LearnedResidual(TorqueEffect, name="learned_residual"):
+    """A learned correction of a joint's torque, where nothing known explains a gap.
+
+    It repeats what was seen in the states that were seen: outside of them it fades to zero, and
+    it never gives more than the torque limit of the joint. `loco gap --residual` fits it.
+    """
+
+    weights: tuple[float, ...] = parameter(
+        (0.0,) * rows.FEATURES, "weight of each feature", "N·m", -1e4, 1e4
+    )
+    middle: float = parameter(0.0, "middle of the positions that were seen", "rad", -1e3, 1e3)
+    travel: float = parameter(1.0, "half of their range", "rad", 1e-6, 1e3)
+    speed: float = parameter(1.0, "largest speed that was seen", "rad/s", 1e-6, 1e4)
+    load: float = parameter(
+        0.0, "middle of the torques of drive and spring that were seen", "N·m", -1e4, 1e4
+    )
+    load_range: float = parameter(1.0, "half of their range", "N·m", 1e-6, 1e4)
+    time: float = parameter(0.02, "in which a change of the torque is forgotten", "s", 1e-3, 1.0)
+    law, among = rows.LEARNED, "driven"
+
+    identity = Identity(
+        site="actuator",
+        equation="tau <- tau + sum of weights times features of position, speed, torque of drive "
+        "and spring, and its change; 0 outside of what was seen",
+        priors={"weights": Prior(-1.0, 0.0, 1.0)},
+        source="thesis chapter 9: a simulator joined to a network; ridge regression, Hoerl and "
+        "Kennard 1970, Technometrics 12(1)",
+        look_alikes=(
+            LookAlike("stribeck_friction", "any name that passes explains; a correction does not"),
+            LookAlike("cubic_stiffness", "beyond the angles that were seen: a correction is gone"),
+        ),
+        touches=("torque",),
+        passive=False,
+        untried="it explains nothing; --residual fits it where nothing else explains a gap",
+    )
+
+    def constants(self, world: Any, joints: Any) -> Sequence[Any]:
+        limit = world.robot.effort[joints]
+        keep = math.exp(-world.dt / self.time)
+        seen = self.middle, self.travel, self.speed, self.load, self.load_range
+        return *seen, limit, keep, *self.weights
