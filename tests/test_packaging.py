@@ -137,7 +137,7 @@ ROSDEP = {
 }
 ONLY_PIP = {
     "dynamixel_sdk",
-    *("gymnasium", "stable_baselines3"),
+    *("gymnasium", "stable_baselines3", "torch"),
     "trimesh",
     "mujoco",
     "mkdocs",

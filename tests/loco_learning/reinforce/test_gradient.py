@@ -8,10 +8,11 @@ from loco_control.exceptions import ParameterError
 from loco_learning.reinforce.gradient import PolicyGradient, directions
 
 
-def rule(seed=0, batch=8, step=2.0):
+def rule(seed=0, batch=8, step=2.0, momentum=0.0):
     rng = np.random.default_rng(5)
     activity = rng.standard_normal((400, 6)) @ rng.standard_normal((6, 20))
-    return PolicyGradient(np.zeros((20, 4)), directions(activity, 6), 0.1, step, batch, seed)
+    basis = directions(activity, 6)
+    return PolicyGradient(np.zeros((20, 4)), basis, 0.1, step, momentum, batch, seed)
 
 
 def test_a_perturbation_moves_every_output_by_sigma():
@@ -41,11 +42,30 @@ def test_each_perturbation_has_its_mirror_image_and_spares_velocities():
 def test_the_step_is_the_mean_of_advantage_times_perturbation():
     r = rule()
     draws, returns = r.perturbations(), np.array([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
-    advantage = (returns - returns.mean()) / returns.std()
+    half = (returns[:4] - returns[4:]) / 2.0  # over the mean of a draw and its mirror image
+    advantage = np.concatenate((half, -half)) / np.sqrt(np.mean(half**2))
     wanted = 2.0 * 0.1 * np.mean([a * d for a, d in zip(advantage, draws, strict=True)], axis=0)
     r.learn(returns)
     np.testing.assert_allclose(r.weights[:, :2], r.basis @ wanted)
     assert r.updates == 1
+
+
+def test_what_a_draw_and_its_mirror_image_have_in_common_teaches_nothing():
+    r, hill = rule(), np.array([4.0, 1.0, 7.0, 2.0])
+    r.learn(np.concatenate((hill, hill)))
+    assert not r.weights.any() and r.updates == 1
+
+
+def test_earlier_gradients_fade_by_the_momentum():
+    r, plain = rule(momentum=0.5), rule()
+    for each in (r, plain):
+        each.learn(np.arange(8.0))
+    first = r.weights.copy()
+    np.testing.assert_array_equal(first, plain.weights)
+    for each in (r, plain):
+        each.learn(np.arange(8.0) ** 2)
+    second = plain.weights - first
+    np.testing.assert_allclose(r.weights - first, 0.5 * first + second, atol=1e-12)
 
 
 def test_returns_in_other_units_or_from_another_zero_change_nothing():
@@ -56,10 +76,8 @@ def test_returns_in_other_units_or_from_another_zero_change_nothing():
     np.testing.assert_allclose(a.weights, b.weights, atol=1e-12)
 
 
-def test_equal_returns_teach_nothing_and_wrong_numbers_are_refused():
+def test_wrong_numbers_are_refused():
     r = rule()
-    r.learn(np.ones(8))
-    assert not r.weights.any() and r.updates == 1
     with pytest.raises(ParameterError, match=r"shape \(8,\), got \(7,\)"):
         r.learn(np.ones(7))
 

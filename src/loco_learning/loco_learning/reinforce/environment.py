@@ -58,6 +58,9 @@ class ReflexEnv(gymnasium.Env):
         observe: Observation, one of `OBSERVED`.
         reach: Largest correction [rad].
 
+    Attributes:
+        seconds: Time simulated in all episodes, standing and lead too [s].
+
     Raises:
         LocoError: The experiment has no network, or the weights are not of it.
         NameUnknownError: There is no such observation.
@@ -89,7 +92,7 @@ class ReflexEnv(gymnasium.Env):
         bound = 1.0 if bounded else np.inf
         self.observation_space = spaces.Box(-bound, bound, (size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (len(network.outputs),), np.float64)
-        self._fall, self._done = "", 0
+        self._fall, self._done, self.seconds = "", 0, 0.0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -126,6 +129,7 @@ class ReflexEnv(gymnasium.Env):
             return
         try:
             self._loop.step()
+            self.seconds += self.experiment.dt
             self._fall = self._loop.sim.fallen or ""
         except DivergedError as error:
             self._fall = str(error)

@@ -19,7 +19,7 @@ from ..runs.experiment import Experiment
 from ..runs.network_experiment import NetworkExperiment
 from ..runs.rollout import build, rollout, run
 from .guided import GuidedNetwork
-from .params import ReinforceParams
+from .params import ReinforceParams, RewardParams
 from .reward import Reward
 
 
@@ -69,11 +69,23 @@ def prepared(experiment: Experiment, params: ReinforceParams, weights: str | Pat
     learner = experiment.learner.replace(
         weights=str(weights), train=params.lead, closing=0.0, test=params.episode
     )
-    effects = list(experiment.effects)
-    if params.push:
-        start = learner.stand + params.lead
-        effects.append({"name": "push", "random": params.push, "start": start})
-    return experiment.replace(learner=learner, duration=0.0, effects=tuple(effects))
+    episode = experiment.replace(learner=learner, duration=0.0)
+    return with_pushes(episode, params.push, learner.stand + params.lead)
+
+
+def with_pushes(experiment: Experiment, share: float, start: float) -> Experiment:
+    """The same experiment with random pushes on the base.
+
+    Args:
+        experiment: Experiment to change.
+        share: Largest force on each axis over the weight of the robot; 0 for none.
+        start: Time of the first push [s].
+    """
+    if not share:
+        return experiment
+    force = share * Reward(RewardParams(), experiment.plant, experiment.sim_params).weight
+    push = {"name": "push", "random": force, "start": start}
+    return experiment.replace(effects=(*experiment.effects, push))
 
 
 def first_weights(

@@ -14,14 +14,14 @@ time and space, where no table of Q-values can be kept, and proposes the step fo
         && \text{the value of an episode, (3.18)} \\
     \nabla_\theta E[R] &= E[(R - b)\, e], \qquad
         e = \nabla_\theta \ln p(\xi) = \xi / \sigma^2 && \text{towards the maximum of (3.19)} \\
-    W &\leftarrow W + \eta\, \sigma^2\, B\, \overline{(R - b)\, e} / s_R
-        && \text{in the manner of (3.24)}
+    g &\leftarrow m\, g + \overline{(R - b)\, e} / s, \qquad
+        W \leftarrow W + \eta\, \sigma^2\, B\, g && \text{in the manner of (3.24)}
 
-with the eligibility e of a perturbation, the mean b of the returns of an update as the baseline
-and their standard deviation s_R as the unit.
+with the eligibility e of a perturbation, the baseline b and the rms s of R - b in an update.
 
 Departures: the random part is drawn once per episode and not at each tick, so that a joint is not
-shaken at the control rate, and every draw is tried with its mirror image; the columns of B are the
+shaken at the control rate; every draw is tried with its mirror image, and the mean return of the
+two is their baseline; gradients of earlier updates fade with m; the columns of B are the
 leading directions of the hidden activity, each as long as makes it move a joint by 1 rad rms
 while the readout walks, so that the step is one of the natural gradient; only positions are
 explored, the readout's velocities stay as they were taught. No Q-value is kept and the Bellman
@@ -46,6 +46,7 @@ class PolicyGradient:
         basis: Directions that are explored, (N, d), as `directions` gives them.
         sigma: Size of a perturbation [rad].
         step: Learning rate eta.
+        momentum: Share m of the last gradient that goes on.
         batch: Perturbations per update, an even number.
         seed: Seed of all perturbations.
 
@@ -55,12 +56,14 @@ class PolicyGradient:
     """
 
     def __init__(
-        self, weights: np.ndarray, basis: np.ndarray, sigma: float, step: float, batch: int,
-        seed: int,
+        self, weights: np.ndarray, basis: np.ndarray, sigma: float, step: float, momentum: float,
+        batch: int, seed: int,
     ):  # fmt: skip
         self.weights, self.basis = np.array(weights, dtype=float), basis
-        self.sigma, self.step, self.batch, self.seed = sigma, step, batch, seed
+        self.sigma, self.step, self.momentum = sigma, step, momentum
+        self.batch, self.seed = batch, seed
         self.joints = self.weights.shape[1] // 2
+        self._course = np.zeros((basis.shape[1], self.joints))  # g
         self.updates = 0
 
     def perturbations(self) -> np.ndarray:
@@ -82,12 +85,14 @@ class PolicyGradient:
         returns = np.asarray(returns, dtype=float)
         if returns.shape != (self.batch,):
             raise ParameterError(f"returns must have shape ({self.batch},), got {returns.shape}")
-        baseline, spread = float(returns.mean()), float(returns.std())
-        if spread > 0.0:  # else nothing was learnt from this batch
-            advantage = (returns - baseline) / spread
-            eligibility = self.perturbations() / self.sigma  # xi / sigma², xi = sigma times draw
-            gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
-            self.weights = self._moved(self.step * self.sigma**2 * gradient)
+        pairs = returns.reshape(2, -1)
+        advantage = (pairs - pairs.mean(axis=0)).ravel()  # over the mean of a draw and its mirror
+        spread = float(np.sqrt(np.mean(advantage**2)))
+        eligibility = self.perturbations() / self.sigma  # xi / sigma², as xi is sigma times a draw
+        gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
+        if spread > 0.0:  # else this batch says nothing
+            self._course = self.momentum * self._course + gradient / spread
+        self.weights = self._moved(self.step * self.sigma**2 * self._course)
         self.updates += 1
 
     def _moved(self, change: np.ndarray) -> np.ndarray:

@@ -36,29 +36,34 @@ class ReinforceParams(Params):
     seed: int = parameter(0, "seed of perturbations, sensors, pushes and bodies", "-", 0, 2**31 - 1)
     seconds: float = parameter(600.0, "budget of simulated time (taste)", "s", 0.1, 1e7)
     lead: float = parameter(
-        2.0, "the target drives so long before the readout does (battery: the gait is there)",
+        1.5, "the target drives so long before the readout does (battery: the gait is there)",
         "s", 0.0, 1e3,
     )  # fmt: skip
     episode: float = parameter(
-        6.0, "the readout drives so long (battery: six strides average sensor noise to 1 %)",
+        5.0, "the readout drives so long (battery: strides average sensor noise to 1 %)",
         "s", 0.1, 1e4,
     )  # fmt: skip
     batch: int = parameter(
-        16, "perturbed episodes per update, half of them mirrored (battery)", "-", 2, 10000
+        12, "perturbed episodes per update, half of them mirrored (battery)", "-", 2, 10000
     )
     exploration: float = parameter(
         0.03, "sigma, rms of what a perturbation adds to a joint (battery)", "rad", 1e-6, 10.0
     )
     directions: int = parameter(
-        8, "leading directions of the hidden activity that are explored (battery: they hold 98 % "
+        6, "leading directions of the hidden activity that are explored (battery: they hold 95 % "
         "of it)", "-", 1, 5000,
     )  # fmt: skip
-    step: float = parameter(2.0, "learning rate, in sigmas (battery)", "-", 0.0, 1e3)
+    step: float = parameter(1.0, "learning rate, in sigmas (battery)", "-", 0.0, 1e3)
+    momentum: float = parameter(
+        0.7, "share of the last gradient that goes on (battery)", "-", 0.0, 0.999
+    )
     discount: float = parameter(
         1.0, "gamma of eq. (3.18) per tick (theory: episodes are short, nothing is discounted)",
         "-", 0.0, 1.0,
     )  # fmt: skip
-    push: float = parameter(0.0, "random push on the base while it learns", "N", 0.0, 1e4)
+    push: float = parameter(
+        0.0, "random pushes on the base while it learns, as a share of the weight", "-", 0.0, 100.0
+    )
     randomise: float = parameter(
         0.0, "spread of stiffness, friction and masses while it learns, relative", "-", 0.0, 1.0
     )
