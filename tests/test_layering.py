@@ -47,6 +47,8 @@ DOORS = {
     Path("loco_sim/world/mujoco.py"): {"mujoco"},
     Path("loco_sim/hardware/dynamixel.py"): {"dynamixel_sdk"},
     Path("loco_sim/world/mujoco_model.py"): {"mujoco"},
+    Path("loco_learning/reinforce/environment.py"): {"gymnasium"},
+    Path("loco_learning/reinforce/ppo.py"): {"stable_baselines3", "torch"},
     # A script that is copied beside an exported model, and runs without loco.
     Path("loco_sim/export/replay_mjcf.py"): {"mujoco"},
     # The blind battery must not make its robots with the code that is judged on them.

@@ -137,6 +137,7 @@ ROSDEP = {
 }
 ONLY_PIP = {
     "dynamixel_sdk",
+    *("gymnasium", "stable_baselines3", "torch"),
     "trimesh",
     "mujoco",
     "mkdocs",
@@ -178,7 +179,7 @@ def named_requirements(file: str) -> set[str]:
 
 def locked_requirements() -> list[str]:
     """Blocks of the lock files, one requirement with its hashes each."""
-    text = "".join(read(f"requirements/{name}.txt") for name in ("lock", "tools"))
+    text = "".join(read(f"requirements/{name}.txt") for name in ("lock", "tools", "rl"))
     text = re.sub(r"^ *#.*\n", "", text, flags=re.MULTILINE)
     return re.split(r"\n(?=\S)", text.strip())
 
@@ -189,7 +190,7 @@ def test_every_locked_requirement_has_a_version_and_a_hash():
         assert "--hash=sha256:" in block, block.splitlines()[0]
 
 
-FILES = ["runtime.in", "ros.in", "cluster.in", "build.in", "test.in", "colcon.in", "docs.in"]
+FILES = [f"{name}.in" for name in "runtime ros cluster build test colcon docs rl".split()]
 
 
 @pytest.mark.parametrize("file", FILES)

@@ -9,6 +9,8 @@ BAG = "tests/golden/hyq_open"
 LONG = {
     "gap": ["gap", BAG, "--robot", "hyq"],
     "optimise": ["optimise", "tigrillo_bound"],
+    "reinforce": ["reinforce", "tigrillo_bound_reflex"],
+    "reinforce contest": ["reinforce", "contest"],
     "study": ["study", "open_loop"],
     "reproduce": ["reproduce", "all", "--quick"],
     "reproduce msd": ["reproduce", "msd", "--quick"],

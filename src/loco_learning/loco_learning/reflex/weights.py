@@ -53,6 +53,18 @@ def restore_weights(network: ReflexNetwork, path: str | Path) -> None:
     _copy(network, arrays, network.senses.TRAINED, path)
 
 
+def read_readout(path: str | Path, kind: str) -> np.ndarray:
+    """Readout in a weight file of a kind, (N, 2k): positions, then velocities of k joints."""
+    return archive.read(path, kind)[1]["readout.weights"]
+
+
+def with_readout(source: str | Path, path: str | Path, kind: str, readout: np.ndarray) -> None:
+    """Write the network of a weight file to `path` with another readout, (N, 2k)."""
+    meta, arrays = archive.read(source, kind)
+    meta["learner"] = {**meta["learner"], "weights": ""}
+    archive.write(path, kind, meta, {**arrays, "readout.weights": np.array(readout, dtype=float)})
+
+
 def _copy(
     network: ReflexNetwork, arrays: dict[str, np.ndarray], parts: tuple[str, ...], path: str | Path
 ) -> None:

@@ -184,7 +184,8 @@ def load(
 ) -> Experiment | NetworkExperiment:
     """Read an experiment; one with a network of masses and springs has a class of its own.
 
-    A robot that is the path of a YAML file is looked for beside the experiment first.
+    A robot that is the path of a YAML file, and trained weights, are looked for beside the
+    experiment first.
 
     Args:
         name_or_path: One of `names()`, or a path that ends in ``.yaml``.
@@ -203,6 +204,10 @@ def load(
     beside = path.parent / str(values.get("robot", ""))
     if beside.suffix == ".yaml" and beside.is_file():
         values["robot"] = str(beside)
+    learner = values.get("learner")
+    weights = learner.get("weights") if isinstance(learner, Mapping) else None
+    if isinstance(weights, str) and weights and (path.parent / weights).is_file():
+        values = merge(values, {"learner": {"weights": str(path.parent / weights)}})
     return from_values(values, where=path.stem)
 
 

@@ -119,13 +119,19 @@ class Loop:
         self.sim.close()
 
 
-def build(experiment: Experiment, seed: int | None = None, motion: Motion | None = None) -> Loop:
+def build(
+    experiment: Experiment,
+    seed: int | None = None,
+    motion: Motion | None = None,
+    network: type[ReflexNetwork] = ReflexNetwork,
+) -> Loop:
     """Plant and controllers of an experiment, reset and ready to step.
 
     Args:
         experiment: Experiment to build.
         seed: Seed in place of that of the experiment.
         motion: Motion in place of the oscillators, e.g. a recording.
+        network: Class of the network, e.g. one that explores.
     """
     e, seed = experiment, experiment.seed if seed is None else seed
     robot, dt, effects = e.plant, e.dt, sim_effects.from_list(e.effects)
@@ -138,7 +144,7 @@ def build(experiment: Experiment, seed: int | None = None, motion: Motion | None
         sim = Simulation(e.sim_params, effects, seed, dt, robot)
         senses = BodySensors(e.learner, sensor_kinds(robot), len(robot.driven))
         target, stance = MotionTarget(motion or e.make_target()), None
-    loop = Loop(e, seed, sim, target, ReflexNetwork(e.learner, senses, dt, seed), stance)
+    loop = Loop(e, seed, sim, target, network(e.learner, senses, dt, seed), stance)
     loop.reset()
     return loop
 

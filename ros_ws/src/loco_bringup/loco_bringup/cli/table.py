@@ -189,6 +189,18 @@ GROUPS: dict[str, dict[str, Command]] = {
             "search a gait by CMA-ES over rollouts (resumable)",
             "cli.options.fit:optimise", "cli.optimise:run",
         ),
+        "reinforce": Command(
+            "improve the readout of a reflex by the policy gradient (resumable)",
+            "cli.options.fit:reinforce", "reinforce.terminal:run",
+        ),
+        "reinforce ppo": Command(
+            "the same readout by PPO of stable-baselines3",
+            "cli.options.fit:reinforce_ppo", "reinforce.ppo:run",
+        ),
+        "reinforce contest": Command(
+            "CMA-ES, two steps, three steps and PPO on equal simulated time (resumable)",
+            "cli.options.fit:reinforce_contest", "reinforce.contest:run",
+        ),
         "reproduce": Command(
             "run experiments of the thesis again, claim by claim (resumable)",
             "cli.options.fit:reproduce", "reproduce.terminal:run",

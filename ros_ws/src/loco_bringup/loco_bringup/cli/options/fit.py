@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the commands that learn from many runs: calibrate, study, optimise, reproduce."""
+"""Options of the commands that learn from many runs, such as study, optimise and reinforce."""
 
 from __future__ import annotations
 
@@ -95,6 +95,61 @@ def optimise(p: ArgumentParser) -> None:
     p.add_argument("--scheduler", default="", help=SCHEDULER)
     p.add_argument("--out", type=Path, help="folder (default results/GAIT)")
     p.add_argument("--gif", action="store_true", help="draw the best gait, too")
+
+
+def reinforce(p: ArgumentParser) -> None:
+    """Options of `loco reinforce`."""
+    p.description += """
+
+The third learning step: the readout that FORCE taught is perturbed, episode by episode, and
+moved to what is paid better: speed, less power, no fall. Writes weights.npz, reinforced.yaml,
+which `loco run` plays, and a page. Stop it and start it again with the same arguments: it goes
+on to the same end."""
+    _episodes(p)
+    p.add_argument("--batch", type=int, default=12, help="perturbed episodes per update")
+    p.add_argument("--exploration", type=float, default=0.03, metavar="RAD",
+                   help="rms of a perturbation at the joints [rad]")  # fmt: skip
+    p.add_argument("--step", type=float, default=1.0, help="learning rate, in perturbations")
+    p.add_argument("--push", type=float, default=0.0, metavar="SHARE",
+                   help="random pushes while it learns, e.g. 0.1 of the weight")  # fmt: skip
+    p.add_argument("--randomise", type=float, default=0.0, metavar="SHARE",
+                   help="spread of stiffness, friction and masses, e.g. 0.1")  # fmt: skip
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+
+
+def reinforce_ppo(p: ArgumentParser) -> None:
+    """Options of `loco reinforce ppo`."""
+    p.description += "\n\nNeeds `pip install '.[ppo]'`: stable-baselines3, and PyTorch with it."
+    _episodes(p)
+
+
+def _episodes(p: ArgumentParser) -> None:
+    """Options of both ways to reinforce a readout."""
+    engine(p)
+    p.add_argument("experiment", help="one with a reflex network, e.g. tigrillo_bound_reflex")
+    p.add_argument("--weights", type=Path, metavar="FILE",
+                   help="trained weights to begin with (default: FORCE teaches them)")  # fmt: skip
+    p.add_argument("--zero", action="store_true", help="begin with a readout of zeros")
+    p.add_argument("--seconds", type=float, default=600.0, help="budget of simulated time [s]")
+    p.add_argument("--seed", type=int, default=0, help="seed of the learning")
+    p.add_argument("--lead", type=float, default=1.5, help="the target drives first so long [s]")
+    p.add_argument("--episode", type=float, default=5.0, help="the readout drives so long [s]")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
+                   help="override one value of the experiment (repeatable)")  # fmt: skip
+    p.add_argument("--trials", type=int, default=4,
+                   help="trials of each condition before and after, 0 for none")  # fmt: skip
+    p.add_argument("--test", type=float, default=60.0,
+                   help="length of the run that reinforced.yaml describes [s]")  # fmt: skip
+    p.add_argument("--out", type=Path, help="results folder (default results/NAME_reinforce)")
+
+
+def reinforce_contest(p: ArgumentParser) -> None:
+    """Options of `loco reinforce contest`."""
+    engine(p)
+    p.add_argument("--seconds", type=float, default=600.0, help="simulated time of each way [s]")
+    p.add_argument("--seeds", type=int, default=5, help="seeds of each way (default 5)")
+    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    p.add_argument("--out", type=Path, help="results folder (default results/reinforce_contest)")
 
 
 def reproduce(p: ArgumentParser) -> None:

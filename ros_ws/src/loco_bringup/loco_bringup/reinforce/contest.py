@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco reinforce contest`: four ways to a gait on equal simulated time, in one table."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from loco_control.files import check_writable, write_whole
+from loco_control.reading import within
+from loco_learning.reinforce import contest
+from loco_learning.reinforce.contest import METHODS, Case, ContestParams
+
+from ..terminal import bar, console, table
+
+HEAD = (
+    "way", "seeds", "speed [m/s]", "COT", "falls", "pushed: speed", "falls", "bodies: speed",
+    "falls",
+)  # fmt: skip
+MEASURES = (("calm", "speed"), ("calm", "cost"), ("calm", "falls"), ("pushed", "speed"),
+            ("pushed", "falls"), ("bodies", "speed"), ("bodies", "falls"))  # fmt: skip
+
+
+def run(a: argparse.Namespace) -> int:
+    """`loco reinforce contest`."""
+    params = ContestParams(seconds=a.seconds, seeds=a.seeds)
+    folder = a.out or within("results", "reinforce_contest", "name of a folder")
+    check_writable(folder)
+    total = len(METHODS) * params.seeds
+    console.print(
+        f"{total} cases of {params.seconds:g} s of simulated time, and "
+        f"{3 * params.trials.count * (params.trials.start + params.trials.length):g} s of trials "
+        "for each"
+    )
+    with bar("{task.completed}/{task.total} cases", "{task.fields[now]}") as progress:
+        task = progress.add_task("contest", total=total, now="starting")
+
+        def tell(case: Case, done: int, count: int) -> None:
+            progress.update(task, completed=done, now=f"{case.method}, seed {case.seed}")
+
+        cases = contest.run(params, folder, a.workers, tell)
+    console.print(table("mean, smallest … largest of the seeds", HEAD, rows(cases)))
+    for reason in sorted({f"{c.method}: {c.reason}" for c in cases if c.reason}):
+        console.print(f"  without a controller, {reason}")
+    path = write_whole(folder / "table.md", markdown(cases))
+    console.print(f"  {path}")
+    return 0
+
+
+def rows(cases: list[Case]) -> list[list[str]]:
+    """A row of texts for each way that has cases with a controller."""
+    made = []
+    for method in METHODS:
+        its = [case for case in cases if case.method == method and not case.reason]
+        if its:
+            cells = [_cell(its, condition, key) for condition, key in MEASURES]
+            made.append([method, str(len(its)), *cells])
+    return made
+
+
+def _cell(cases: list[Case], condition: str, key: str) -> str:
+    values = [case.rows[condition][key] for case in cases]
+    if key == "falls":
+        return f"{sum(values)} of {sum(case.rows[condition]['count'] for case in cases)}"
+    known = [value for value in values if math.isfinite(value)]
+    if not known:
+        return "–"
+    return f"{np.mean(known):.3f} ({min(known):.3f} … {max(known):.3f})"
+
+
+def markdown(cases: list[Case]) -> str:
+    """Table of all ways, and one with every case."""
+    lines: Callable[[list[str]], str] = lambda cells: f"| {' | '.join(cells)} |"  # noqa: E731
+    text = [lines(list(HEAD)), lines(["---"] * len(HEAD)), *map(lines, rows(cases)), ""]
+    head = ["way", "seed", "simulated [s]", *(f"{c} {k}" for c, k in MEASURES)]
+    text += [lines(head), lines(["---"] * len(head))]
+    for case in cases:
+        values = [case.rows[c][k] if case.rows else math.nan for c, k in MEASURES]
+        text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}",
+                           *(f"{v:.4g}" for v in values)]))  # fmt: skip
+    return "\n".join(text) + "\n"

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco reinforce`: a readout improved by reinforcement, with a live line, and what it came to."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+from loco_control.files import check_writable
+from loco_control.reading import within
+from loco_learning.reflex.weights import read_readout
+from loco_learning.reinforce import learn
+from loco_learning.reinforce.episode import checked, first_weights, kind
+from loco_learning.reinforce.learn import Progress
+from loco_learning.reinforce.params import ReinforceParams
+from loco_learning.reinforce.trials import Row, TrialParams, judge
+from loco_learning.runs.experiment import Experiment, load
+
+from ..settings import overrides
+from ..terminal import bar, console, table
+from . import page
+
+
+def run(a: argparse.Namespace) -> int:
+    """`loco reinforce`."""
+    experiment = loaded(a)
+    keys = ("seed", "seconds", "lead", "episode", "batch", "exploration", "step", "push")
+    params = ReinforceParams(randomise=a.randomise, **{key: getattr(a, key) for key in keys})
+    updates, seconds = learn.cost_of(experiment, params)
+    folder = a.out or within("results", f"{experiment.name}_reinforce", "name of an experiment")
+    check_writable(folder)
+    begin(experiment, folder, a.weights, a.zero)
+    console.print(
+        f"{experiment.name}: {updates} updates of {params.batch + 1} episodes, at most "
+        f"{seconds:g} s of simulated time"
+    )
+    with bar("{task.completed}/{task.total} updates", "{task.fields[now]}") as progress:
+        task = progress.add_task(experiment.name, total=updates, now="starting")
+
+        def tell(p: Progress) -> None:
+            progress.update(task, completed=p.update, now=line(p))
+
+        found = learn.learn(experiment, params, folder, a.workers, tell)
+    paths = learn.write(experiment, params, folder, found.readout, a.test)
+    trials = a.trials and tried(experiment, params.lead, folder, TrialParams(count=a.trials))
+    if trials:
+        console.print(compared(trials))
+    paths.append(page.write(experiment, params, found, trials or {}, folder))
+    console.print(
+        f"return {found.first:.3f} before, {found.value:.3f} after update {found.update} of "
+        f"{found.updates}; {found.seconds:g} s simulated"
+    )
+    for path in paths:
+        console.print(f"  {path}")
+    return 0
+
+
+def loaded(a: argparse.Namespace) -> Experiment:
+    """Experiment of a command line, if its readout can be reinforced."""
+    return checked(load(a.experiment, overrides(a.set, None, a.engine)))
+
+
+def begin(experiment: Experiment, folder: Path, weights: Path | None, zero: bool) -> None:
+    """Make the readout to begin with, unless the folder has it with a record of what followed.
+
+    Raises:
+        ParameterError: Both a file and zeros are asked for, or the folder began otherwise.
+    """
+    if weights and zero:
+        raise ParameterError(f"--zero and --weights {weights} exclude each other; give one")
+    start = folder / learn.START
+    if not (start.is_file() and (folder / learn.RECORD).is_file()):
+        taught = first_weights(experiment, start, weights or "", zero)
+        if taught:
+            console.print(f"{experiment.name}: FORCE taught the readout in {taught:g} s")
+        return
+    there = read_readout(start, kind(experiment))
+    asked = read_readout(weights, kind(experiment)) if weights else np.zeros_like(there)
+    if (weights or zero) and not np.array_equal(asked, there):
+        raise ParameterError(
+            f"{folder} holds work that began with another readout; choose another --out"
+        )
+
+
+def line(p: Progress) -> str:
+    """State of the learning in one line."""
+    text = f"return {p.value:.3f}, best {p.best:.3f}"
+    if not math.isnan(p.eta):
+        text += f", {p.eta / 60.0:.1f} min left"
+    return f"{text}, {p.falls} fell" if p.falls else text
+
+
+def tried(
+    experiment: Experiment, lead: float, folder: Path, params: TrialParams
+) -> dict[str, dict[str, Row]]:
+    """Trials of the readout before and after, by these words and by condition."""
+    files = {"before": learn.START, "after": learn.WEIGHTS}
+    rows = {}
+    for name, file in files.items():
+        learner = experiment.learner.replace(
+            weights=str(folder / file), train=lead, closing=0.0, test=params.length
+        )
+        start = learner.stand + lead
+        rows[name] = judge(experiment.replace(learner=learner), params.replace(start=start))
+    return rows
+
+
+HEAD = (
+    "readout", "speed [m/s]", "COT", "falls", "pushed: speed", "falls", "bodies: speed", "falls"
+)  # fmt: skip
+
+
+def cells(rows: dict[str, Row]) -> list[str]:
+    """Cells of a row of a table, without its name."""
+    calm, pushed, bodies = (rows[name] for name in ("calm", "pushed", "bodies"))
+    said = [f"{calm.speed:.3f}", f"{calm.cost:.3f}", f"{calm.falls} of {calm.count}"]
+    for row in (pushed, bodies):
+        said += [f"{row.speed:.3f}", f"{row.falls} of {row.count}"]
+    return said
+
+
+def compared(trials: dict[str, dict[str, Row]]):
+    """Table of the trials for the terminal."""
+    return table("", HEAD, [[name, *cells(rows)] for name, rows in trials.items()])

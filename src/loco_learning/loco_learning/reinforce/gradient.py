@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+r"""The policy gradient of the readout, written out: thesis section 3.4.3, eqs. (3.18) to (3.24).
+
+The thesis calls the policy a probability of actions, wants the parameters theta that maximise the
+value V (3.18, 3.19), explores by a random choice of actions (3.22), and moves an estimate by a
+learning rate towards what was experienced (3.24). It leaves open how this is done in continuous
+time and space, where no table of Q-values can be kept, and proposes the step for future work
+(3.5.3). Here the parameters theta are those of the readout itself:
+
+.. math::
+    q_k &= (W + B\,\xi)^T u_k, \qquad \xi \sim N(0, \sigma^2)
+        && \text{the policy, in place of (3.22)} \\
+    R &= \frac{\sum_i \gamma^{i-1} r_{k+i}}{\sum_i \gamma^{i-1}}
+        && \text{the value of an episode, (3.18)} \\
+    \nabla_\theta E[R] &= E[(R - b)\, e], \qquad
+        e = \nabla_\theta \ln p(\xi) = \xi / \sigma^2 && \text{towards the maximum of (3.19)} \\
+    g &\leftarrow m\, g + \overline{(R - b)\, e} / s, \qquad
+        W \leftarrow W + \eta\, \sigma^2\, B\, g && \text{in the manner of (3.24)}
+
+with the eligibility e of a perturbation, the baseline b and the rms s of R - b in an update.
+
+Departures: the random part is drawn once per episode and not at each tick, so that a joint is not
+shaken at the control rate; every draw is tried with its mirror image, and the mean return of the
+two is their baseline; gradients of earlier updates fade with m; the columns of B are the
+leading directions of the hidden activity, each as long as makes it move a joint by 1 rad rms
+while the readout walks, so that the step is one of the natural gradient; only positions are
+explored, the readout's velocities stay as they were taught. No Q-value is kept and the Bellman
+equation (3.20, 3.21) is not used: its model of the next state is unknown, as the thesis says.
+
+Source: Williams, Machine Learning 8, 1992 (eligibility and baseline); Sehnke et al., Neural
+Networks 23, 2010 (perturbed parameters, mirrored).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+
+class PolicyGradient:
+    """Readout that is perturbed, judged and moved, update after update.
+
+    Args:
+        weights: Readout to begin with, (N, 2k): positions, then velocities of k joints.
+        basis: Directions that are explored, (N, d), as `directions` gives them.
+        sigma: Size of a perturbation [rad].
+        step: Learning rate eta.
+        momentum: Share m of the last gradient that goes on.
+        batch: Perturbations per update, an even number.
+        seed: Seed of all perturbations.
+
+    Attributes:
+        weights: Readout now, (N, 2k).
+        updates: Number of updates so far.
+    """
+
+    def __init__(
+        self, weights: np.ndarray, basis: np.ndarray, sigma: float, step: float, momentum: float,
+        batch: int, seed: int,
+    ):  # fmt: skip
+        self.weights, self.basis = np.array(weights, dtype=float), basis
+        self.sigma, self.step, self.momentum = sigma, step, momentum
+        self.batch, self.seed = batch, seed
+        self.joints = self.weights.shape[1] // 2
+        self._course = np.zeros((basis.shape[1], self.joints))  # g
+        self.updates = 0
+
+    def perturbations(self) -> np.ndarray:
+        """Draws xi of this update over sigma, (batch, d, k); the second half mirrors the first."""
+        rng = np.random.default_rng([self.seed, self.updates, 0x2E1F])
+        half = rng.standard_normal((self.batch // 2, self.basis.shape[1], self.joints))
+        return np.concatenate((half, -half))
+
+    def perturbed(self) -> list[np.ndarray]:
+        """Readouts to try in this update, each (N, 2k)."""
+        return [self._moved(self.sigma * xi) for xi in self.perturbations()]
+
+    def learn(self, returns: np.ndarray) -> None:
+        """Move the readout by the returns of the readouts of `perturbed`, (batch,).
+
+        Raises:
+            ParameterError: There are not as many returns as perturbations.
+        """
+        returns = np.asarray(returns, dtype=float)
+        if returns.shape != (self.batch,):
+            raise ParameterError(f"returns must have shape ({self.batch},), got {returns.shape}")
+        pairs = returns.reshape(2, -1)
+        advantage = (pairs - pairs.mean(axis=0)).ravel()  # over the mean of a draw and its mirror
+        spread = float(np.sqrt(np.mean(advantage**2)))
+        eligibility = self.perturbations() / self.sigma  # xi / sigma², as xi is sigma times a draw
+        gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
+        if spread > 0.0:  # else this batch says nothing
+            self._course = self.momentum * self._course + gradient / spread
+        self.weights = self._moved(self.step * self.sigma**2 * self._course)
+        self.updates += 1
+
+    def _moved(self, change: np.ndarray) -> np.ndarray:
+        """Readout after a change of its positions (d, k) [rad]."""
+        weights = self.weights.copy()
+        weights[:, : self.joints] += self.basis @ change
+        return weights
+
+
+def directions(activity: np.ndarray, count: int) -> np.ndarray:
+    """Directions in which hidden activity varies most, each of unit effect.
+
+    Args:
+        activity: Hidden activity of many ticks, (T, N).
+        count: Number of directions wanted, d.
+
+    Returns:
+        B of shape (N, d) with mean((B_iᵀ u)²) = 1/d for every column i, so that independent unit
+        weights on all columns move an output by 1 rms; fewer columns if the activity has no more.
+
+    Raises:
+        ParameterError: The activity is zero throughout.
+    """
+    values, vectors = np.linalg.eigh(activity.T @ activity / max(len(activity), 1))
+    values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
+    there = values > 1e-9 * max(float(values[0]), 1e-300)
+    if not there.any() or values[0] <= 0.0:
+        raise ParameterError("the hidden layer is silent, so there is nothing to explore")
+    # The sign of an eigenvector is arbitrary; fix it, so that every machine draws the same.
+    vectors = vectors * np.where(vectors[np.abs(vectors).argmax(axis=0), range(len(values))] < 0,
+                                 -1.0, 1.0)  # fmt: skip
+    return vectors[:, there] / np.sqrt(values[there] * np.count_nonzero(there))

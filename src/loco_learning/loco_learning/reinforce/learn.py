@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The third learning step, resumable: episodes of perturbed readouts, update after update.
+
+`episodes.jsonl` keeps the return of each episode, in order; nothing else is stored, for the
+readout follows from the returns. A run that is begun again replays them and goes on, to the same
+bytes, whatever the number of processes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from loco_control.exceptions import ParameterError
+from loco_control.files import write_whole
+from loco_control.params import to_dict
+
+from ..gaits.search import draw_bodies
+from ..jobs import pool
+from ..jobs.journal import Journal
+from ..jobs.kept import digest, versions
+from ..reflex import weights as weight_files
+from ..runs.experiment import Experiment
+from ..search.population import seed_of
+from .episode import activity, kind, play, prepared
+from .gradient import PolicyGradient, directions
+from .params import ReinforceParams
+
+RECORD, START, WEIGHTS, EXPERIMENT = (
+    "episodes.jsonl", "start.npz", "weights.npz", "reinforced.yaml"
+)  # fmt: skip
+PLAIN = 2**20  # stands for the update in the seed of the episodes without a perturbation
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of the learning after an update."""
+
+    update: int  # updates done
+    updates: int  # of the budget
+    value: float  # of the readout before the update, unperturbed
+    best: float  # so far
+    falls: int  # in this batch
+    eta: float  # until the end [s]; nan while only replaying
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """The result."""
+
+    readout: np.ndarray = field(repr=False)  # the best unperturbed one, (N, 2k)
+    first: float  # return of the readout that it began with
+    value: float  # return of the best one
+    update: int  # updates after which it was the best; 0 if nothing was better than the first
+    updates: int  # updates done
+    seconds: float  # simulated [s]
+    course: dict[str, np.ndarray] = field(repr=False)  # see `course`
+
+
+def cost_of(experiment: Experiment, params: ReinforceParams) -> tuple[int, float]:
+    """Updates that the budget holds, and the simulated seconds they take at most.
+
+    Raises:
+        ParameterError: The budget does not hold one.
+    """
+    length = experiment.learner.stand + params.lead + params.episode
+    update = (params.batch + 1) * length
+    updates = math.floor((params.seconds - length) / update)
+    if updates < 1:
+        raise ParameterError(
+            f"seconds is {params.seconds:g}, but one update needs {update + length:g} s: "
+            f"{params.batch + 2} episodes of {length:g} s; give more, or a smaller batch"
+        )
+    return updates, updates * update + length
+
+
+def learn(
+    experiment: Experiment,
+    params: ReinforceParams,
+    folder: Path,
+    workers: int = 2,
+    report: Callable[[Progress], Any] | None = None,
+) -> Learnt:
+    """Improve the readout in the file `START` of a folder within a budget of simulated time.
+
+    Args:
+        experiment: Experiment with a reflex network, as it was loaded.
+        params: Settings.
+        folder: Folder with the start; it gets the record, and is resumed where it has one.
+        workers: Processes; 0 plays the episodes in this one.
+        report: Called after each update.
+
+    Raises:
+        ParameterError: The budget is too small, or the folder holds other work.
+    """
+    updates, _ = cost_of(experiment, params)
+    start = folder / START
+    readout = weight_files.read_readout(start, kind(experiment))
+    header = {
+        "kind": "reinforcement",
+        "format": 1,
+        "experiment": digest(to_dict(experiment)),
+        "start": digest(readout),
+        "versions": versions(),
+        **{k: v for k, v in to_dict(params).items() if k != "seconds"},
+    }
+    record = Journal(folder / RECORD, header)
+    try:
+        return _Learning(experiment, params, start, readout, record, workers).run(updates, report)
+    finally:
+        record.close()
+
+
+class _Learning:
+    """Update after update, from the record as far as it goes."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        params: ReinforceParams,
+        start: Path,
+        readout: np.ndarray,
+        record: Journal,
+        workers: int,
+    ):
+        self._params, self._record, self._workers = params, record, workers
+        self._experiment = prepared(experiment, params, start)
+        self._plain_seed = seed_of(params.seed, PLAIN, 0)
+        basis = directions(activity(self._experiment, self._plain_seed), params.directions)
+        self._rule = PolicyGradient(
+            readout, basis, params.exploration, params.step, params.momentum, params.batch,
+            params.seed,
+        )
+        self._began, self._replayed = time.perf_counter(), 0
+
+    def run(self, updates: int, report: Callable[[Progress], Any] | None) -> Learnt:
+        best = (-math.inf, 0, self._rule.weights)
+        with pool.start(play, (self._experiment, self._params), self._workers) as jobs:
+            for update in range(updates + 1):
+                rows = self._episodes(update, jobs, plain=update == updates)
+                if rows[0]["value"] > best[0]:
+                    best = (rows[0]["value"], update, self._rule.weights)
+                if update == updates:
+                    break
+                self._rule.learn(np.array([row["value"] for row in rows[1:]]))
+                if report:
+                    report(self._progress(update + 1, updates, rows, best[0]))
+        value, update, readout = best
+        rows = self._record.rows[: updates * (self._params.batch + 1) + 1]
+        return Learnt(
+            readout=readout,
+            first=rows[0]["value"],
+            value=value,
+            update=update,
+            updates=updates,
+            seconds=sum(row["seconds"] for row in rows),
+            course=course(rows, self._params.batch),
+        )
+
+    def _episodes(self, update: int, jobs: pool.Jobs, plain: bool) -> list[dict[str, Any]]:
+        """Rows of an update, the unperturbed readout first; those that are missing are played."""
+        p, size = self._params, self._params.batch + 1
+        count = 1 if plain else size
+        done = self._record.rows[update * size : update * size + count]
+        self._replayed += len(done)
+        seed = seed_of(p.seed, update, 0)  # the same pushes and noise for all of an update
+        body = draw_bodies(self._experiment, p.randomise, 1, seed)[0]
+        readouts = [self._rule.weights, *([] if plain else self._rule.perturbed())]
+        todo = [
+            (readout, self._plain_seed if index == 0 else seed, {} if index == 0 else body)
+            for index, readout in enumerate(readouts)
+        ][len(done) :]
+        for index, episode in enumerate(jobs.ordered(todo), start=len(done)):
+            row = {"update": update, "index": index, **dataclasses.asdict(episode)}
+            self._record.append(row)
+        return self._record.rows[update * size : update * size + count]
+
+    def _progress(
+        self, update: int, updates: int, rows: list[dict[str, Any]], best: float
+    ) -> Progress:
+        fresh = update * (self._params.batch + 1) - self._replayed
+        each = (time.perf_counter() - self._began) / fresh if fresh > 0 else math.nan
+        left = (updates - update) * (self._params.batch + 1) * each
+        falls = sum(bool(row["fall"]) for row in rows)
+        return Progress(update, updates, rows[0]["value"], best, falls, left)
+
+
+def course(rows: list[dict[str, Any]], batch: int) -> dict[str, np.ndarray]:
+    """Course of the learning, a value for each unperturbed episode, (updates + 1,).
+
+    ``seconds`` simulated before, ``value``, ``speed`` and ``cost`` of the readout, and of the
+    batch that was tried from it ``batch``, its mean value, and ``falls``, their share; NaN after
+    the last update.
+    """
+    size = batch + 1
+    plain, spent = rows[::size], np.cumsum([0.0, *(row["seconds"] for row in rows)])
+    tried = [rows[k * size + 1 : (k + 1) * size] for k in range(len(plain))]
+    return {
+        "seconds": spent[: len(rows) : size],
+        **{key: np.array([row[key] for row in plain]) for key in ("value", "speed", "cost")},
+        "batch": np.array([np.mean([r["value"] for r in t]) if t else np.nan for t in tried]),
+        "falls": np.array([np.mean([bool(r["fall"]) for r in t]) if t else np.nan for t in tried]),
+    }
+
+
+def write(
+    experiment: Experiment, params: ReinforceParams, folder: Path, readout: np.ndarray,
+    test: float = 60.0,
+) -> list[Path]:  # fmt: skip
+    """Write the readout as weights, and an experiment that plays them; returns their paths.
+
+    Args:
+        experiment: Experiment as it was loaded.
+        params: Length of the lead.
+        folder: Folder with the start.
+        readout: Readout that was learnt, (N, 2k).
+        test: Length of the phase test of the written experiment [s].
+    """
+    weights = folder / WEIGHTS
+    weight_files.with_readout(folder / START, weights, kind(experiment), readout)
+    learner = experiment.learner.replace(weights="", train=params.lead, closing=0.0, test=test)
+    final = experiment.replace(
+        name=f"{experiment.name}_reinforced",
+        description=f"{experiment.name}, its readout improved by reinforcement.",
+        learner=learner,
+        duration=0.0,
+    )
+    values = to_dict(final)
+    values["learner"]["weights"] = WEIGHTS  # beside the experiment
+    head = "# SPDX-License-Identifier: Apache-2.0\n# Written by `loco reinforce`.\n"
+    text = head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
+    return [weights, write_whole(folder / EXPERIMENT, text)]

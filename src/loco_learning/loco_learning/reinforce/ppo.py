@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PPO of stable-baselines3 on the same readout: the adapter is all there is.
+
+Its policy is linear in the hidden activity and has no bias, so that what it has learnt is a
+readout and plays as one. It explores by perturbing the readout, too (gSDE), drawn anew every
+`HOLD` ticks. Source: Schulman et al., 2017; Raffin et al., CoRL 2021.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import MissingPackageError
+
+from ..reflex import weights as weight_files
+from ..runs.experiment import Experiment
+from .environment import ReflexEnv
+from .episode import kind
+from .params import ReinforceParams
+
+try:
+    import stable_baselines3
+    import torch
+except ModuleNotFoundError as error:
+    raise MissingPackageError(
+        f"{error.name} is not installed; it comes with `pip install '.[ppo]'`"
+    ) from None
+
+REACH = 0.8  # largest action [rad]: the range of the hips in a gait search (theory)
+HOLD = 50  # ticks under one perturbation, half a stride of Tigrillo (taste)
+TICKS = 1000  # per update (taste: two updates per twenty seconds)
+SPREAD = -1.0  # log of the first standard deviation of the weights (taste)
+
+
+class _Budget(stable_baselines3.common.callbacks.BaseCallback):
+    """Ends the learning when so many seconds are simulated, and tells how far it is."""
+
+    def __init__(self, env: ReflexEnv, seconds: float, report: Callable[[float], Any] | None):
+        super().__init__()
+        self._env, self._seconds, self._report = env, seconds, report
+
+    def _on_step(self) -> bool:
+        if self._report and self.n_calls % 100 == 0:
+            self._report(self._env.seconds)
+        return self._env.seconds < self._seconds
+
+
+def learn_by_ppo(
+    experiment: Experiment,
+    params: ReinforceParams,
+    start: str | Path,
+    report: Callable[[float], Any] | None = None,
+) -> tuple[np.ndarray, float]:
+    """Learn a correction of the readout in a file within the budget of simulated time.
+
+    Args:
+        experiment: Experiment with a reflex network.
+        params: Budget, seed, lengths and reward; what a policy gradient needs does not count.
+        start: Weight file, perhaps of zeros.
+        report: Called now and then with the seconds simulated.
+
+    Returns:
+        Readout (N, 2k) and the seconds simulated.
+    """
+    torch.set_num_threads(1)  # the same bytes on every machine, and no faster with more
+    env = ReflexEnv(experiment, start, params, "hidden", REACH)
+    model = stable_baselines3.PPO(
+        "MlpPolicy",
+        env,
+        n_steps=TICKS,
+        batch_size=TICKS // 4,
+        use_sde=True,
+        sde_sample_freq=HOLD,
+        policy_kwargs={"net_arch": {"pi": [], "vf": [64, 64]}, "log_std_init": SPREAD},
+        seed=params.seed,
+        device="cpu",
+    )
+    layer = model.policy.action_net
+    with torch.no_grad():
+        layer.weight.zero_()
+        layer.bias.zero_()
+    layer.bias.requires_grad_(False)
+    try:
+        model.learn(10**9, callback=_Budget(env, params.seconds, report))
+    finally:
+        env.close()
+    readout = weight_files.read_readout(start, kind(experiment))
+    learnt = layer.weight.detach().numpy().astype(float).T  # (N, k)
+    readout[:, : learnt.shape[1]] += REACH * learnt
+    return readout, env.seconds
