@@ -23,7 +23,7 @@ class Axis:
     """One axis of a frame.
 
     Attributes:
-        label: What it shows, with the unit in brackets.
+        label: Quantity of the axis, with its unit in brackets.
         logarithmic: True for a logarithmic axis, without values of zero and below.
         names: Names of the places 0, 1, 2 and so on; none on an axis of numbers.
         limits: Smallest and largest value that is shown; None for what the layers need.
@@ -48,7 +48,7 @@ class Layer:
         size: Width of lines or radius of dots [pixel].
         right: Right sides of boxes, (N,); nothing for other shapes.
         top: Upper sides of boxes, (N,); nothing for other shapes.
-        texts: What is said of each mark under the pointer beside its place, or nothing.
+        texts: Words on each mark, which a pointer shows beside its place, or nothing.
         links: Address on the page, or of a page beside it, that a click on a mark opens.
     """
 

@@ -61,7 +61,7 @@ def marked(
         name: Name in the legend.
         color: Colour, as ``#rrggbb``.
         links: Address that a click on a cell opens, (ny, nx) or nothing.
-        texts: What is said of each marked cell, in the order of `np.nonzero`.
+        texts: Words on each marked cell, in the order of `np.nonzero`.
     """
     rows, columns = (array(at) for at in np.nonzero(mask))
     chosen = [links[int(i)][int(j)] for i, j in zip(rows, columns, strict=True)] if links else ()

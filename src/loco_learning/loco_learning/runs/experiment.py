@@ -351,7 +351,9 @@ def _find(name_or_path: str | Path, folder: Path) -> Path:
     if text.endswith((".yaml", ".yml")):
         path = folder / text
         if not path.is_file():
-            raise MissingFileError(f"no experiment file {path}")
+            raise MissingFileError(
+                f"no experiment file {path}; `loco list experiments` shows those by name"
+            )
         return path
     if text not in names():
         raise NameUnknownError("experiment", text, names())

@@ -194,7 +194,7 @@ def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
 
     Args:
         study: The study, whose metrics are shown.
-        results: Its cases.
+        results: Cases of the study.
     """
     table, variants = rows(study, results), list(_variants(results))
     frames = []

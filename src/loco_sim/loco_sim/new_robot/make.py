@@ -67,7 +67,7 @@ def make(urdf: Path, out: Path) -> Result:
         ParameterError: The URDF is broken, the folder exists, or no gains hold the robot.
     """
     if not urdf.is_file():
-        raise MissingFileError(f"there is no URDF at {urdf}")
+        raise MissingFileError(f"there is no URDF at {urdf}; name a .urdf file")
     if out.exists():
         raise ParameterError(f"{out} exists already; give another folder with --out")
     draft = Draft(urdf, Tidied(urdf))

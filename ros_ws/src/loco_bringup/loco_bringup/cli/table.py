@@ -69,7 +69,7 @@ GROUPS: dict[str, dict[str, Command]] = {
             "cli.options.gap:experiments", "gap.terminal:show_library",
         ),
         "export-model": Command(
-            "write a model for MuJoCo, URDF readers, Isaac Lab or PACE, and say what is lost",
+            "write a model for MuJoCo, URDF readers, Isaac Lab, PACE or ros2_control",
             "cli.options.gap:export_model", "export_model.terminal:show_export",
         ),
         "calibrate": Command(

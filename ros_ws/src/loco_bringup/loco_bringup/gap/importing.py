@@ -38,7 +38,7 @@ def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None)
     """
     path = Path(path)
     if not path.exists():
-        raise MissingFileError(f"there is no recording at {path}")
+        raise MissingFileError(importing.NO_RECORDING.format(path))
     rules = _mapping(path, mapping_file)
     if _is_bag(path, SUFFIX):
         return _from_bag(SqliteBag(path), robot, rules)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_learning.gap import workflow
+from loco_learning.gap.recordings.importing import NO_RECORDING
 from loco_learning.gap.recordings.record import HELD_OUT, Record
 from loco_learning.gap.worker import Done, Failed, Progress, Worker
 from loco_msgs.action import FindGap
@@ -67,7 +68,7 @@ class GapSearchJob:
         named = [self._node.allowed(path, "recording") for path in (*goal.bags, *goal.hold_out)]
         for path in named:
             if not Path(path).exists():
-                raise MissingFileError(f"there is no recording at {path}")
+                raise MissingFileError(NO_RECORDING.format(path))
         mapping = self._node.allowed(goal.mapping, "mapping") if goal.mapping else ""
         options: dict[str, Any] = {"seed": int(goal.seed)}
         options |= {k: list(getattr(goal, k)) for k in ("effects", "free") if getattr(goal, k)}

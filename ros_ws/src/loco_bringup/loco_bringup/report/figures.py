@@ -274,7 +274,7 @@ def component_frame(layers: list[Layer], title: str) -> Frame:
     """Frame of two principal components.
 
     Args:
-        layers: What it shows.
+        layers: Layers of the frame.
         title: Name of the frame.
     """
     axes = (Axis(f"{rank} component [-]") for rank in ("1st", "2nd"))

@@ -41,7 +41,7 @@ def write(study: Study, results: list[CaseResult], folder: Path) -> Path:
 
     Args:
         study: The study.
-        results: Its cases, one at least.
+        results: Cases of the study, one at least.
         folder: Folder of the results.
     """
     drawn = _maps(study, results) if study.map else []
@@ -55,7 +55,7 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
 
     Args:
         study: The study.
-        results: Its cases, one at least.
+        results: Cases of the study, one at least.
         drawn: Title, caption and chart of its maps.
     """
     sections = [html.part(title, partial(html.figure, chart, title, text))

@@ -17,6 +17,8 @@ from .foreign import EPISODE
 from .mapping import Column, Mapping, Rule
 from .record import Record
 
+NO_RECORDING = "there is no recording at {}; name a bag folder or a file (docs/gap_import.md)"
+
 
 class TableSource:
     """Columns of a file or of an episode in it, and of other files in its folder.
@@ -80,7 +82,7 @@ def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
     elif path.is_file():
         found = {path}
     else:
-        raise MissingFileError(f"there is no recording at {path}")
+        raise MissingFileError(NO_RECORDING.format(path))
     made = [
         record
         for p in sorted(found)

@@ -16,7 +16,7 @@ A study file names variants of experiments, seeds, metrics and figures; with axe
   axes:
     gait.speed: [0.1, 0.2, 0.3]                     a parameter by its dotted name
     kp: {logspace: [1, 3, 20], unit: N·m/rad, sets: [overrides.drives.*_kfe_joint.kp]}
-  map: {legal: {speed_ratio: [0.7, 1.3]}}           two axes or more: map.html
+  map: {legal: {speed_ratio: [0.7, 1.3]}}           two axes or more: maps in study.html
 
 Stop it and start it again: it goes on. The cost of the rest is told after three cases.
 cases.npz holds the columns of cases.csv for NumPy. Seeds repeat only what is random.
