@@ -108,7 +108,7 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
 
 
 def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
-    """What each driven joint that was measured went through, as parameters of the effect.
+    """Region that each driven joint was measured in, as parameters of the effect.
 
     Args:
         case: Model and data.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model lacks, learned from data: it corrects, and explains nothing."""
+"""Correction that is learned from data where a model lacks something; it explains nothing."""
 
 from __future__ import annotations
 

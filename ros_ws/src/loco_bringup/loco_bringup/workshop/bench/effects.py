@@ -65,7 +65,7 @@ def weak(name: str) -> dict[str, Any]:
         low, _, high = identity.priors[key]
         size = low if low > 0.0 else 0.01 * high
         now = getattr(effects.EFFECTS[name], key)
-        values[key] = (size,) * 3 if isinstance(now, tuple) else size
+        values[key] = (size,) * len(now) if isinstance(now, tuple) else size
     return {"name": name, **values}
 
 
