@@ -22,8 +22,8 @@ def params(tmp_path_factory):
     learner = {"neurons": 30, "train": 3.0, "closing": 1.0, "test": 2.0}
     path.write_text(yaml.safe_dump({"extends": "tigrillo_bound_reflex", "learner": learner}))
     return contest.ContestParams(
-        seconds=24.0, seeds=1, reflex=str(path), rollout=1.5, population=4, gradient=GRADIENT,
-        trials=TrialParams(length=1.0, count=1),
+        seconds=24.0, seeds=1, reflex=str(path), rollout=1.5, population=4, share=0.25,
+        gradient=GRADIENT, trials=TrialParams(length=1.0, count=1),
     )  # fmt: skip
 
 
