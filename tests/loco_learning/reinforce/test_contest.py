@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to a gait on equal time: the budget is kept, a case is run once, what is missing is said."""
 
+import math
 import sys
 
 import pytest
@@ -80,4 +81,6 @@ def test_trials_measure_speed_and_falls_from_the_start_on():
     assert calm["calm"].falls == 0 and calm["calm"].count == 2 and calm["calm"].speed > 0.1
     hard = judge(load("tigrillo_bound"), p.replace(push=5.0, spread=0.1))
     assert hard["calm"] == calm["calm"]
+    standing = judge(load("tigrillo_hold"), p)["calm"]
+    assert abs(standing.speed) < 0.01 and standing.falls == 0 and math.isnan(standing.cost)
     assert hard["pushed"].falls == 2 and hard["bodies"] != calm["bodies"]
