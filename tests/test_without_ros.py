@@ -20,7 +20,7 @@ BAG = ROOT / "tests/golden/hyq_open"
 WITHOUT_ROS = (
     "gap", "gap next", "gap experiments", "calibrate", "run --layout rollout", "robot",
     "robot new", "list", "info", "report", "recover", "export", "extract", "study", "optimise",
-    "reproduce",
+    "reinforce", "reinforce contest", "reproduce",
 )  # fmt: skip
 BLOCKER = """
 import sys

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to a gait on equal time: the budget is kept, a case is run once, what is missing is said."""
 
+import math
 import sys
 
 import pytest
@@ -22,8 +23,8 @@ def params(tmp_path_factory):
     learner = {"neurons": 30, "train": 3.0, "closing": 1.0, "test": 2.0}
     path.write_text(yaml.safe_dump({"extends": "tigrillo_bound_reflex", "learner": learner}))
     return contest.ContestParams(
-        seconds=24.0, seeds=1, reflex=str(path), rollout=1.5, population=4, gradient=GRADIENT,
-        trials=TrialParams(length=1.0, count=1),
+        seconds=24.0, seeds=1, reflex=str(path), rollout=1.5, population=4, share=0.25,
+        gradient=GRADIENT, trials=TrialParams(length=1.0, count=1),
     )  # fmt: skip
 
 
@@ -80,4 +81,6 @@ def test_trials_measure_speed_and_falls_from_the_start_on():
     assert calm["calm"].falls == 0 and calm["calm"].count == 2 and calm["calm"].speed > 0.1
     hard = judge(load("tigrillo_bound"), p.replace(push=5.0, spread=0.1))
     assert hard["calm"] == calm["calm"]
+    standing = judge(load("tigrillo_hold"), p)["calm"]
+    assert abs(standing.speed) < 0.01 and standing.falls == 0 and math.isnan(standing.cost)
     assert hard["pushed"].falls == 2 and hard["bodies"] != calm["bodies"]

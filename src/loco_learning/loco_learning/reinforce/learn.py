@@ -136,7 +136,12 @@ class _Learning:
         self._plain_seed = seed_of(params.seed, PLAIN, 0)
         basis = directions(activity(self._experiment, self._plain_seed), params.directions)
         self._rule = PolicyGradient(
-            readout, basis, params.exploration, params.step, params.momentum, params.batch,
+            readout,
+            basis,
+            params.exploration,
+            params.step,
+            params.momentum,
+            params.batch,
             params.seed,
         )
         self._began, self._replayed = time.perf_counter(), 0

@@ -33,7 +33,9 @@ except ModuleNotFoundError as error:
 REACH = 0.8  # largest action [rad]: the range of the hips in a gait search (theory)
 HOLD = 50  # ticks under one perturbation, half a stride of Tigrillo (taste)
 TICKS = 1000  # per update (taste: two updates per twenty seconds)
-SPREAD = -1.0  # log of the first standard deviation of the weights (taste)
+# First standard deviation of an action. With three times the range of the hips the policy of
+# Tigrillo ran away, to commands of 5 rad, and the robot lay still (battery).
+SPREAD = 0.3
 
 
 class _Budget(stable_baselines3.common.callbacks.BaseCallback):
@@ -68,6 +70,8 @@ def learn_by_ppo(
     """
     torch.set_num_threads(1)  # the same bytes on every machine, and no faster with more
     env = ReflexEnv(experiment, start, params, "hidden", REACH)
+    loudness = np.linalg.norm(env.reset(seed=params.seed)[0])  # of u, which scales what is explored
+    spread = float(np.log(SPREAD / loudness))
     model = stable_baselines3.PPO(
         "MlpPolicy",
         env,
@@ -75,7 +79,7 @@ def learn_by_ppo(
         batch_size=TICKS // 4,
         use_sde=True,
         sde_sample_freq=HOLD,
-        policy_kwargs={"net_arch": {"pi": [], "vf": [64, 64]}, "log_std_init": SPREAD},
+        policy_kwargs={"net_arch": {"pi": [], "vf": [64, 64]}, "log_std_init": spread},
         seed=params.seed,
         device="cpu",
     )

@@ -18,6 +18,7 @@ from ..runs.rollout import rollout
 from .episode import with_pushes
 
 CONDITIONS = ("calm", "pushed", "bodies")
+STANDS = 0.01  # a slower robot stands, and its cost of transport means nothing (taste) [m/s]
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Row:
     """Trials of one condition."""
 
     speed: float  # forward, mean over all trials; no way is made after a fall [m/s]
-    cost: float  # of transport, mean over the trials without a fall [-]; nan without any
+    cost: float  # of transport, mean over the trials that walk to the end [-]; nan without any
     falls: int
     count: int
 
@@ -79,7 +80,7 @@ def _row(runs: Iterable[tuple[Experiment, int]], p: TrialParams) -> Row:
         speeds.append(float(way) / p.length)
         if log.fall:
             falls += 1
-        else:
+        elif speeds[-1] > STANDS:
             costs.append(METRICS["cost_of_transport"](measured))
     cost = float(np.mean(costs)) if costs else float("nan")
     return Row(float(np.mean(speeds)), cost, falls, len(speeds))

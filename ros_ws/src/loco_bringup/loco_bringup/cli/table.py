@@ -39,8 +39,8 @@ ROS = ("rclpy", "builtin_interfaces", "rcl_interfaces", "ament_index_python")
 # Packages that only some commands need, and where they come from.
 EXTRAS: dict[tuple[str, ...], str] = {
     ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
-    "there are gap, export-model, report, export, calibrate, optimise, study, robot, list, schema "
-    "and `run --layout rollout`",
+    "there are gap, export-model, report, export, calibrate, optimise, reinforce, study, robot, "
+    "list, schema and `run --layout rollout`",
     ("rerun",): "it comes with `pip install '.[view]'`",
     ("dynamixel_sdk",): "it comes with `pip install '.[dynamixel]'`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
