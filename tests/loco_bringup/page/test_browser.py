@@ -69,6 +69,34 @@ new MutationObserver(async (_, seer) => {
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
 
+# A hand at the first map: points at its lower left cell, goes right by a key, opens the case,
+# switches a colour off and saves.
+HAND = """<script>
+new MutationObserver(async (_, seer) => {
+  seer.disconnect();
+  const svg = document.querySelector(".frame > svg"), seen = svg.getBoundingClientRect();
+  const read = document.querySelector(".frame .read"), said = {};
+  const at = { clientX: seen.left + 60, clientY: seen.bottom - 60, pointerType: "mouse" };
+  svg.dispatchEvent(new PointerEvent("pointermove", at));
+  said.pointed = read.textContent;
+  svg.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" }));
+  said.arrow = read.textContent;
+  svg.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter" }));
+  await new Promise((done) => setTimeout(done, 300));
+  said.case = document.querySelector("#case td").textContent;
+  said.shown = svg.querySelectorAll("path").length;
+  const buttons = Array.from(document.querySelectorAll("#open-power button"));
+  buttons[0].click();
+  said.hidden = svg.querySelectorAll("path").length;
+  let blob;
+  URL.createObjectURL = (saved) => { blob = saved; return "#saved"; };
+  buttons.find((b) => b.textContent === "Save CSV").click();
+  said.saved = await blob.text();
+  const told = document.body.appendChild(document.createElement("pre"));
+  told.id = "told"; told.textContent = JSON.stringify(said);
+}).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
+</script></head>"""
+
 pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="no chromium is installed"),
     pytest.mark.skipif(AXE is None, reason="axe-core-python is not installed"),
@@ -230,16 +258,35 @@ def written(name):
 def test_a_page_is_for_everyone(name, look, tmp_path):
     text = written(name).replace('<html lang="en">', f'<html lang="en" data-theme="{look}">')
     axe = Path(AXE.submodule_search_locations[0], "axe.min.js").read_text(encoding="utf-8")
-    page = tmp_path / "page.html"
-    page.write_text(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/profile"]
-    options += ["--virtual-time-budget=20000", "--window-size=500,900", "--dump-dom"]
-    command = [BROWSER, *options, page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    told = json.loads(escapes.unescape(re.search(r'<pre id="told">(.*?)</pre>', done.stdout)[1]))
+    told = opened(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), tmp_path)
     assert told["serious"] == []
     assert told["wide"] <= PHONE
     assert told["plots"] == sum(len(json.loads(data)["panels"]) for data in plotted(text)) > 0
+
+
+def test_a_cell_says_its_value_opens_its_case_and_is_saved(tmp_path):
+    told = opened(written("grid").replace("</head>", HAND), tmp_path)
+    assert re.fullmatch(r"power [\d.]+ W · kp 100 · kd 1", told["pointed"])
+    assert told["arrow"].endswith("kp 1000 · kd 1") and told["case"] == "open_01_00_0"
+    assert told["hidden"] < told["shown"]
+    head, *rows = told["saved"].splitlines()
+    assert head == '"frame","name","x","y","x end","y end","text"'
+    assert [row for row in rows if '"100","1"' in row and " W" in row]
+
+
+def opened(text, folder):
+    """What a page says of itself in a browser, in an element `told`."""
+    page = folder / "page.html"
+    page.write_text(text, encoding="utf-8")
+    options = [
+        "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
+        "--disable-background-networking", "--disable-component-update",
+        f"--user-data-dir={folder}/profile", "--virtual-time-budget=20000",
+        "--window-size=500,900", "--dump-dom",
+    ]  # fmt: skip
+    command = [BROWSER, *options, page.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return json.loads(escapes.unescape(re.search(r'<pre id="told">(.*?)</pre>', done.stdout)[1]))
 
 
 def plotted(text):

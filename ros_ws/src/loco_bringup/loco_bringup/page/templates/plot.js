@@ -19,6 +19,8 @@ function values([low, high], differences, log) {
   });
 }
 function brief(value) { return value == null ? "–" : String(+value.toPrecision(4)); }
+// Of a logarithmic axis only the powers of ten have a line.
+function tens(chart, places) { return places.map((v) => (v > 0 && Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null)); }
 function shade(chart, spans, named) {
   const { ctx, bbox } = chart, ratio = devicePixelRatio || 1;
   ctx.save();
@@ -28,8 +30,9 @@ function shade(chart, spans, named) {
     const left = Math.max(bbox.left, chart.valToPos(start, "x", true));
     const right = Math.min(bbox.left + bbox.width, chart.valToPos(end, "x", true));
     if (right <= left) continue;
-    ctx.fillStyle = ink(color); ctx.fillRect(left, bbox.top, right - left, bbox.height);
-    if (named && ctx.measureText(name).width + 6 * ratio < right - left) {
+    if (!named) {
+      ctx.fillStyle = ink(color); ctx.fillRect(left, bbox.top, right - left, bbox.height);
+    } else if (ctx.measureText(name).width + 6 * ratio < right - left) {
       ctx.fillStyle = ink("var(--soft)"); ctx.fillText(name, left + 3 * ratio, bbox.top + 2 * ratio);
     }
   }
@@ -82,11 +85,12 @@ async function drawPlot(figure, data) {
       cursor: { drag: { x: true, y: false }, points: { size: 6 }, sync: { key: data.axis, scales: ["x", null] } },
       axes: [{ ...look, size: last ? 46 : 16, label: last ? data.axis : undefined, labelSize: 18,
           labelFont: "12px system-ui, sans-serif", values: last ? undefined : (u, ticks) => ticks.map(() => "") },
-        { ...look, size: 58, values: (u, ticks) => ticks.map((v) => (v == null ? "" : brief(v))) }],
+        { ...look, ...(panel.log ? { grid: { ...look.grid, filter: tens } } : {}), size: 58, values: (u, ticks) => ticks.map((v) => (v == null ? "" : brief(v))) }],
       series: [{}, ...panel.lines.map((line) => ({ label: line.name, width: line.width, stroke: () => ink(line.color),
         dash: line.dashed ? [6, 4] : undefined, points: { show: false } }))],
       hooks: {
-        drawClear: [(u) => shade(u, data.spans, index === 0)],
+        drawClear: [(u) => shade(u, data.spans, false)],
+        draw: [(u) => { if (index === 0) shade(u, data.spans, true); }],
         setCursor: [(u) => {
           const i = u.cursor.idx;
           read.textContent = i == null ? "" : `${data.axis.split(" ")[0]} ${brief(x[i])}: ` +

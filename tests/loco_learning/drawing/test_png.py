@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A PNG shows every layer, and the same chart gives the same bytes."""
+
+import numpy as np
+from PIL import Image
+
+from loco_learning.drawing import heat, png
+from loco_learning.drawing.chart import DASHED, Axis, Chart, Frame, bars, dots, line
+
+
+def test_every_shape_leaves_its_colour_and_bytes_are_the_same(tmp_path):
+    colors = ("#ff0000", "#00ff00", "#0000ff", "#ff00ff")
+    t = np.linspace(1.0, 10.0, 30)
+    layers = [
+        line("one", t, t, colors[0], size=4.0),
+        line("two", t, 11.0 - t, colors[1], shape=DASHED, size=4.0),
+        dots("three", t, np.full(30, 3.0), colors[2], size=6.0),
+    ]
+    chart = Chart([
+        Frame(Axis("x [m]", logarithmic=True), Axis("y [m]"), layers, "first"),
+        Frame(Axis("t [s]"), Axis("leg", names=["a", "b"]), [bars("four", [(1, 2)], 0, colors[3])]),
+        Frame(Axis("i"), Axis("j"), heat.cells(np.arange(6.0).reshape(2, 3), "W"), equal=True),
+    ])  # fmt: skip
+    one, two = (png.write(chart, tmp_path / name).read_bytes() for name in ("a.png", "b.png"))
+    assert one == two
+    seen = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).reshape(-1, 3)
+    for color in (*colors, heat.STEPS[0], heat.STEPS[-1]):
+        wanted = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
+        assert (np.abs(seen - wanted).max(axis=1) < 6).sum() > 20, color
