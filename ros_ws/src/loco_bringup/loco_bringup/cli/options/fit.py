@@ -140,7 +140,7 @@ def _episodes(p: ArgumentParser) -> None:
                    help="trials of each condition before and after, 0 for none")  # fmt: skip
     p.add_argument("--test", type=float, default=60.0,
                    help="length of the run that reinforced.yaml describes [s]")  # fmt: skip
-    p.add_argument("--out", type=Path, help="results folder (default results/NAME_reinforce)")
+    p.add_argument("--out", type=Path, help="folder (default results/NAME_reinforce or _ppo)")
 
 
 def reinforce_contest(p: ArgumentParser) -> None:
