@@ -21,6 +21,7 @@ AIR = {"fixed_base": True, "height": 1.0}
 BENCHES = {"pendulum": {}, "servo_pendulum": {}, "linear_axis": {}, "hyq_leg": {}, "tigrillo": AIR}
 CLOSE = {"rtol": 0.0, "atol": 1e-6}  # the URDF of HyQ has pi with few digits for the engine
 SMALL = {  # parameters with which robots of all sizes stay stable
+    "learned_residual": {"weights": (0.005,) * 18, "travel": 9.0, "speed": 99.0},
     "actuator_lag": {"time": 0.002},
     "actuation_delay": {"delay": 0.001},
     "added_stiffness": {"stiffness": 0.5},

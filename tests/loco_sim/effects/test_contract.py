@@ -256,7 +256,7 @@ def test_values_beyond_the_bounds_are_refused_in_one_line(effect):
     for name in EFFECTS[effect].identity.priors:
         (f,) = (f for f in fields(EFFECTS[effect]) if f.name == name)
         for value in (f.metadata["low"] - 1.0, f.metadata["high"] + 1.0, math.nan, "much"):
-            wrong = (value,) * 3 if isinstance(f.default, tuple) else value
+            wrong = (value,) * len(f.default) if isinstance(f.default, tuple) else value
             with pytest.raises(ParameterError, match=name) as error:
                 effects.make(effect, **{name: wrong})
             assert "\n" not in str(error.value)

@@ -74,8 +74,8 @@ def test_no_effect_is_lost_without_a_word(name):
     spec = {"name": name} | ({"channel": "q"} if name == "sensor_stuck" else {})
     for key, prior in kind.identity.priors.items():
         size = max(prior.typical, prior.low, key=abs)
-        vector = isinstance(kind.__dataclass_fields__[key].default, tuple)
-        spec[key] = [size] * 3 if vector else size
+        default = kind.__dataclass_fields__[key].default
+        spec[key] = [size] * len(default) if isinstance(default, tuple) else size
     assert not from_list([spec])[0].absent()
     plain, text = (mjcf(portable(Model(robot, {}, e))) for e in ([], [spec]))
     moved = plain[0].split("-->")[1] != text[0].split("-->")[1]
