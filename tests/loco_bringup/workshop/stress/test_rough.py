@@ -34,7 +34,15 @@ def test_any_other_fault_is_a_false_alarm(fault):
 
 @pytest.mark.parametrize(
     ("code", "text"),
-    [(0, told(*sorted(LATE))), (1, told()), (-11, told()), (2, "usage"), (0, ""), (0, "3"), (1, "[{}]")],
+    [
+        (0, told(*sorted(LATE))),
+        (1, told()),
+        (-11, told()),
+        (2, "usage"),
+        (0, ""),
+        (0, "3"),
+        (1, "[{}]"),
+    ],
 )
 def test_an_exit_code_that_does_not_fit_or_no_answer_is_a_fault(code, text):
     assert doctor_said(code, text) == ""
