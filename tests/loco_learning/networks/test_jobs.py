@@ -85,8 +85,9 @@ def test_claims_without_results_are_not_decided():
 
 
 def test_the_page_shows_all_figures_and_seeds(folder, tmp_path):
-    page, _ = msd_page.write("tiny", "thesis", folder, tmp_path)
-    text = page.read_text()
+    _, _, drawn = msd_page.write("tiny", "thesis", folder, tmp_path)
+    text = (tmp_path / "README.md").read_text()
+    assert list(drawn) == list(msd_page.CAPTIONS)
     for number in msd_page.CAPTIONS:
         file = f"figure_{number.replace('.', '_')}.png"
         assert (tmp_path / file).stat().st_size > 3000
