@@ -80,5 +80,5 @@ def markdown(cases: list[Case]) -> str:
     for case in cases:
         values = [case.rows[c][k] if case.rows else math.nan for c, k in MEASURES]
         text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}",
-                           *(f"{v:.4g}" for v in values)]))  # fmt: skip
+                           *(f"{v:.4g}" if math.isfinite(v) else "–" for v in values)]))  # fmt: skip
     return "\n".join(text) + "\n"
