@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from loco_control.exceptions import MissingPackageError
+from loco_control.exceptions import MissingPackageError, ParameterError
 
 from ..reflex import weights as weight_files
 from ..runs.experiment import Experiment
@@ -67,7 +67,17 @@ def learn_by_ppo(
 
     Returns:
         Readout (N, 2k) and the seconds simulated.
+
+    Raises:
+        ParameterError: The budget does not hold one update.
     """
+    length = experiment.learner.stand + params.lead + params.episode
+    least = length * (1.0 + TICKS * experiment.dt / params.episode)  # and the first look at it
+    if params.seconds < least:
+        raise ParameterError(
+            f"seconds is {params.seconds:g}, but PPO needs {least:.4g} s for one update of {TICKS} "
+            "ticks; give more, or longer episodes"
+        )
     torch.set_num_threads(1)  # the same bytes on every machine, and no faster with more
     env = ReflexEnv(experiment, start, params, "hidden", REACH)
     loudness = np.linalg.norm(env.reset(seed=params.seed)[0])  # of u, which scales what is explored

@@ -79,6 +79,6 @@ def markdown(cases: list[Case]) -> str:
     text += [lines(head), lines(["---"] * len(head))]
     for case in cases:
         values = [case.rows[c][k] if case.rows else math.nan for c, k in MEASURES]
-        text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}",
-                           *(f"{v:.4g}" for v in values)]))  # fmt: skip
+        texts = [f"{v:.4g}" if math.isfinite(v) else "–" for v in values]
+        text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}", *texts]))
     return "\n".join(text) + "\n"
