@@ -24,8 +24,6 @@ class Estimate:
         absent: Value at which the effect is not there; None for a shape such as a velocity scale.
         sign: +1 or -1 where only this sign is physical, 0 where both are.
         spread: Deviation of the value between parts of the data that errors do not explain.
-        near: Interval with the robot exactly as its file says: whether the effect is there is
-            asked of the evidence, and how large it is of the wider one. That one by default.
     """
 
     name: str
@@ -38,13 +36,11 @@ class Estimate:
     absent: float | None = 0.0
     sign: int = 0
     spread: float = 0.0
-    near: tuple[float, float] | None = None
 
     @property
     def excludes_absent(self) -> bool:
         """A size of nothing is outside of the interval; False for a shape."""
-        low, high = self.near or (self.low, self.high)
-        return self.absent is not None and not low <= self.absent <= high
+        return self.absent is not None and not self.low <= self.absent <= self.high
 
 
 @dataclass(frozen=True)

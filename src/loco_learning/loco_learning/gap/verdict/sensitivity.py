@@ -57,7 +57,7 @@ def sensitivities(
     found, at = {}, 0
     for hypothesis, x in model.parts:
         rows = slice(at, at + len(x))
-        found[hypothesis.key] = estimates(hypothesis, x, half[rows], spread[rows], errors[rows])
+        found[hypothesis.key] = estimates(hypothesis, x, half[rows], spread[rows])
         at += len(x)
     return found, known
 
@@ -67,7 +67,6 @@ def estimates(
     x: Sequence[float],
     half: np.ndarray,
     spread: np.ndarray,
-    errors: np.ndarray,
 ) -> tuple[Estimate, ...]:
     """Parameters of one effect with 95 % intervals, in their units.
 
@@ -76,22 +75,17 @@ def estimates(
         x: Coordinates of the hypothesis.
         half: Half of their 95 % intervals.
         spread: Their deviation between parts of the data.
-        errors: Their standard errors with the robot exactly as its file says.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     found = []
-    rows = zip(hypothesis.coordinates, x, half, spread, errors, strict=True)
-    for c, at, far, wide, error in rows:
-        ends, near = (
-            tuple(sorted(_unbounded(c, at + side * by) for side in (-1.0, 1.0)))
-            for by in (far, NORMAL * error)
-        )
+    for c, at, far, wide in zip(hypothesis.coordinates, x, half, spread, strict=True):
+        ends = sorted(_unbounded(c, at + side * far) for side in (-1.0, 1.0))
         sign = 1 if passive and c.strength and c.one_sided else 0
         wide = abs(wide * c.size) if c.strength else 0.0
         absent = 0.0 if c.strength else None
         bounds = (c.low, c.high)
         found.append(
-            Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide, near)
+            Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide)
         )
     return tuple(found)
 
