@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 PARENT = """
 import multiprocessing, sys, time
 sys.path.insert(0, {folder!r})
@@ -50,3 +52,34 @@ def test_a_busy_worker_ends_when_its_parent_is_killed(tmp_path):
     while alive(worker) and time.monotonic() < until:
         time.sleep(0.05)
     assert not alive(worker)
+
+
+BARE = """
+from loco_learning.jobs import pool
+print("begun")
+with pool.start(abs, workers=2) as jobs:
+    print(list(jobs.ordered([(-1,), (-2,)])))
+"""
+
+GUARDED = """
+from loco_learning.jobs import pool
+
+def twice(x):
+    return 2 * x
+
+if __name__ == "__main__":
+    print("begun")
+    with pool.start(twice, workers=2) as jobs:
+        print(list(jobs.ordered([(-1,), (-2,)])))
+    print(__file__)
+"""
+
+
+@pytest.mark.parametrize(("script", "results"), [(BARE, [1, 2]), (GUARDED, [-2, -4])])
+def test_a_script_runs_once_whether_it_asks_for_its_name_or_not(script, results, tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(script)
+    done = subprocess.run([sys.executable, path], capture_output=True, text=True, timeout=100)
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["begun", str(results)], done.stderr
+    assert lines[2:] == ([str(path)] if "__file__" in script else [])

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 
 ORPHANED = 3  # exit code
 
@@ -33,9 +36,36 @@ def spawn(
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex)
     process = context.Process(target=_live, args=(theirs, work, arguments), daemon=True)
-    process.start()
+    with _bare_script_hidden():
+        process.start()
     theirs.close()
     return process, ours
+
+
+@contextlib.contextmanager
+def _bare_script_hidden() -> Iterator[None]:
+    """A child does not run the user's script again if that never asks for its `__name__`.
+
+    Python imports the script into each spawned process; one that is not written for that would
+    begin the same work there, and so on.
+    """
+    main = sys.modules["__main__"]
+    path = getattr(main, "__file__", None)
+    if path is None or main.__spec__ is not None or _asks_for_its_name(path):
+        yield
+        return
+    del main.__file__
+    try:
+        yield
+    finally:
+        main.__file__ = path
+
+
+def _asks_for_its_name(path: str) -> bool:
+    try:
+        return b"__name__" in Path(path).read_bytes()
+    except OSError:
+        return True
 
 
 def end_with_parent() -> None:
