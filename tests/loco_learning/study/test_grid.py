@@ -153,8 +153,12 @@ def test_a_point_that_the_plant_refuses_is_a_failed_case_and_is_tried_again(tmp_
 @pytest.mark.parametrize(
     ("old", "new", "kind", "message"),
     [
-        ("logspace: [2, 3, 4]", "values: [[1.0]]", ParameterError,
-         r"axes.kp must have numbers or texts, got \[1.0\]; .* sets: \["),
+        (
+            "logspace: [2, 3, 4]",
+            "values: [[1.0]]",
+            ParameterError,
+            r"axes.kp must have numbers or texts, got \[1.0\]; .* sets: \[",
+        ),
         ("logspace: [2, 3, 4]", "values: []", ParameterError, "axes.kp has no values: give a list"),
         ("{logspace: [2, 3, 4], ", "{", ParameterError, "axes.kp has no values: give a list"),
         ("logspace: [2, 3, 4]", "logspace: [2, 3]", ParameterError, r"\[first, last, points\]"),

@@ -107,8 +107,8 @@ def _axis(name: str, spec: Any, where: str) -> Axis:
     for value in values:
         if not isinstance(value, (int, float, str)):
             raise ParameterError(
-                f"{where} must have numbers or texts, got {shown(value)}; an entry of a list is set "
-                f"by its number: sets: [{sets[0] if sets else name}.0]"
+                f"{where} must have numbers or texts, got {shown(value)}; an entry of a list is "
+                f"set by its number: sets: [{sets[0] if sets else name}.0]"
             )
     return Axis(name, tuple(values), tuple(sets), str(spec.get("unit", "")), spacing)
 

@@ -84,9 +84,7 @@ def estimates(
         wide = abs(wide * c.size) if c.strength else 0.0
         absent = 0.0 if c.strength else None
         bounds = (c.low, c.high)
-        found.append(
-            Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide)
-        )
+        found.append(Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide))
     return tuple(found)
 
 
