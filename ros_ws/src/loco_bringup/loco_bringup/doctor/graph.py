@@ -15,7 +15,7 @@ from loco_control.ros.messages.topics import Topic
 from ..graph.view import Endpoint, View
 from .environment import Finding
 
-SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s]
+MUTE = "runs but does not answer"
 _STOPPED = {"T": "is stopped (SIGSTOP)", "t": "is held by a debugger", "Z": "is dead"}
 _SLOW = 0.95  # real-time factor below which the clock realtime is not met
 
@@ -157,7 +157,7 @@ def check_answers(view: View) -> list[Finding]:
     ours = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
     for node in sorted(ours | view.reports.keys() | view.processes.keys()):
         report = view.reports.get(node)
-        if report is not None and report.age < SILENT:
+        if report is not None and report.age < view.silent:
             continue
         pid = view.pid(node) or (int(report.number("pid")) if report else 0)
         state = _state(pid)
@@ -173,14 +173,14 @@ def _state(pid: int) -> str:
         letter = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
         return "is gone (killed or crashed)"
-    return _STOPPED.get(letter, "runs but does not answer")
+    return _STOPPED.get(letter, MUTE)
 
 
 def check_ticks(view: View) -> list[Finding]:
     """Plants that stand still, and who owes them what."""
     findings = []
     for name, report in view.reports.items():
-        if name.rpartition("/")[2] != "robot_sim" or report.age >= SILENT:
+        if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
             continue
         waits = report.values.get("waiting for nodes")
         if waits:
@@ -203,7 +203,7 @@ def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: 
         row = table.get(name)
         writer = "/".join(filter(None, (space, row.writer))) if row else ""
         report = view.reports.get(writer)
-        if report is None or report.age >= SILENT:
+        if report is None or report.age >= view.silent:
             pid = view.pid(writer) or (int(report.number("pid")) if report else 0)
             return f"{name} does not come from {writer or 'its writer'}, which {_state(pid)}"
         inputs = [r.name for r in _paced(table) if row.writer in r.readers]
@@ -219,7 +219,7 @@ def check_plants(view: View) -> list[Finding]:
     """Time-outs, a latched emergency stop, and a clock that is not met."""
     findings = []
     for name, report in view.reports.items():
-        if name.rpartition("/")[2] != "robot_sim" or report.age >= SILENT:
+        if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
             continue
         late, factor = report.number("late_share"), report.number("real_time_factor", 1.0)
         if report.values.get("estop"):
@@ -240,7 +240,7 @@ def check_reports(view: View) -> list[Finding]:
     return [
         Finding("warning", f"{name}: {report.message}", "see its log", grave=report.level > 1)
         for name, report in view.reports.items()
-        if report.level and report.age < SILENT and report.message != "waiting for endpoints"
+        if report.level and report.age < view.silent and report.message != "waiting for endpoints"
     ]
 
 

@@ -17,7 +17,9 @@ from .environment import (
     check_messages,
     check_shared_memory,
 )
-from .graph import check_graph
+from .graph import MUTE, check_graph
+
+PATIENCE = 10.0  # listened to again, before a node whose process runs is called silent [s]
 
 
 def show_doctor(a: argparse.Namespace) -> int:
@@ -51,6 +53,9 @@ def examine(seconds: float) -> list[Finding]:
         return findings
     with Onlooker() as onlooker:
         view = onlooker.listen(seconds)
-    graph = check_graph(view)
+        graph = check_graph(view)
+        if any(MUTE in finding.text for finding in graph):  # or is the machine busy?
+            view = onlooker.listen(PATIENCE, PATIENCE)
+            graph = check_graph(view)
     elsewhere = check_elsewhere(os.environ) if not view.reports else []
     return check_shared_memory() + elsewhere + graph

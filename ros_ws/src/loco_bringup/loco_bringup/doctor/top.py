@@ -7,12 +7,11 @@ import argparse
 import sys
 import time
 
-from ..graph.view import Onlooker, Report, View
+from ..graph.view import SILENT, Onlooker, Report, View
 
 _COLUMNS = ("node", "pid", "cpu %", "MB", "ticks/s", "mean ms", "max ms", "late", "stale",
             "dropped", "state")  # fmt: skip
 _LEVELS = ("ok", "warning", "ERROR", "stale")
-_SILENT = 3.0  # wall time without diagnostics after which a node is called silent [s]
 _FORGET = 30.0  # and after which it is left out [s]
 
 
@@ -71,8 +70,8 @@ def _summary(name: str, plant: Report, view: View) -> str:
 
 def _row(name: str, r: Report) -> tuple[str, ...]:
     span = r.number("span_s", 1.0) or 1.0
-    state = "silent" if r.age > _SILENT else _LEVELS[min(r.level, 3)]
-    if r.message != "running" and r.age <= _SILENT:
+    state = "silent" if r.age > SILENT else _LEVELS[min(r.level, 3)]
+    if r.message != "running" and r.age <= SILENT:
         state += f": {r.message}"
     if state == "silent":
         state += f" for {r.age:.0f} s"

@@ -21,6 +21,8 @@ from loco_control.ros.messages.topics import topic
 from ..doctor.environment import nodes_here
 
 NAME = "onlooker"  # of the listener's node, with its pid
+SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s] (taste: they
+# come once a second)
 _NAMING = 2.0  # longest wait for the names of nodes whose endpoints are seen [s]
 
 
@@ -75,6 +77,7 @@ class View:
     reports: dict[str, Report] = field(default_factory=dict)
     events: tuple[Occurrence, ...] = ()
     processes: dict[str, int] = field(default_factory=dict)  # of nodes on this domain, by name
+    silent: float = SILENT  # wall time without diagnostics that counts as silence [s]
 
     def namespaces(self) -> list[str]:
         """Of all endpoints."""
@@ -112,10 +115,14 @@ class Onlooker:
         self._node.destroy_node()
         self._context.try_shutdown()
 
-    def listen(self, seconds: float) -> View:
-        """Everything known after listening for a while [s].
+    def listen(self, seconds: float, silent: float = SILENT) -> View:
+        """Everything known after listening for a while.
 
         The names of nodes come after their endpoints; up to 2 s more are given to them.
+
+        Args:
+            seconds: Wall time to listen for [s].
+            silent: Wall time without diagnostics that counts as silence [s].
         """
         end = time.monotonic() + seconds
         while (rest := end - time.monotonic()) > 0:
@@ -136,7 +143,7 @@ class Onlooker:
             for name, (status, at) in self._reports.items()
         }
         here = nodes_here(os.environ.get("ROS_DOMAIN_ID", "0") or "0")
-        return View(tuple(endpoints), reports, tuple(self._events), here)
+        return View(tuple(endpoints), reports, tuple(self._events), here, silent)
 
     def _on_report(self, array: Any) -> None:
         for status in array.status:
