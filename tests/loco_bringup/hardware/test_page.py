@@ -20,8 +20,10 @@ pytestmark = pytest.mark.ros
 
 
 def printed():
-    """Commands of the page, without ``./loco`` in front."""
+    """Commands of the page, without ``./loco`` in front, up to those that want ros2_control."""
     text = (ROOT / "docs/hardware.md").read_text().replace("\\\n", " ")
+    text, _, rest = text.partition("\n## Controllers of ros2_control\n")
+    assert rest
     blocks = "".join(re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL))
     lines = [shlex.split(line, comments=True) for line in blocks.splitlines()]
     return [words[1:] for words in lines if words[0] == "./loco"]
