@@ -146,7 +146,7 @@ def timeline(log: Log) -> Chart:
     # The first lane is on top.
     layers = [turned(layer, len(lanes)) for layer in layers]
     whole = (float(log.t[0]), float(log.t[-1]) + log.dt)
-    axes = Axis("time [s]", limits=whole), Axis("what", names=lanes[::-1])
+    axes = Axis("time [s]", limits=whole), Axis("signal", names=lanes[::-1])
     return Chart([Frame(*axes, layers, height=60 + 30 * len(lanes))])
 
 
