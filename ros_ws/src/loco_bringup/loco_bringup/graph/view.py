@@ -21,8 +21,7 @@ from loco_control.ros.messages.topics import topic
 from ..doctor.environment import nodes_here
 
 NAME = "onlooker"  # of the listener's node, with its pid
-SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s] (taste: they
-# come once a second)
+SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s]
 _NAMING = 2.0  # longest wait for the names of nodes whose endpoints are seen [s]
 
 

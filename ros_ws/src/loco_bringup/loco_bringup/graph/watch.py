@@ -36,7 +36,7 @@ class _Graph:
 
     table: str  # of its topics
     started: bool = False
-    alone: bool = False  # when it began nobody else wrote its topics
+    looked: bool = False  # for other writers of its topics, once it had begun
     finished: bool = False
     final_tick: int = -1
     final_time: float = 0.0
@@ -102,8 +102,8 @@ class Watch:
     def _look_for_strangers(self, listener: _Listener) -> None:
         """A graph begins alone. Its nodes look, too, but may not have heard of all others yet."""
         for namespace, graph in self._graphs.items():
-            if graph.started and not graph.alone:
-                graph.alone = True
+            if graph.started and not graph.looked:
+                graph.looked = True
                 names = [row.name for row in TABLES[graph.table].values() if row.paced]
                 if found := listener.strangers(_join(namespace, name) for name in names):
                     self._error = f"{found}; {ANOTHER}"
