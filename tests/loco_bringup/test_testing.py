@@ -3,6 +3,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 
@@ -35,6 +36,20 @@ def test_a_claimed_domain_is_nobody_elses():
     first, second = claim_domain(), claim_domain()
     assert first != second
     assert str(first) != os.environ["ROS_DOMAIN_ID"]
+
+
+def test_processes_of_tests_in_the_background_hear_ctrl_c():
+    """A shell starts what runs in the background with SIGINT ignored, which children inherit."""
+    code = (
+        "import signal, subprocess, sys; from loco_bringup.testing import isolate; isolate(); "
+        "child = 'import signal; print(signal.getsignal(2) is signal.default_int_handler)'; "
+        "subprocess.run([sys.executable, '-c', child])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )  # fmt: skip
+    assert found.stdout == "True\n"
 
 
 def test_what_does_not_come_is_told_with_the_logs(tmp_path):

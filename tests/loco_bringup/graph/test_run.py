@@ -123,10 +123,13 @@ def test_ctrl_c_stops_everything_and_keeps_the_bag(tmp_path):
         text=True,
     )
     end = time.monotonic() + 60  # 100 ticks are 0.2 MB of bag
-    while sum(p.stat().st_size for p in folder.glob("*.mcap")) < 5e5 and time.monotonic() < end:
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    out, errors = process.communicate(timeout=60)
+    try:
+        while sum(p.stat().st_size for p in folder.glob("*.mcap")) < 5e5 and time.monotonic() < end:
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()  # it would keep the domain from all tests that follow
     assert process.returncode == 130, errors
     assert "interrupted" in out
     assert _processes_with(str(folder)) == []

@@ -48,6 +48,20 @@ def test_a_result_that_is_not_one_is_refused(result, tmp_path):
         results.load(tmp_path)
 
 
+@pytest.mark.parametrize("count", [200, 201])
+def test_a_spectrum_has_the_amplitudes_that_a_signal_is_made_of(count):
+    t = np.arange(count) / count
+    curve = 0.3 + 0.7 * np.sin(2 * np.pi * t) + 0.05 * np.cos(6 * np.pi * t + 1.0)
+    found = results.spectrum(np.column_stack([curve, np.roll(curve, 17)]))
+    np.testing.assert_allclose(found[:4].T, [[0.3, 0.7, 0.0, 0.05]] * 2, atol=1e-12)
+    assert np.max(found[4:]) < 1e-12
+
+
+def test_each_joint_has_its_spectra(result):
+    chart = figures.spectra(result.comparisons[0], result)
+    assert [len(frame.layers) for frame in chart.frames] == [3] * len(result.joints)
+
+
 def test_table_5_1_has_a_row_per_parameter_and_per_loss(result):
     head, rows = results.body_table(result)
     assert len(rows) == len(parameter_set(result.options["parameters"]).names) + 2

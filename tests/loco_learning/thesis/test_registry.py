@@ -3,11 +3,13 @@
 
 import dataclasses
 import math
+import types
 
 import numpy as np
 import pytest
 
 from loco_control.exceptions import NameUnknownError
+from loco_learning.calibration.results import Comparison
 from loco_learning.study.case import CaseResult
 from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
 from loco_learning.thesis.evidence import Entry, Evidence
@@ -95,6 +97,29 @@ def curve(**closed):
              test={name: values[i] for name, values in closed.items()})
         for i, kp in enumerate(np.linspace(100.0, 1000.0, count))
     ]  # fmt: skip
+
+
+def test_a_slip_is_seen_at_the_lag_that_the_error_found():
+    """A bump that comes 0.1 s late is the robot's; one at another place is not."""
+    t = np.arange(200) / 100.0  # one period of 2 s
+    sine = np.sin(np.pi * t)
+
+    def bump(at):
+        return (sine[:, None] * 0.1 + np.exp(-(((t - at) / 0.05) ** 2))[:, None]).repeat(4, 1)
+
+    curves = {
+        "robot": np.roll(bump(1.0), 10, axis=0),
+        "default": bump(1.5),
+        "calibrated": bump(1.0),
+    }
+    result = Comparison("sine", True, 2.0, 9, {}, {}, 0.1, 0.1, "", "", curves)
+
+    class Fitted(Evidence):
+        def other(self, name):
+            return types.SimpleNamespace(comparisons=[result])
+
+    found = MEASURES["slip_is_seen"](Fitted({}, None))
+    assert found["calibrated"] == pytest.approx(1.0) and found["default"] < 0.5
 
 
 def test_an_exponential_cost_is_found():

@@ -13,6 +13,7 @@ import atexit
 import contextlib
 import os
 import shutil
+import signal
 import tempfile
 import threading
 import time
@@ -58,7 +59,13 @@ def claim_domain() -> int:
 
 
 def isolate() -> None:
-    """Set what rclpy and NumPy read once: domain, discovery on this machine, logs, threads."""
+    """Set what rclpy and NumPy read once: domain, discovery on this machine, logs, threads.
+
+    A script that starts tests in its background lets them ignore SIGINT. Processes of the graph
+    would inherit that and outlive a Ctrl-C, so it is undone.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     logs = tempfile.mkdtemp(prefix="loco_test_logs_")
     atexit.register(shutil.rmtree, logs, ignore_errors=True)
     os.environ.update(

@@ -11,7 +11,7 @@ import numpy as np
 from ..drawing.chart import GREY, Axis, Chart, Frame, dots, line
 from .mawe import UNITS
 from .parameters import parameter_set
-from .results import Comparison, Result
+from .results import Comparison, Result, spectrum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +22,7 @@ DEFAULT = {"color": "#2a9d6f", "lw": 1.2, "ls": (0, (5, 2))}
 CALIBRATED = {"color": "#d55e00", "lw": 1.4}
 LINES = {"robot": ROBOT, "default": DEFAULT, "calibrated": CALIBRATED}
 WIDTH = 7.4  # [in]
+HARMONICS = 12  # that are shown; a sine of the hips has but one
 
 FIGURES: dict[str, Callable[[Result], Figure]] = {}
 
@@ -97,6 +98,23 @@ def _draw(ax, row: Comparison, j: int) -> None:
         spread = np.degrees(row.curves[f"{name}_spread"][:, j])
         ax.fill_between(t, mean - spread, mean + spread, color=look["color"], alpha=0.18, lw=0)
         ax.plot(t, mean, label=name, **look)
+
+
+def spectra(row: Comparison, result: Result) -> Chart:
+    """Amplitudes of each passive joint's first harmonics: the transfer functions of eq. (5.2)."""
+    frames = []
+    count = np.arange(1, HARMONICS + 1)
+    for j, joint in enumerate(result.joints):
+        layers = [
+            line(name, count / row.period, np.degrees(spectrum(row.curves[name])[count, j]),
+                 str(look["color"]), size=2.4 if name == "robot" else 1.4)
+            for name, look in LINES.items()
+        ]  # fmt: skip
+        axes = Axis("frequency [Hz]"), Axis("amplitude [deg]", logarithmic=True)
+        frames.append(
+            Frame(*axes, layers, joint.removesuffix("_joint").replace("_", " "), height=200)
+        )
+    return Chart(frames)
 
 
 def bodies(result: Result) -> Chart:

@@ -60,6 +60,23 @@ class Comparison:
         return self.before[loss] / self.after[loss] if self.after[loss] > 0.0 else float("inf")
 
 
+def spectrum(curve: np.ndarray) -> np.ndarray:
+    """Amplitudes of the harmonics of a periodic signal, as eq. (5.2) takes them of sensors.
+
+    Args:
+        curve: One period, (N, J).
+
+    Returns:
+        Amplitudes of the mean and of the harmonics 1, 2, … in the curve's unit, (N // 2 + 1, J).
+    """
+    count = len(curve)
+    found = 2.0 / count * np.abs(np.fft.rfft(curve, axis=0))
+    found[0] /= 2.0
+    if count % 2 == 0:
+        found[-1] /= 2.0
+    return found
+
+
 def comparison(name: str, fitted: bool, before: Evaluation, after: Evaluation) -> Comparison:
     """Put two evaluations of the same recording side by side."""
     curves = {}

@@ -59,13 +59,20 @@ def calibrated_body(evidence: Evidence) -> Numbers:
 
 @measure
 def slip_is_seen(evidence: Evidence) -> Numbers:
-    """Correlation of the left front knee's average period with the robot's."""
-    curves = evidence.other("calibration").comparisons[0].curves
+    """Correlation of the left front knee's average period with the robot's.
 
-    def likeness(name: str) -> float:
-        return float(np.corrcoef(curves["robot"][:, 0], curves[name][:, 0])[0, 1])
+    Each model is compared at the lag that the windowed error found for it, as that error is: the
+    slip lasts a tenth of a second, and a robot whose commands are as late has it elsewhere.
+    """
+    found = evidence.other("calibration").comparisons[0]
 
-    return {"default": likeness("default"), "calibrated": likeness("calibrated")}
+    def likeness(name: str, lag: float) -> float:
+        robot, model = found.curves["robot"][:, 0], found.curves[name][:, 0]
+        rows = round(lag / found.period * len(robot))
+        return float(np.corrcoef(robot, np.roll(model, rows))[0, 1])
+
+    return {"default": likeness("default", found.lag_before),
+            "calibrated": likeness("calibrated", found.lag_after)}  # fmt: skip
 
 
 @measure

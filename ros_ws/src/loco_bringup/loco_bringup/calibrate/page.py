@@ -106,6 +106,8 @@ def _periods(result: Result) -> Markup:
     for row in result.comparisons:
         text = f"{row.name}, {'fitted' if row.fitted else 'not fitted'}: {row.count} periods"
         shown.append(html.figure(periods(row, result), f"Average period of {row.name}", text))
+        spectra = figures.spectra(row, result)
+        shown.append(html.figure(spectra, f"Spectra of {row.name}", _SPECTRA))
     return html.join(shown)
 
 
@@ -131,6 +133,11 @@ _PERIODS = (
     "Knee angles over one period of the actuation, as figure 5.4. Dashed: one standard deviation "
     "between periods around. The first recording was fitted, the others were not seen by the "
     "search. Curves are as recorded, without the shift that the windowed error allows."
+)
+_SPECTRA = (
+    "Amplitudes of the harmonics of these periods. The actuation is the same for all three, so "
+    "this is how their transfer functions (eq. 5.2) differ: the calibrated model's is to be the "
+    "robot's (eq. 5.5)."
 )
 _RECORDINGS = (
     "Windowed error in both variants: that of thesis eq. (5.4), summed over the knees, and the "
