@@ -42,5 +42,6 @@ def test_a_period_has_a_panel_for_each_joint_and_its_spread_around_each_line(res
 
 def test_the_page_has_an_interactive_plot_for_each_recording_and_for_the_searches(result):
     text = page.page(result, Model("tigrillo"))
-    assert text.count('<script type="application/json">') == 2 + len(result.comparisons)
+    shown = 2 + 2 * len(result.comparisons)  # searches and bodies; periods and spectra of each
+    assert text.count('<script type="application/json">') == shown
     assert "SURROGATE" in text and "Ratio on walk, not fitted" in text
