@@ -42,6 +42,11 @@ def added(text):
 HOSTILE = {  # what is replaced by what, and words of the message
     "not XML": ("</link>", "", "is not XML"),
     "not a robot": (GOOD, "<sdf/>", "starts with <robot>"),
+    "xacro": (
+        '<robot name="two">',
+        '<robot name="two" xmlns:x="http://www.ros.org/wiki/xacro"><x:property name="a"/>',
+        "is xacro",
+    ),
     "no link": (GOOD, "<robot/>", "no <link>"),
     "link named twice": ('"arm"', '"trunk"', "2 links are named 'trunk'"),
     "joint named twice": (

@@ -179,3 +179,34 @@ def test_a_mesh_file_is_drawn_and_a_missing_one_left_out(hyq, tmp_path, caplog):
     _, nothing = silhouette(Figure(shape_robot(hyq, tmp_path, '<mesh filename="no.obj"/>')))
     assert not nothing.any()
     assert "no.obj" in caplog.text
+
+
+def test_a_robot_without_shapes_is_drawn_by_its_joints_and_masses(hyq, tmp_path):
+    """A stick of 0.2 m down to the joint, and 0.3 kg of water around the forearm's centre."""
+    urdf = (
+        '<robot name="bare"><link name="base"/>'
+        '<link name="arm"><inertial><origin xyz="0 0 -0.1"/><mass value="0.3"/></inertial></link>'
+        '<joint name="j" type="fixed"><parent link="base"/><child link="arm"/>'
+        '<origin xyz="0 0 -0.2"/></joint></robot>'
+    )
+    robot = replace(
+        hyq, urdf=urdf, joints=(), feet=(), standing=np.zeros(0), folder=tmp_path
+    )  # fmt: skip
+    figure = Figure(robot)
+    low, high = (getattr(figure.corners(0.0), which)(axis=0) for which in ("min", "max"))
+    radius = (0.3 * 3.0 / (4.0 * np.pi * 1000.0)) ** (1.0 / 3.0)
+    assert high[2] == pytest.approx(0.0, abs=0.01) and low[2] == pytest.approx(
+        -0.3 - radius, abs=2e-3
+    )
+    _, seen = silhouette(figure)
+    assert seen.any()
+
+
+def test_a_robot_of_nothing_is_refused(hyq, tmp_path):
+    robot = replace(
+        hyq, urdf='<robot name="none"><link name="base"/></robot>', joints=(), feet=(),
+        standing=np.zeros(0), folder=tmp_path,
+    )  # fmt: skip
+    with pytest.raises(ParameterError, match="nothing that could be drawn"):
+        render_gif(None, np.arange(2.0), np.zeros((2, 3)), np.eye(4)[[3, 3]], np.zeros((2, 0)),
+                   robot=robot)  # fmt: skip

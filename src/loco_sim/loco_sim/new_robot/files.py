@@ -136,7 +136,7 @@ class Folder:
         """Write the rest and move the folder to its place."""
         robot = self.robot()
         if not picture(robot, self._place / "picture.png"):
-            self._draft.notes.append("no picture, as the URDF has no shapes")
+            self._draft.notes.append("no picture, as nothing of it has a shape, length or mass")
         (self._place / "experiment.yaml").write_text(self._experiment(robot), encoding="utf-8")
         self._out.parent.mkdir(parents=True, exist_ok=True)
         os.rename(self._place, self._out)

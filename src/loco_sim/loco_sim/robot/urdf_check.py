@@ -63,6 +63,8 @@ def parse(urdf: str, name: str = "the robot description") -> ET.Element:
         raise ParameterError(f"{name} cannot be read: {error}") from None
     if root.tag != "robot":
         raise ParameterError(f"{name}: a URDF starts with <robot>, this one with <{root.tag}>")
+    if any("xacro}" in str(element.tag) for element in root.iter()):
+        raise ParameterError(f"{name} is xacro, which makes a URDF: xacro {name} > robot.urdf")
     return root
 
 
@@ -239,7 +241,8 @@ def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
     for name in own:
         if name in free and (total[name] == 0.0 or (name not in parents and own[name] == 0.0)):
             moves = "moves" if name in parents else "is the root of a robot that is not bolted"
-            yield f"link {name!r} {moves} but has no mass; `loco robot new` mends a root"
+            mend = "`loco robot new` mends that" if name not in parents else "give it an <inertial>"
+            yield f"link {name!r} {moves} but has no mass; {mend}"
 
 
 def mass_of(link: ET.Element) -> float:

@@ -2,14 +2,15 @@
 """The robot as a picture shows it: the visual shapes of its URDF, drawn without an engine.
 
 A `Figure` holds the shapes as triangles, moves them with the joints and draws them by a
-compiled z-buffer. Shapes whose mesh cannot be read are left out.
+compiled z-buffer. Shapes whose mesh cannot be read are left out; a robot without any is drawn as
+sticks between its joints and balls where its masses are.
 """
 
 from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,14 @@ from numba import njit
 from ..geometry import Triple, rotation_matrix
 from ..robot.frames import link_frames, origin_of
 from ..robot.robot import Robot
-from ..robot.urdf_check import mesh_path
+from ..robot.urdf_check import mass_of, mesh_path
 
 log = logging.getLogger(__name__)
 
 GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
 AMBIENT, DIFFUSE = 0.62, 0.45  # light from everywhere, and from the sun
+THIN = 1e-3  # least radius of a stick, and the shortest that is drawn [m]
+WATER = 1000.0  # density of the balls that stand for masses [kg/m³]
 NEAR = 1e-3  # a triangle with a corner behind the camera is not drawn
 
 
@@ -32,21 +35,27 @@ class Figure:
     """Visual shapes of a robot, that are posed and drawn.
 
     Args:
-        robot: The robot; a link without visual shapes shows those it collides with.
+        robot: The robot; a link without visual shapes shows those it collides with, and a robot
+            without shapes is drawn by its joints and masses.
     """
 
     def __init__(self, robot: Robot):
         self._robot = robot
         root = ET.fromstring(robot.urdf)
         colours = {m.get("name"): m for m in root.findall("material")}
-        corners, paints, owners = [], [], []
         self._links = [link.get("name", "") for link in root.findall("link")]
-        for index, link in enumerate(root.findall("link")):
-            for shape in link.findall("visual") or link.findall("collision"):
-                triangles = _triangles(shape, robot.folder)
-                corners.append(triangles)
-                paints.append(np.tile(_colour(shape, colours), (len(triangles), 1)))
-                owners.append(np.full(len(triangles), index))
+        drawn = [
+            (index, _triangles(shape, robot.folder), _colour(shape, colours))
+            for index, link in enumerate(root.findall("link"))
+            for shape in link.findall("visual") or link.findall("collision")
+        ]
+        if not any(len(triangles) for _, triangles, _ in drawn):
+            drawn = [(self._links.index(link), each, GREY) for link, each in _sticks(root)]
+        corners, paints, owners = [], [], []
+        for index, triangles, colour in drawn:
+            corners.append(triangles)
+            paints.append(np.tile(colour, (len(triangles), 1)))
+            owners.append(np.full(len(triangles), index))
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *corners])  # in the frame of the link
         self._paint = np.concatenate([np.zeros((0, 3)), *paints])
         self._owner = np.concatenate([np.zeros(0, dtype=int), *owners])
@@ -107,6 +116,31 @@ class Figure:
         clip = np.concatenate([self._world, np.ones((len(self._world), 3, 1))], axis=2)
         clip = clip @ (projection @ view).T
         return rasterise(clip, paint, size[0], size[1])
+
+
+def _sticks(root: ET.Element) -> Iterator[tuple[str, np.ndarray]]:
+    """Links, and triangles in their frames [m], (t, 3, 3): sticks to the joints and to the mass.
+
+    A mass is a ball of water of that mass.
+    """
+    for joint in root.findall("joint"):
+        end = origin_of(joint)[1]
+        if np.linalg.norm(end) > THIN:
+            yield joint.find("parent").get("link", ""), _stick(end)
+    for link in root.findall("link"):
+        if (mass := mass_of(link)) > 0.0:
+            centre = origin_of(link.find("inertial"))[1]
+            ball = trimesh.creation.icosphere(2, (3.0 * mass / (4.0 * np.pi * WATER)) ** (1 / 3))
+            yield link.get("name", ""), ball.triangles + centre
+            if np.linalg.norm(centre) > THIN:
+                yield link.get("name", ""), _stick(centre)
+
+
+def _stick(end: np.ndarray) -> np.ndarray:
+    """Triangles of a thin cylinder from the origin to a point [m], (t, 3, 3)."""
+    radius = max(0.04 * float(np.linalg.norm(end)), THIN)
+    segment = np.array([np.zeros(3), end])
+    return trimesh.creation.cylinder(radius, segment=segment, sections=12).triangles
 
 
 def _triangles(shape: ET.Element, folder: Path) -> np.ndarray:

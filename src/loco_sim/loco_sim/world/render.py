@@ -88,7 +88,9 @@ def frames(
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))
     figure = Figure(robot)
-    stage = Stage(size, scale=min(1.0, np.ptp(figure.corners(0.0), axis=0).max() / FULL_SIZE))
+    if not len(corners := figure.corners(0.0)):
+        raise ParameterError(f"robot {robot.name!r} has nothing that could be drawn")
+    stage = Stage(size, scale=min(1.0, np.ptp(corners, axis=0).max() / FULL_SIZE))
     for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):
         k = min(int(np.searchsorted(t, now - 1e-9)), len(t) - 1)
         near = np.abs(t - t[k]) <= 0.5 * FOLLOW
