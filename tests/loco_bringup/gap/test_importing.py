@@ -77,9 +77,9 @@ STATES = joints(["pivot"], position=angle, velocity=speed)
 COMMANDS = joints(["pivot"], position=goal)
 
 
-def bag(folder, seconds=3.0, attach=None, late=0.0, **topics):
+def bag(folder, seconds=3.0, attach=None, late=0.0, about=None, **topics):
     """A bag with topics at given rates; ``__`` in a name is a slash."""
-    writer = BagWriter(folder)
+    writer = BagWriter(folder, custom_data=about)
     for name, (make, rate) in topics.items():
         cls = type(make(0.0))
         kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
@@ -269,7 +269,23 @@ def test_the_graph_of_hyq(tmp_path):
     assert np.array_equal(made.command["position"], log.command)
     assert np.array_equal(made.command["torque"], log.trunk_tau)
     assert made.joints == hyq.joints and made.feet == hyq.feet
+    assert made.simulated == 1e-3
     refused(tmp_path / "trot", TIGRILLO, "12 values of q, the robot has 8")
+
+
+def test_steps_of_a_simulation_are_read_and_told(tmp_path):
+    topics = {"joint_states": (STATES, 100), "joint_command": (COMMANDS, 100)}
+
+    def read(name, **about):
+        (made,) = gap_import.load(bag(tmp_path / name, about=about, **topics), SERVO)
+        return made.simulated, any("steps of" in note for note in made.notes)
+
+    assert read("coarse", physics_step="0.001") == (1e-3, True)
+    assert read("fine", physics_step="0.000125") == (1.25e-4, False)
+    for name, said in (("word", "fast"), ("endless", "inf"), ("negative", "-1"), ("nan", "nan")):
+        assert read(name, physics_step=said) == (0.0, False)
+    assert read("machine", physics_step="0.001", hardware="bus: x") == (0.0, False)
+    assert read("silent") == (0.0, False)
 
 
 @pytest.mark.pybullet

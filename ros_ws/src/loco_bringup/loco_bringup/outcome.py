@@ -18,6 +18,7 @@ from loco_learning.runs.experiment import Experiment
 
 from . import __version__
 
+STEP = "physics_step"  # key of a bag's metadata: step of the plant [s]
 KEPT = 1000  # events that a supervisor keeps: a run of hours has more
 VERSIONS = ("ros-rclpy", "pybullet", "numpy", "scipy", "numba", "mcap")
 
@@ -72,7 +73,7 @@ def duration_of(experiment: Experiment) -> float:
 
 
 def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
-    """Metadata of a run for its bag: experiment, seed, versions."""
+    """Metadata of a run for its bag: experiment, seed, versions, physics step of its plant."""
     versions = {"loco": __version__}
     for name in VERSIONS:
         try:
@@ -81,7 +82,8 @@ def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
             continue
     values = {"experiment": experiment.name, "seed": experiment.seed, "robot": experiment.robot}
     values |= {"recorded_at": datetime.now().astimezone().isoformat(timespec="seconds")}
-    values |= {"versions": json.dumps(versions), "processor": processor(), **more}
+    values |= {"versions": json.dumps(versions), "processor": processor()}
+    values |= {STEP: 1.0 / experiment.sim_params.physics_rate, **more}
     return {key: str(value) for key, value in values.items()}
 
 

@@ -51,6 +51,22 @@ def test_what_hangs_on_the_phase_of_hunting_is_no_gap():
         assert np.sqrt(np.mean(apart**2)) < 1.0
 
 
+def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
+    """What a plant in steps of 1 ms does is off the model's limit by what its floor says."""
+    wanted = (0.4 * np.sin(3.0 * T))[:, None]
+    empty = Record("sine", T, {"position": wanted}, ("pivot",), {"q": 0.0 * wanted}, ("pivot",))
+    model = Model("servo_pendulum", {"drives.pivot.resolution": 0.0, "sim.physics_rate": 1000})
+    (q,) = Forward(model, [empty])()
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(q.shape)
+    rms = {}
+    for simulated in (0.0, 1e-3):
+        record = replace(empty, signals={"q": q + noise}, simulated=simulated)
+        case = cases.prepare(Forward(model, [record]), [record], [])
+        (residual,) = case.whitened(())
+        rms[simulated] = float(np.sqrt(np.nanmean(residual**2)))
+    assert rms[0.0] > 3.0 and 0.3 < rms[1e-3] < 1.25
+
+
 def test_a_drive_that_does_not_round_does_not_hunt():
     forward, _ = servo(0.0)
     (apart,) = cases.hunting(forward, 0.25)

@@ -15,6 +15,7 @@ from loco_learning.gap.recordings.tracks import Track
 from loco_sim.robot.robot import Robot
 
 from ..bag.reader import Bag
+from ..outcome import STEP
 from . import topics as gap_topics
 from .db3 import SUFFIX, SqliteBag
 from .fields import FieldSource
@@ -76,6 +77,7 @@ def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:
         return importing.records(source, robot, rules, bag.path.name)
     found, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
     known = _experiment(bag) | rules.overrides
+    step = _simulated(bag)
     chosen = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
     if not chosen:
         raise BagError(f"no record of {rules.path} fits {bag.path.name}; see its 'records'")
@@ -89,6 +91,7 @@ def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:
             overrides=known | rule.overrides,
             notes=notes,
             trust_units=rules.trust_units,
+            simulated=step,
         )
         for i, rule in enumerate(chosen)
     ]
@@ -109,3 +112,13 @@ def _experiment(bag: Bag) -> dict:
     values = bag.yaml("experiment.yaml")
     overrides = values.get("overrides") if isinstance(values, dict) else None
     return {key: overrides[key] for key in _KNOWN if key in (overrides or {})}
+
+
+def _simulated(bag: Bag) -> float:
+    """Physics step of the plant that was recorded [s]; 0 of a machine, or where nothing tells."""
+    about = bag.metadata if isinstance(bag, Bag) else {}
+    try:
+        step = 0.0 if "hardware" in about else float(about.get(STEP, 0.0))
+    except ValueError:
+        return 0.0
+    return step if 0.0 < step < 1.0 else 0.0

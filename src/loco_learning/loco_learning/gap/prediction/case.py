@@ -266,6 +266,10 @@ def prepare(
     fine, ground = finest(forward), any(map(forward.on_ground, range(len(both))))
     signals = [c.signal for c in forward.channels]
     correction, numeric = doubts(forward, likely) if ground else step_error(forward, fine)
+    if not ground:
+        numeric = [
+            np.hypot(n, s) for n, s in zip(numeric, stepped(forward, correction[1.0]), strict=True)
+        ]
     sensors = noise.floor(forward.measured, steps, signals)
     pooled = _pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
@@ -288,6 +292,26 @@ def _step(records: Sequence[Record], signal: str, name: str) -> float:
     """Quantisation step of a channel; the largest of its signal where nothing tells it."""
     known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
     return max(known or [r.step(signal) for r in records])
+
+
+def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Error of what was recorded, where that is a simulation whose own steps are not zero.
+
+    A first-order step leaves an error in proportion to its length; that of the model is known.
+
+    Args:
+        forward: Forward model.
+        correction: Correction of predictions in the model's own steps, (T, C) each.
+
+    Returns:
+        Rms about each time, (T, C) each.
+    """
+    shares = [
+        record.simulated * forward._robot(i, {}, 1.0).sim.physics_rate
+        for i, record in enumerate(forward.records)
+    ]
+    errors = [share * lacks for share, lacks in zip(shares, correction, strict=True)]
+    return _rms(errors, forward.records)
 
 
 def doubts(

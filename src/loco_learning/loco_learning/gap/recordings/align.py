@@ -23,6 +23,11 @@ from .tracks import AXES, Track
 GAP = 4.5  # a silence this many usual periods long is a gap: nothing is known in it
 SPARSE = 1.5  # a signal with this many ticks per sample or more is not filled in between
 ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is meant to be it
+FINE_STEP = 2e-4  # a simulation in longer steps is told what they cost [s]
+STEPS = (
+    "recorded from a simulation in steps of {:g} ms, whose error counts as noise: smaller effects "
+    "show with --set sim.physics_rate=8000"
+)
 EVEN = 1e-3  # stamps this close to the axis, in periods, are on it
 
 
@@ -35,6 +40,7 @@ def record(
     overrides: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
     trust_units: bool = False,
+    simulated: float = 0.0,
 ) -> Record:
     """Align the signals of one experiment.
 
@@ -51,6 +57,7 @@ def record(
         overrides: Values of robot.yaml known for it.
         notes: Sentences about the file from reading it.
         trust_units: Do not look for wrong units.
+        simulated: Physics step of the simulation that was recorded [s]; 0 where there is none.
 
     Raises:
         ParameterError: The data cannot be what they are said to be; see `checks`, `suspect`.
@@ -69,8 +76,10 @@ def record(
     checks.long_enough(name, axis)
     made = _fill(name, tracks, robot, axis)
     made |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
-             "stamps": observe.stamps(tracks)}  # fmt: skip
+             "stamps": observe.stamps(tracks), "simulated": simulated}  # fmt: skip
     told += observe.notes(tracks, rate, GAP)
+    if simulated > FINE_STEP:
+        told.append(STEPS.format(1e3 * simulated))
     result = Record(name, axis - axis[0], **made)
     if not trust_units:
         suspect.units(result, robot)

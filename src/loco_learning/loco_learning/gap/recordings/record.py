@@ -51,6 +51,8 @@ class Record:
             sample to sample where others are held.
         stamps: Per role its rate [Hz], jitter (deviation of its stamps from even ones) [ms],
             samples that are missing, and the longest silence [s], as they were recorded.
+        simulated: Physics step of the simulation that was recorded [s]; 0 of a machine, and where
+            nothing tells.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Record:
     ramps: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
+    simulated: float = 0.0
 
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
