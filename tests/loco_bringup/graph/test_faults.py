@@ -58,11 +58,12 @@ def test_begin_and_end_are_events(twice):
 def test_a_command_that_is_taken_away_means_the_safe_state(twice):
     rate = load("servo_pendulum_sine").control_rate
     late, back = time_outs(twice[0])
-    assert late[0][1] == rate - 1  # the last command before the fault
-    assert 0 < late[0][0] - late[0][1] <= 0.06 * rate + 1
-    assert back[0] == 1.5 * rate
+    (begun,) = (told for told, last in late if last == rate - 1)  # the last command before it
+    assert 0 < begun - (rate - 1) <= 0.06 * rate + 1
+    over = 1.5 * rate
+    assert over in back  # a busy machine may have time-outs of its own
     states = twice[0].records("/joint_states")
-    held = states["position"][late[0][0] + 10 : back[0]]
+    held = states["position"][begun + 10 : round(over)]
     assert np.abs(np.diff(held, axis=0)).max() < 0.02  # damped: nothing swings any more
     assert len(states) == 4.0 * rate  # time went on
 
@@ -95,7 +96,7 @@ def test_a_controller_that_fell_behind_lost_ticks_catches_up(tmp_path):
     assert stopped
     rate = load("servo_pendulum_sine").control_rate
     assert len(bag.records("/joint_states")) == 13.0 * rate
-    assert time_outs(bag)[1][0] == 12.0 * rate  # its command is back at once
+    assert 12.0 * rate in time_outs(bag)[1]  # its command is back at once
 
 
 @pytest.mark.parametrize(
