@@ -12,10 +12,14 @@ import pytest
 
 from loco_bringup.cli import main as cli
 from loco_bringup.logs.rollout_bag import run_rollout
+from loco_bringup.view import gap_scene
 from loco_bringup.view.scene import scene_of
+from loco_control.exceptions import BagError
 from loco_control.ros.messages.topics import TOPICS
+from loco_learning.gap.localisation.curves import Curve, Curves
 from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import rollout
+from loco_sim.plant.model import Model
 from loco_sim.robot.frames import feet_in_base
 
 LAYOUTS = files("loco_bringup.view").joinpath("layouts")
@@ -50,6 +54,42 @@ def test_a_bolted_robot_has_no_forces():
     scene = scene_of(rollout(load("servo_pendulum_sine", {"duration": 1.0})))
     assert scene.forces == {}
     assert np.ptp(scene.places["rod"], axis=0).max() < 1e-9 or "rod" in scene.turns
+
+
+def gap_results(folder, channels, values):
+    """Results of a gap on the servo pendulum: a fitted and a held-out record of half a second."""
+    t = np.arange(50) / 100.0
+    records = [
+        Curve(name, role, t, *(np.full((50, len(channels)), value) for value in values))
+        for name, role in (("slow", "fit"), ("fast", "held-out"))
+    ]
+    Curves(channels, np.ones(len(channels)), tuple(records)).save(folder / "gap.npz")
+    Model("servo_pendulum").save(folder / "model.yaml")
+    return folder
+
+
+def test_results_of_a_gap_are_the_measured_robot_and_both_models(tmp_path):
+    channels = (("q", "pivot", "rad"), ("tau", "pivot", "N·m"))
+    scenes = gap_scene.scenes_of(gap_results(tmp_path, channels, (0.3, np.nan, 0.1)))
+    assert list(scenes) == ["measured", "before", "after"]
+    (moved,) = (link for link, turn in scenes["after"].turns.items() if turn[0, 0, 0] < 1.0)
+    angles = {n: np.arccos(scene.turns[moved][:, 0, 0]) for n, scene in scenes.items()}
+    np.testing.assert_allclose(angles["measured"], 0.3)
+    np.testing.assert_allclose(angles["after"], 0.1)
+    np.testing.assert_allclose(angles["before"], 0.0)  # nothing is known: it stands
+    scene = scenes["measured"]
+    assert np.all(np.diff(scene.t) > 0.0) and len(scene.t) == 100
+    assert list(scene.phases) == ["fast (held-out)", "slow (fit)"]
+    assert set(scene.signals) == {"q/pivot", "tau/pivot"}
+
+
+def test_a_gap_that_cannot_be_shown_is_one_line(tmp_path, capsys):
+    gap_results(tmp_path, (("tau", "pivot", "N·m"),), (0.3, 0.2, 0.1))
+    with pytest.raises(BagError, match="no angles of joints"):
+        gap_scene.scenes_of(tmp_path)
+    (tmp_path / "gap.npz").write_bytes(b"nothing")
+    with pytest.raises(BagError, match="does not hold the curves"):
+        gap_scene.scenes_of(tmp_path)
 
 
 def test_layouts_name_topics_and_frames_that_are_there():
@@ -95,4 +135,21 @@ def test_rerun_reads_what_was_written(log, tmp_path):
     assert "/signals/angle/run/lf_kfe_joint" in said.stdout
     with pytest.raises(SystemExit) as end:  # nothing is overwritten
         cli.main(["view", str(tmp_path / "run"), "--save", str(tmp_path / "run.rrd")])
+    assert end.value.code == 2
+
+
+@pytest.mark.skipif(find_spec("rerun") is None, reason="needs rerun-sdk, the extra `view`")
+def test_rerun_reads_a_gap(tmp_path):
+    (tmp_path / "gap").mkdir()
+    folder = gap_results(tmp_path / "gap", (("q", "pivot", "rad"),), (0.3, 0.2, 0.1))
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", str(folder), "--save", str(tmp_path / "gap.rrd")])
+    assert end.value.code == 0
+    said = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", str(tmp_path / "gap.rrd")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert all(f"/robots/{name}/" in said.stdout for name in gap_scene.ROBOTS)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", str(folder), str(folder.parent), "--save", str(tmp_path / "two.rrd")])
     assert end.value.code == 2

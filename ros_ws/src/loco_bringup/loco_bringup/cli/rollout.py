@@ -30,14 +30,16 @@ def run(a: argparse.Namespace) -> int:
     folder = a.out or default_folder(experiment)
     limits = Limits(a.max_bag_size, a.max_bag_duration)
     outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell, limits))
-    return finish(outcome, a.report)
+    return finish(outcome, a.report, a.view)
 
 
-def finish(outcome: Outcome, report: bool) -> int:
-    """Write the report of a run if it is wanted; returns the exit code of the run."""
+def finish(outcome: Outcome, report: bool, view: bool = False) -> int:
+    """Write the report of a run and show it if that is wanted; returns the exit code of the run."""
     if report and not outcome.interrupted:
         console.print("report:", end=" ")
         call("report", outcome.folder)
+    if view and not outcome.interrupted:
+        call("view", outcome.folder)
     return outcome.exit_code
 
 

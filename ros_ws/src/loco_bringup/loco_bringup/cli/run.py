@@ -40,4 +40,4 @@ def run(a: argparse.Namespace) -> int:
             **tick,
         ),
     )  # fmt: skip
-    return finish(outcome, a.report)
+    return finish(outcome, a.report, a.view)

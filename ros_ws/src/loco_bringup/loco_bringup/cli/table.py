@@ -160,7 +160,7 @@ GROUPS: dict[str, dict[str, Command]] = {
             "cli.options.bags:compare", "report.compare:show_comparison",
         ),
         "view": Command(
-            "show bags in Rerun: legs move, forces, curves; the second bag is a ghost",
+            "show bags or a gap in Rerun: legs move, forces, curves; all but the first are ghosts",
             "cli.options.bags:view", "view.terminal:show_view",
         ),
         "view --layouts": Command(

@@ -11,15 +11,17 @@ from loco_control.exceptions import ParameterError
 from ..bag.reader import Bag
 from ..logs.bag_log import read_log
 from ..terminal import console
+from . import gap_scene
 from .rerun_scene import show
 from .scene import scene_of
 
 
 def show_view(a: argparse.Namespace) -> int:
-    """Show bags in Rerun, or write the recording that it opens.
+    """Show bags or results of `loco gap` in Rerun, or write the recording that it opens.
 
     Raises:
-        ParameterError: There is no bag, two have one name, or the file is there already.
+        ParameterError: There is no bag, two have one name, results of a gap are not alone, or the
+            file is there already.
     """
     if not a.bag:
         raise ParameterError("name a bag to show; `loco list` shows those that are here")
@@ -28,7 +30,12 @@ def show_view(a: argparse.Namespace) -> int:
         raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
     if a.save and a.save.exists():
         raise ParameterError(f"{a.save} is there already; choose another --save")
-    scenes = {n: scene_of(read_log(Bag(b))) for n, b in zip(names, a.bag, strict=True)}
+    if any(gaps := [gap_scene.is_gap(path) for path in a.bag]) and len(gaps) > 1:
+        raise ParameterError("results of `loco gap` are three robots already; show them alone")
+    if any(gaps):
+        scenes = gap_scene.scenes_of(a.bag[0])
+    else:
+        scenes = {n: scene_of(read_log(Bag(b))) for n, b in zip(names, a.bag, strict=True)}
     show(scenes, a.save)
     if a.save:
         console.print(f"{a.save}: open it with `rerun {a.save}`")

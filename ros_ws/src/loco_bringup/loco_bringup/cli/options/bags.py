@@ -79,7 +79,8 @@ def compare(p: ArgumentParser) -> None:
 
 def view(p: ArgumentParser) -> None:
     """Options of `loco view`."""
-    p.add_argument("bag", type=Path, nargs="*", help="bag folders or .mcap files of runs")
+    p.add_argument("bag", type=Path, nargs="*",
+                   help="bags of runs, or a folder of results of `loco gap`")  # fmt: skip
     p.add_argument("--save", type=Path, help="write this .rrd file and start no viewer")
     p.add_argument("--layouts", type=Path, nargs="?", const=Path("layouts"), metavar="DIR",
                    help="write layouts for Foxglove and RViz (default: into layouts/)")  # fmt: skip

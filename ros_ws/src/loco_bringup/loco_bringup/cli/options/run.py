@@ -75,6 +75,7 @@ def run(p: ArgumentParser) -> None:
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
     split(p)
     p.add_argument("--report", action="store_true", help="write the report when it is done")
+    p.add_argument("--view", action="store_true", help="show it in Rerun when it is done")
 
 
 def split(p: ArgumentParser) -> None:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results of `loco gap` as a viewer shows them: the robot that was measured, and both models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from loco_control.exceptions import BagError
+from loco_learning.gap.localisation import curves
+from loco_learning.gap.localisation.curves import Curves
+from loco_sim.plant import model as models
+from loco_sim.robot.frames import link_frames
+from loco_sim.robot.robot import Robot
+from loco_sim.world.figure import Figure
+
+from ..gap.run import ARRAYS, MODEL
+from .scene import Scene
+
+ROBOTS = ("measured", "before", "after")
+PAUSE = 1.0  # between two recordings [s]
+
+
+def is_gap(path: Path) -> bool:
+    """Whether a path is a folder of results of `loco gap`."""
+    return (path / ARRAYS).is_file() and (path / MODEL).is_file()
+
+
+def scenes_of(folder: Path) -> dict[str, Scene]:
+    """Scenes of the measured robot, the model as given and the model that was found.
+
+    All recordings follow each other, those that judge first. Joints that were not measured stand;
+    so does the base, as recordings do not tell where it was.
+
+    Args:
+        folder: Results of `loco gap`.
+
+    Raises:
+        BagError: No angle of a joint was measured.
+        LocoError: The results cannot be read, or their robot is not there any more.
+    """
+    found, robot = curves.load(folder / ARRAYS), models.load(folder / MODEL).make_robot()
+    return {name: _scene(found, robot, name) for name in ROBOTS}
+
+
+def _scene(found: Curves, robot: Robot, which: str) -> Scene:
+    columns = {name: c for c, (signal, name, _) in enumerate(found.channels) if signal == "q"}
+    if not columns:
+        raise BagError("these recordings have no angles of joints, so nothing can be seen to move")
+    records = sorted(found.records, key=lambda record: record.role == "fit")
+    t, values, phases, end = [], [], {}, 0.0
+    for record in records:
+        phases[f"{record.name} ({record.role})"] = end
+        t.append(record.t - record.t[0] + end)
+        values.append(getattr(record, which))
+        end = t[-1][-1] + PAUSE
+    time, every = np.concatenate(t), np.concatenate(values)
+    q = np.tile(robot.standing, (len(time), 1))
+    for i, joint in enumerate(robot.joints):
+        if joint in columns:
+            q[:, i] = _filled(time, every[:, columns[joint]], robot.standing[i])
+    turns, places, above = {}, {}, np.array([0.0, 0.0, _height(robot)])
+    for link, (turn, origin) in link_frames(robot, q).items():
+        turns[link], places[link] = turn, origin + above
+    signals = {f"{s}/{name}": every[:, c] for c, (s, name, _) in enumerate(found.channels)}
+    return Scene(time, turns, places, Figure(robot).shapes(), {}, signals, phases)
+
+
+def _height(robot: Robot) -> float:
+    """Height of the base [m]: as the robot is put up, or with its feet on the ground."""
+    if robot.height is not None:
+        return robot.height
+    frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None], robot.feet)
+    return -min((float(frames[foot][1][0, 2]) for foot in robot.feet), default=0.0)
+
+
+def _filled(t: np.ndarray, values: np.ndarray, standing: float) -> np.ndarray:
+    """Values with those that are missing drawn between their neighbours."""
+    known = np.isfinite(values)
+    return np.interp(t, t[known], values[known]) if known.any() else np.full(len(t), standing)
