@@ -213,8 +213,8 @@ def _tension(root: ET.Element, joint: Joint) -> None:
     for name, (body, at) in ends.items():
         body.append(ET.Element("site", name=name, pos=_numbers(at), size="0.002"))
     spatial = ET.SubElement(
-        _section(root, "tendon"), "spatial", name=f"{joint.name}_spring", stiffness=f"{spring.stiffness:.10g}",
-        springlength=f"{spring.length:.10g}",
+        _section(root, "tendon"), "spatial", name=f"{joint.name}_spring",
+        stiffness=f"{spring.stiffness:.10g}", springlength=f"{spring.length:.10g}",
     )  # fmt: skip
     for name in ends:
         ET.SubElement(spatial, "site", site=name)

@@ -67,7 +67,8 @@ class Drives:
         steps = np.fmax(self.step, 1e-9)
         seen = np.where(self.step > 0.0, steps * np.floor(seen / steps + 0.5), seen)
         ctrl = wanted + turned - seen
-        asked, braked = gain[0] * ctrl + bias[0] + bias[1] * turned, self.brake * data.qvel[self.dofs]
+        asked = gain[0] * ctrl + bias[0] + bias[1] * turned
+        braked = self.brake * data.qvel[self.dofs]
         total = np.clip(asked, limits[0], limits[1]) - braked
         over = (np.abs(total) > self.effort) & (self.effort > 0.0) & (gain[0] > 0.0)
         most = np.clip(total, -self.effort, self.effort) + braked

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,12 @@ from loco_control.files import write_whole
 from loco_learning.gap.prediction import running
 from loco_learning.gap.prediction.forward import Forward, turned
 from loco_learning.gap.recordings.record import Record
-from loco_sim.export import replay_mjcf
 from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import ELASTIC, FREE, IMPEDANCE, SERVO, Joint, Portable, portable
 from loco_sim.plant.model import Model
 
-SCRIPT = Path(replay_mjcf.__file__)
-FINER, FASTEST = (16, 8, 4, 2, 1), 20000.0  # parts of a physics step, and most of them in a second [Hz]
+SCRIPT = Path(str(files("loco_sim.export") / "replay_mjcf.py"))
+FINER, FASTEST = (16, 8, 4, 2, 1), 20000.0  # parts of a physics step, most of them in a second [Hz]
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ def compare(
 ) -> tuple[list[Compared], list]:
     """Errors on records, and sentences on those that cannot be compared.
 
-    Both run in a sixteenth of the model's physics step, or as fine as `FASTEST` allows: their errors
-    of integration, which have different signs, shrink in proportion to it.
+    Both run in a sixteenth of the model's physics step, or as fine as `FASTEST` allows: the errors
+    of their integrators shrink in proportion to it.
 
     ``replay_N.xml`` and ``replay_N.npz`` stay in the folder, for ``replay.py`` there.
 
