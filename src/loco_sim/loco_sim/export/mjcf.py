@@ -80,11 +80,11 @@ def mjcf(model: Portable) -> tuple[str, list[str]]:
 
 
 def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
-    """Where the numbers of each joint begin in the state of a model, by name.
+    """Index of the first number of each joint in the state of a model, by name.
 
     Args:
         root: The MJCF.
-        widths: How many numbers a joint of a type has, where it is not one: `WIDTHS` or `FREEDOMS`.
+        widths: Count of numbers of each type of joint that has not one: `WIDTHS` or `FREEDOMS`.
     """
     found, at = {}, 0
     for joint in root.find("worldbody").iter():

@@ -33,7 +33,7 @@ ROTOR = "{}: the gear (stiffness {:g}, damping {:g}) is rigid here, the rotor is
 
 @dataclass(frozen=True)
 class Gear:
-    """What is between the motor of a servo and its joint.
+    """The gear between the motor of a servo and its joint.
 
     Attributes:
         inertia: Inertia of rotor and gear, seen at the joint [kg·m²].
