@@ -44,6 +44,7 @@ def test_the_file_has_the_mass_and_a_drive_for_each_driven_joint(name):
     assert made.body_mass.sum() == pytest.approx(robot.mass, rel=1e-4)
     driven = [robot.joints[i] for i in robot.driven]
     assert [made.actuator(i).name for i in range(made.nu)] == driven
+    assert made.nsensor == 0  # those of our plant, which MJX cannot read
 
 
 def test_a_held_drive_gives_its_law_within_its_limit():

@@ -50,6 +50,8 @@ def mjcf(model: Portable) -> tuple[str, list[str]]:
         ParameterError: MuJoCo cannot build the robot.
     """
     root = ET.fromstring(model.world.mjcf())
+    for ground in root.findall("sensor"):  # of our plant, without names; MJX cannot read them
+        root.remove(ground)
     lost = [*model.lost]
     joints = {element.get("name"): element for element in root.iter("joint")}
     actuators = ET.SubElement(root, "actuator")
