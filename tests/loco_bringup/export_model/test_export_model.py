@@ -26,28 +26,48 @@ def call(*arguments):
     return end.value.code
 
 
-def test_a_measured_slide_is_met_as_closely_in_mujoco_alone(tmp_path):
-    set_, short = MEASURED / "silverbox", tmp_path / "mapping.yaml"
+RECORDS = {
+    "silverbox": "{name: multisine 1, rows: [40580, 44877]}",
+    "bam_xl330": "{name: lift and drop, where: {kp: 100, trajectory: lift_and_drop}}",
+}
+
+
+@pytest.mark.parametrize("robot", RECORDS)
+def test_a_measured_robot_is_met_as_closely_in_mujoco_alone(robot, tmp_path):
+    set_, short = MEASURED / robot, tmp_path / "mapping.yaml"
     text = (set_ / "mapping.yaml").read_text().partition("records:")[0]
-    short.write_text(text + "records: [{name: multisine 1, rows: [40580, 44877]}]\n")
+    short.write_text(f"{text}records: [{RECORDS[robot]}]\n")
     done = loco.export_model(set_, "mjcf", tmp_path / "out", replay=[set_], mapping=short)
     (judged,) = done.compared
     assert judged.theirs == pytest.approx(judged.ours, rel=0.1) and judged.ours > 0.001
     assert {"model.xml", "replay.py", "replay_1.npz"} <= set(done.files)
 
 
-@pytest.mark.parametrize("robot", ["hyq", "tigrillo"])
-def test_a_robot_in_the_air_is_met_as_closely(robot, tmp_path):
-    joint = "*_hfe_joint"
-    effects = [{"name": "coulomb_friction", "joint": joint}, {"name": "command_delay"}]
-    size = {"hyq": (4.0, 0.012), "tigrillo": (0.06, 0.02)}[robot]
+HIDDEN = {  # overrides, joints that rub, friction [N·m] and delay [s]
+    "hyq": (AIR, "*_hfe_joint", 4.0, 0.012),
+    "tigrillo": (AIR, "*_hfe_joint", 0.06, 0.02),
+    "servo_pendulum": ({}, "pivot", 0.05, 0.02),
+}
 
-    def model(by):
-        values = {"torque": by * size[0]}, {"delay": size[1]}
-        return Model(robot, AIR, [e | v for e, v in zip(effects, values, strict=True)])
 
-    chosen = pool.choose(pool.pool(Model(robot, AIR)), "chirp_large")
-    (one,), notes = compare(model(0.7), list(pool.records(model(1.0), [chosen])), tmp_path)
+def hidden(robot, by):
+    """A robot with friction, a delay, an offset and a torque constant, so much of each."""
+    overrides, joint, friction, delay = HIDDEN[robot]
+    effects = [
+        {"name": "coulomb_friction", "joint": joint, "torque": by * friction},
+        {"name": "command_delay", "delay": by * delay},
+        {"name": "joint_offset", "joint": joint, "offset": by * 0.02},
+        {"name": "torque_constant_error", "error": by * -0.1},
+    ]
+    return Model(robot, overrides, effects)
+
+
+@pytest.mark.parametrize("experiment", ["chirp_large", "steps"])
+@pytest.mark.parametrize("robot", HIDDEN)
+def test_a_simulated_robot_is_met_as_closely(robot, experiment, tmp_path):
+    chosen = pool.choose(pool.pool(Model(robot, HIDDEN[robot][0])), experiment)
+    recorded = list(pool.records(hidden(robot, 1.0), [chosen]))
+    (one,), notes = compare(hidden(robot, 0.9), recorded, tmp_path)
     assert notes == [] and one.ours > 1e-4
     assert one.theirs == pytest.approx(one.ours, rel=0.1)
 
@@ -87,6 +107,8 @@ def test_what_the_model_has_not_got_is_not_randomised(tmp_path):
         (("hyq", "--to", "gazebo"), "no target of an export named 'gazebo'"),
         (("nowhere.yaml", "--to", "mjcf"), "nowhere.yaml"),
         (("hyq", "--to", "urdf", "--replay", "bag"), "take --to mjcf"),
+        (("hyq", "--to", "urdf", "--gear", "rigid"), "urdf has rigid gears"),
+        (("hyq", "--to", "mjcf", "--gear", "soft"), "no gear of an export named 'soft'"),
         (("hyq", "--to", "urdf", "--out", "OTHER"), "holds other files (mine.txt)"),
     ],
 )

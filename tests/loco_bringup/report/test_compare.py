@@ -24,6 +24,13 @@ def test_a_run_and_itself_do_not_differ(log):
     assert "alike to the last bit" in page and "Not shown" not in page.partition("Base</h2>")[0]
 
 
+def test_a_phase_too_short_to_tell_noise_is_not_judged(log):
+    short = log.cut(slice(0, 4))  # pieces of no tick
+    page = compare.page({"a": short, "b": short})
+    assert "not judged: the phase is too short" in page and "beyond noise</" not in page
+    assert "± –" not in page
+
+
 def test_a_run_that_is_longer_alone_does_not_differ(log):
     short = log.cut(slice(0, len(log) * 2 // 3))
     phase = list(log.phases())[-1]

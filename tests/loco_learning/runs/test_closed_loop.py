@@ -56,7 +56,7 @@ def test_a_study_keeps_verdict_metrics_and_curves(log, tmp_path):
     assert result.curves["test_trace_passive"].shape == (300, 4)
     assert result.curves["cycle"].shape == (400, 2)
     for name in ("joint_traces", "nrmse_over_time", "limit_cycles", "trunk"):
-        frames = figures.FIGURES[name]([result]).frames
+        frames = figures.FIGURES[name](None, [result]).frames
         assert any(len(layer.x) > 10 for frame in frames for layer in frame.layers)
 
 

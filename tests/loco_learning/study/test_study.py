@@ -132,7 +132,10 @@ def test_figures_survive_trials_that_ended_early(finished, tmp_path):
     kept = ("feet_t", "feet_target", "feet", "trunk_t", "trunk_position", "trunk_angles")
     bare = [dataclasses.replace(r, curves={k: r.curves[k] for k in kept}) for r in results]
     for draw in figures.FIGURES.values():
-        png.write(draw(bare), tmp_path / "figure.png")
+        chart = draw(made, bare)
+        png.write(chart, tmp_path / "figure.png")
+        axes = [axis for frame in chart.frames for axis in (frame.x, frame.y) if not axis.names]
+        assert all(axis.label.endswith("]") for axis in axes)  # a unit, or [-]
 
 
 @pytest.mark.parametrize(

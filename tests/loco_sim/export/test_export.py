@@ -4,15 +4,18 @@
 from __future__ import annotations
 
 import ast
+import runpy
+from importlib.resources import files
 
 import mujoco
 import numpy as np
 import pytest
 
+from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.export import isaac, ranges
-from loco_sim.export.mjcf import mjcf
-from loco_sim.export.portable import portable
+from loco_sim.export.mjcf import dofs, mjcf
+from loco_sim.export.portable import ELASTIC, RIGID, portable
 from loco_sim.export.urdf import urdf
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
@@ -25,8 +28,11 @@ TERM = {
 FRICTION = {"name": "coulomb_friction", "joint": "lf_hfe_joint", "torque": 0.05}
 
 
-def compiled(model):
-    text, lost = mjcf(portable(model))
+REPLAY = runpy.run_path(str(files("loco_sim.export") / "replay_mjcf.py"))
+
+
+def compiled(model, gear=RIGID):
+    text, lost = mjcf(portable(model, gear))
     return mujoco.MjModel.from_xml_string(text), lost
 
 
@@ -38,6 +44,7 @@ def test_the_file_has_the_mass_and_a_drive_for_each_driven_joint(name):
     assert made.body_mass.sum() == pytest.approx(robot.mass, rel=1e-4)
     driven = [robot.joints[i] for i in robot.driven]
     assert [made.actuator(i).name for i in range(made.nu)] == driven
+    assert made.nsensor == 0  # those of our plant, which MJX cannot read
 
 
 def test_a_held_drive_gives_its_law_within_its_limit():
@@ -65,6 +72,52 @@ def test_the_tension_spring_of_a_knee_pulls_as_here():
         length = np.sqrt(f * f + t * t - 2.0 * f * t * np.cos(q))
         wanted = -spring.stiffness * (length - spring.length) * f * t * np.sin(q) / length
         assert data.qfrc_spring[joint.dofadr[0]] == pytest.approx(wanted, rel=1e-4)
+
+
+def test_a_rotor_stands_where_its_joint_does_and_has_a_dof_of_its_own():
+    robot = Model("tigrillo").make_robot()
+    elastic, rigid = (compiled(Model("tigrillo"), gear)[0] for gear in (ELASTIC, RIGID))
+    assert rigid.nv == 6 + len(robot.joints)
+    assert elastic.nv == rigid.nv + len(robot.driven) and elastic.nu == rigid.nu
+    data = mujoco.MjData(elastic)
+    mujoco.mj_resetDataKeyframe(elastic, data, 0)
+    mujoco.mj_forward(elastic, data)
+    for i in robot.driven:
+        name = robot.joints[i]
+        assert data.joint(f"{name}_rotor").qpos == data.joint(name).qpos == robot.standing[i]
+        assert data.tendon(f"{name}_gear").length == 0.0
+
+
+SERVO = [
+    {"name": "coulomb_friction", "joint": "pivot", "torque": 0.05},
+    {"name": "torque_constant_error", "error": -0.1},
+    {"name": "joint_offset", "joint": "pivot", "offset": 0.02},
+]  # fmt: skip
+
+
+def apart(rate, power):
+    """Positions of a servo with a long arm here, and minus those in MuJoCo alone [rad]."""
+    fine = {"sim.physics_rate": rate, "drives.pivot.resolution": 0.0, "sensors.exact": True}
+    model, dt = Model("servo_pendulum", fine, SERVO), 0.01
+    told = 0.5 * np.sign(np.sin(2.0 * np.pi * np.arange(0.0, 1.2, dt) + 0.1))[:, None]
+    plant = Bolted(model.make_robot(), model.make_effects(), 0, dt)
+    mine = plant.run(told, power=power).q
+    made, _ = compiled(model, ELASTIC)
+    given = {"dt": dt, "finer": 1.0, "ctrl": told, "ramps": 0.0, "power": power,
+             "joints": ["pivot"], "q": [0.0], "dq": [0.0]}  # fmt: skip
+    return mine, mine - REPLAY["play"](made, given)
+
+
+@pytest.mark.parametrize("let_go", [False, True])
+def test_a_gear_that_bends_moves_as_here_the_closer_the_finer_the_step(let_go):
+    power = np.ones((120, 2))
+    power[:, 0] = 0.9
+    power[60:, 1] = 1.0 - let_go
+    (mine, coarse), (_, middle), (_, fine) = (apart(rate, power) for rate in (1000, 4000, 16000))
+    assert np.ptp(mine) > 0.8
+    rms = [np.sqrt(np.mean(one**2)) for one in (coarse, middle, fine)]
+    assert rms[1] < rms[0] / 3.0 and rms[2] < rms[1] / 3.0  # of first order: 4
+    assert rms[2] < 1e-3 * np.ptp(mine)
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -108,15 +161,17 @@ def test_python_for_isaac_and_pace_carries_constants_and_ranges():
     assert "max_delay=20" in isaac.pace(made, known)[0]
 
 
-def test_ranges_name_the_places_of_the_compiled_model():
+@pytest.mark.parametrize("gear", [RIGID, ELASTIC])
+def test_ranges_name_the_places_of_the_compiled_model(gear):
     terms = [TERM, {**TERM, "effect": "torque_constant_error", "place": "",
                     "parameters": {"error": {**TERM["parameters"]["torque"], "value": 0.0}}},
              {**TERM, "effect": "slip"}]  # fmt: skip
     model = Model("tigrillo", {}, [FRICTION])
-    made, _ = compiled(model)
-    known, unused = ranges.of(portable(model), terms)
+    made, _ = compiled(model, gear)
+    known, unused = ranges.of(portable(model, gear), terms)
     assert len(known) == 2 and "slip" in unused[0]
-    tree = ast.parse(ranges.playground(portable(model), known)[0])
+    there = dofs(mjcf(portable(model, gear))[0])
+    tree = ast.parse(ranges.playground(portable(model, gear), known, there)[0])
     table = next(n.value for n in tree.body if isinstance(n, ast.Assign))
     for one, (low, high, targets) in zip(known, ast.literal_eval(table), strict=True):
         assert (low, high) == (one.low, one.high)

@@ -209,6 +209,7 @@ def export_model(
     *,
     replay: Sequence[str | Path] = (),
     mapping: str | Path | None = None,
+    gear: str | None = None,
 ) -> Any:
     """Write a model for another simulator; ``.lost`` of the result says what it cannot say there.
 
@@ -218,12 +219,14 @@ def export_model(
         out: Folder; default below ``exports``.
         replay: Recordings to play in MuJoCo alone, for ``.compared``; default those held out.
         mapping: Mapping of the recordings.
+        gear: Gears of servos in MJCF: ``elastic``, the default, with a joint for each rotor, or
+            ``rigid``, with the robot's joints alone.
 
     Raises:
-        LocoError: There is no such model or target, or a recording is of no use.
+        LocoError: There is no such model, target or gear, or a recording is of no use.
     """
     given = model.folder if isinstance(model, Gap) else model
-    return _export.export_model(given, to, out, replay, mapping)
+    return _export.export_model(given, to, out, replay, mapping, gear)
 
 
 def report(bag: str | Path | Bag, out: str | Path | None = None, *, gif: bool = True) -> Page:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,12 @@ TARGET = "#8cc5ea"
 COMPONENT = "{} component [-]"
 VERDICT = ("nrmse", "amplitude", "slip", "lag", "frequency")
 
-FIGURES: dict[str, Callable[[Sequence[CaseResult]], Chart]] = {}
+FIGURES: dict[str, Callable[[Any, Sequence[CaseResult]], Chart]] = {}  # of a study and its cases
 
 
 def figure(function: Callable[[Sequence[CaseResult]], Chart]) -> Callable:
-    """Register a figure under the name of its function."""
-    FIGURES[function.__name__] = function
+    """Register a figure of cases, which needs nothing of their study, under its function's name."""
+    FIGURES[function.__name__] = wraps(function)(lambda study, results: function(results))
     return function
 
 
@@ -147,27 +148,29 @@ def joint_traces(results: Sequence[CaseResult]) -> Chart:
     return Chart(frames)
 
 
-@figure
-def survival(results: Sequence[CaseResult]) -> Chart:
+def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Share of trials that do not fall, and that keep the gait, over the first axis of a grid."""
     whats = {
         "does not fall": lambda case: not case.verdict["fall"],
         "keeps the gait (no criterion fails)": lambda case: case.verdict["survived"],
     }
+    axis, label = next(((a.name, a.label) for a in study.axes), ("seed", "seed [-]"))
     frames = []
     for title, holds in whats.items():
-        layers, axis = list[Layer](), "seed"
+        layers = list[Layer]()
         for i, (variant, cases) in enumerate(_variants(results).items()):
-            axis = next(iter(cases[0].at), "seed")
             at = np.array([case.at.get(axis, case.seed) for case in cases], dtype=float)
             values = np.array([holds(case) for case in cases], dtype=float)
             places = np.unique(at)
             shares = [values[at == place].mean() for place in places]
             layers += [line(variant, places, shares, _colour(variant, i)),
                        dots(variant, places, shares, _colour(variant, i))]  # fmt: skip
-        axes = Axis(axis), Axis("share of trials [-]", limits=(-0.05, 1.05))
+        axes = Axis(label), Axis("share of trials [-]", limits=(-0.05, 1.05))
         frames.append(Frame(*axes, layers, title))
     return Chart(frames)
+
+
+FIGURES["survival"] = survival
 
 
 @figure
@@ -252,7 +255,7 @@ def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list
     columns = table_of(study, results)
     written.append(write_whole(folder / "cases.npz", lambda file: np.savez(file, **columns)))
     for name in study.figures:
-        written.append(png.write(FIGURES[name](results), folder / f"{name}.png"))
+        written.append(png.write(FIGURES[name](study, results), folder / f"{name}.png"))
     return written
 
 

@@ -38,6 +38,11 @@ class Axis:
     unit: str = ""
     spacing: tuple[str, float, float, bool] | None = None  # in `SPACINGS`, ends, whole numbers
 
+    @property
+    def label(self) -> str:
+        """Name with the unit in brackets."""
+        return f"{self.name} [{self.unit or '-'}]"
+
     def with_points(self, count: int) -> Axis:
         """The same range in another number of points; a list stays as it is.
 

@@ -184,7 +184,7 @@ def _links(sheet: Sheet, page: str) -> list[list[str]]:
 def _plane(sheet: Sheet, layers: list[Layer]) -> Chart:
     """Layers on the axes of a sheet, whose cells are of equal size in the order of the values."""
     x, y = (
-        Scale(f"{axis.name} [{axis.unit}]" if axis.unit else axis.name,
+        Scale(axis.label,
              names=[f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else str(value)
                     for value in axis.values])
         for axis in (sheet.x, sheet.y)

@@ -60,7 +60,7 @@ def figure_7_7(evidence: Evidence) -> Chart:
 
 def figure_terrain(evidence: Evidence) -> Chart:
     """Beyond the thesis: trials with (PSE) and without the clock (RSE) on rough ground."""
-    return study_figures.survival(evidence.study("terrain")[1])
+    return study_figures.survival(*evidence.study("terrain"))
 
 
 FIGURES: tuple[Callable[[Evidence], Chart], ...] = (

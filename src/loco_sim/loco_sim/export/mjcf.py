@@ -7,21 +7,40 @@ The force of an actuator is gain · ctrl + bias - kp q - kd dq within its limits
     servo       q_d
     torque      tau
 
-What an environment has to do is in ``<custom>``: ``delay`` [s] and ``offset`` [rad] of each
-actuator, in their order.
+A gear that bends is a tendon between the joint and a joint of its own for the rotor, JOINT_rotor
+on a body without mass, whose armature is the rotor's inertia. The motor turns the rotor.
+
+What an environment has to do is in ``<custom>``, a number for each actuator in their order:
+``delay`` [s] and ``offset`` [rad]; of servos ``resolution`` [rad], ``encoder``, 1 where they read
+the joint but turn the rotor, and ``effort``, largest torque of push and brake together [N·m]: see
+`replay_mjcf.commands`. ``brake`` is the part of a damping that goes with a motor that is switched
+off [N·m·s/rad].
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ..geometry import rotation_matrix
 from . import comments
 from .portable import IMPEDANCE, SERVO, TORQUE, Joint, Portable
+
+ROTOR = "_rotor"  # ends the name of its body and joint
+LIGHT = 1e-6, 1e-9  # mass [kg] and inertia [kg·m²] of its body: MuJoCo has no body without
+WIDTHS = {"free": 7, "ball": 4}  # numbers in the position of a joint; else 1
+FREEDOMS = {"free": 6, "ball": 3}  # and in its velocity
+BY_HAND = {
+    "delay": "in <custom>, for the environment to do",
+    "offset": "in <custom>, for the environment to do",
+    "resolution": "the drive rounds what it reads: in <custom>, for the environment to do",
+    "encoder": "the drive reads the joint, an actuator of MuJoCo the rotor that it turns: the "
+    "environment adds q of the rotor - q of the joint to ctrl in each physics step",
+    "effort": "limit of push and brake together: in <custom>, for the environment to do",
+}  # fmt: skip
 
 
 def mjcf(model: Portable) -> tuple[str, list[str]]:
@@ -31,33 +50,65 @@ def mjcf(model: Portable) -> tuple[str, list[str]]:
         ParameterError: MuJoCo cannot build the robot.
     """
     root = ET.fromstring(model.world.mjcf())
+    for ground in root.findall("sensor"):  # of our plant, without names; MJX cannot read them
+        root.remove(ground)
     lost = [*model.lost]
     joints = {element.get("name"): element for element in root.iter("joint")}
     actuators = ET.SubElement(root, "actuator")
     driven = [joint for joint in model.joints if joint.kind in (IMPEDANCE, SERVO, TORQUE)]
+    before = places(root, WIDTHS)
     for joint in model.joints:
         _passive(joints[joint.name], joint)
+        if joint.gear is not None:
+            _rotor(root, joint)
         if joint.tension is not None:
             _tension(root, joint)
     for joint in driven:
         actuators.append(_actuator(joint))
-    custom = root.find("custom")
-    custom = ET.SubElement(root, "custom") if custom is None else custom
-    for key in ("delay", "offset"):
-        values = [getattr(joint, key) for joint in driven]
+    custom = _section(root, "custom")
+    for key, values in _numerics(driven).items():
         if any(values):
             ET.SubElement(custom, "numeric", name=key, data=_numbers(values))
-            lost.append(f"{key} of {_named(driven, key)}: in <custom>, for the environment to do")
+        if any(values) and key in BY_HAND:
+            named = ", ".join(j.name for j, value in zip(driven, values, strict=True) if value)
+            lost.append(f"{key} of {named}: {BY_HAND[key]}")
     for link, (stiffness, damping) in model.world.hinges.items():
         hinge = next(body for body in root.iter("body") if body.get("name") == link).find("joint")
         hinge.set("stiffness", f"{stiffness:.10g}")
         hinge.set("damping", f"{damping:.10g}")
+    _stand(root, before)
     ET.indent(root)
     return comments.xml(ET.tostring(root, encoding="unicode"), model.robot.name, lost), lost
 
 
-def _named(joints: Sequence[Joint], key: str) -> str:
-    return ", ".join(joint.name for joint in joints if getattr(joint, key))
+def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
+    """Index of the first number of each joint in the state of a model, by name.
+
+    Args:
+        root: The MJCF.
+        widths: Count of numbers of each type of joint that has not one: `WIDTHS` or `FREEDOMS`.
+    """
+    found, at = {}, 0
+    for joint in root.find("worldbody").iter():
+        if joint.tag in ("joint", "freejoint"):
+            found[joint.get("name", "")] = at
+            kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
+            at += widths.get(kind, 1)
+    return found
+
+
+def dofs(text: str) -> dict[str, int]:
+    """Degree of freedom of each joint of the MJCF."""
+    return places(ET.fromstring(text), FREEDOMS)
+
+
+def _numerics(driven: Sequence[Joint]) -> dict[str, list[float]]:
+    """Contents of ``<custom>``, a number for each actuator."""
+    keys = "delay", "offset", "resolution", "effort"
+    made = {key: [getattr(joint, key) for joint in driven] for key in keys}
+    made["encoder"] = [float(j.gear is not None) for j in driven]
+    made["brake"] = [j.kd if j.kind == SERVO else 0.0 for j in driven]
+    return made
 
 
 def _numbers(values: Sequence[float]) -> str:
@@ -65,8 +116,8 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 def _passive(element: ET.Element, joint: Joint) -> None:
-    """Friction, damping, armature and spring of a joint; of a servo also what its motor brakes."""
-    braked = joint.damping + (joint.kd if joint.kind == SERVO else 0.0)
+    """Friction, damping, armature and spring of a joint; and what a motor on it brakes."""
+    braked = joint.damping + (joint.kd if joint.kind == SERVO and joint.gear is None else 0.0)
     element.attrib.pop("actuatorfrcrange", None)  # the actuator has its own
     values = {"damping": braked, "frictionloss": joint.friction, "armature": joint.armature}
     if joint.stiffness:
@@ -82,7 +133,8 @@ def _actuator(joint: Joint) -> ET.Element:
         gain, slope, brake = joint.kp or 1.0, joint.kp, joint.kd
     elif joint.kind == SERVO:
         slope = joint.kp
-    values = {"name": joint.name, "joint": joint.name, "gainprm": f"{gain:.10g}"}
+    turned = joint.name if joint.gear is None else f"{joint.name}{ROTOR}"
+    values = {"name": joint.name, "joint": turned, "gainprm": f"{gain:.10g}"}
     values |= {"biastype": "affine"}
     values["biasprm"] = _numbers([bias + slope * joint.offset, -slope, -brake])
     if joint.lag > 0.0:
@@ -92,16 +144,63 @@ def _actuator(joint: Joint) -> ET.Element:
     return ET.Element("general", values)
 
 
+def _body_of(root: ET.Element, joint: str) -> tuple[ET.Element, ET.Element, ET.Element]:
+    """Body above a joint, body below it, and the joint."""
+    return next(
+        (above, body, one)
+        for above in root.iter()
+        for body in above.findall("body")
+        for one in body.findall("joint")
+        if one.get("name") == joint
+    )
+
+
+def _section(root: ET.Element, tag: str) -> ET.Element:
+    """Section of the file, which is added where there is none."""
+    found = root.find(tag)
+    return ET.SubElement(root, tag) if found is None else found
+
+
+def _rotor(root: ET.Element, joint: Joint) -> None:
+    """The rotor of a servo, beside its link, and the gear between the two."""
+    above, link, element = _body_of(root, joint.name)
+    name = f"{joint.name}{ROTOR}"
+    place = {key: link.get(key) for key in ("pos", "quat") if link.get(key)}
+    rotor = ET.SubElement(above, "body", name=name, **place)
+    pivot = element.get("pos", "0 0 0")
+    ET.SubElement(
+        rotor, "inertial", pos=pivot, mass=str(LIGHT[0]), diaginertia=_numbers([LIGHT[1]] * 3)
+    )
+    turning = {key: element.get(key) for key in ("type", "axis", "pos") if element.get(key)}
+    values = {"damping": joint.kd, "armature": joint.gear.inertia}
+    turning |= {key: f"{value:.10g}" for key, value in values.items()}
+    ET.SubElement(rotor, "joint", name=name, **turning)
+    gear = ET.SubElement(
+        _section(root, "tendon"), "fixed", name=f"{joint.name}_gear", springlength="0",
+        stiffness=f"{joint.gear.stiffness:.10g}", damping=f"{joint.gear.damping:.10g}",
+    )  # fmt: skip
+    for end, share in ((name, "1"), (joint.name, "-1")):
+        ET.SubElement(gear, "joint", joint=end, coef=share)
+
+
+def _stand(root: ET.Element, before: Mapping[str, int]) -> None:
+    """Give the rotors their places in the pose of standing, which knows the links alone."""
+    key = root.find("keyframe/key")
+    key = root.find("keyframe/key")
+    if key.get("qpos") is None:  # all joints at 0
+        return
+    old = key.get("qpos").split()
+    pose = [*old]
+    for name, at in places(root, WIDTHS).items():
+        if name not in before:
+            pose.insert(at, old[before[name.removesuffix(ROTOR)]])
+    key.set("qpos", " ".join(pose))
+
+
 def _tension(root: ET.Element, joint: Joint) -> None:
     """The tension spring of a knee, between two sites in the plane that the knee turns in."""
     spring = joint.tension
-    parent, child, element = next(
-        (above, body, one)
-        for above in root.iter("body")
-        for body in above.findall("body")
-        for one in body.findall("joint")
-        if one.get("name") == joint.name
-    )
+    parent, child, element = _body_of(root, joint.name)
     axis = np.array(element.get("axis", "0 0 1").split(), dtype=float)
     pivot = np.array(element.get("pos", "0 0 0").split(), dtype=float)
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
@@ -115,11 +214,9 @@ def _tension(root: ET.Element, joint: Joint) -> None:
     }
     for name, (body, at) in ends.items():
         body.append(ET.Element("site", name=name, pos=_numbers(at), size="0.002"))
-    tendons = root.find("tendon")
-    tendons = ET.SubElement(root, "tendon") if tendons is None else tendons
     spatial = ET.SubElement(
-        tendons, "spatial", name=f"{joint.name}_spring", stiffness=f"{spring.stiffness:.10g}",
-        springlength=f"{spring.length:.10g}",
+        _section(root, "tendon"), "spatial", name=f"{joint.name}_spring",
+        stiffness=f"{spring.stiffness:.10g}", springlength=f"{spring.length:.10g}",
     )  # fmt: skip
     for name in ends:
         ET.SubElement(spatial, "site", site=name)

@@ -26,7 +26,24 @@ from ..robot.spring import SpringParams
 from ..world.world import World, make_world
 
 IMPEDANCE, SERVO, TORQUE, FREE = "impedance", "servo", "torque", "free"
+RIGID, ELASTIC = "rigid", "elastic"  # gears of servos
+GEARS = ELASTIC, RIGID
 ROTOR = "{}: the gear (stiffness {:g}, damping {:g}) is rigid here, the rotor is armature"
+
+
+@dataclass(frozen=True)
+class Gear:
+    """The gear between the motor of a servo and its joint.
+
+    Attributes:
+        inertia: Inertia of rotor and gear, seen at the joint [kg·m²].
+        stiffness: Torque per angle between rotor and joint [N·m/rad].
+        damping: Torque per speed between rotor and joint [N·m·s/rad].
+    """
+
+    inertia: float
+    stiffness: float
+    damping: float
 
 
 @dataclass(frozen=True)
@@ -49,6 +66,9 @@ class Joint:
         delay: Time by which commands are late.
         lag: Time constant of the torque.
         tension: Spring of which `stiffness` is only the linear equivalent; None elsewhere.
+        gear: Gear that bends; None where the motor is on the joint.
+        resolution: Step in which a servo reads its joint; 0 is none.
+        effort: Largest torque of a servo together with what it brakes; 0 is none.
     """
 
     name: str
@@ -66,6 +86,9 @@ class Joint:
     delay: float = 0.0
     lag: float = 0.0
     tension: SpringParams | None = None
+    gear: Gear | None = None
+    resolution: float = 0.0
+    effort: float = 0.0
 
     def sprung(self, stiffness: float, rest: float) -> Joint:
         """The joint with one more linear spring."""
@@ -91,8 +114,13 @@ class Portable:
     lost: list[str] = field(default_factory=list)
 
 
-def portable(model: Model) -> Portable:
+def portable(model: Model, gear: str = RIGID) -> Portable:
     """Constants of a model.
+
+    Args:
+        model: The model.
+        gear: One of `GEARS`. With `RIGID`, for targets whose motors are on the joints, rotors
+            become armature, and servos do not round what they read.
 
     Raises:
         LocoError: The model does not fit its robot, or MuJoCo cannot build it.
@@ -105,7 +133,7 @@ def portable(model: Model) -> Portable:
     dt = 1.0 / robot.control_rate / steps
     world = make_world(robot, robot.sim.replace(engine="mujoco"), dt)
     world.rebuild(robot.standing, [e.configure for e in inside], robot.height)
-    joints = {name: _joint(robot, world, name, lost) for name in robot.joints}
+    joints = {name: _joint(robot, world, name, gear, lost) for name in robot.joints}
     for effect in built:
         _apply(effect, robot, joints, lost)
     if robot.sensors:
@@ -130,7 +158,7 @@ def _timed(effect: Effect, lost: list[str]) -> bool:
     return timed
 
 
-def _joint(robot: Robot, world: World, name: str, lost: list[str]) -> Joint:
+def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) -> Joint:
     """A joint with drive and spring, before any effect."""
     limit = float(robot.effort[robot.joints.index(name)])
     made = Joint(name, damping=world.description.damping(name))
@@ -138,13 +166,8 @@ def _joint(robot: Robot, world: World, name: str, lost: list[str]) -> Joint:
     if isinstance(drive, ServoParams):
         slope = drive.stall_torque / drive.no_load_speed
         made = replace(made, kind=SERVO, kp=drive.kp * drive.stall_torque, kd=slope,
-                       limit=drive.stall_torque, armature=drive.rotor_inertia)  # fmt: skip
-        if drive.rotor_inertia > 0.0:
-            lost.append(ROTOR.format(name, drive.gear_stiffness, drive.gear_damping))
-        if drive.resolution > 0.0:
-            lost.append(f"{name}: its drive no longer rounds to {drive.resolution:g} rad")
-        if limit < drive.stall_torque:
-            lost.append(f"{name}: the limit of {limit:g} is below the stall torque and left out")
+                       limit=drive.stall_torque)  # fmt: skip
+        made = _geared(made, drive, limit, gear, lost)
     elif isinstance(drive, ImpedanceDrive):
         made = replace(made, kind=IMPEDANCE, kp=drive.kp, kd=drive.kd, limit=limit)
         if drive.swing != (drive.kp, drive.kd):
@@ -158,6 +181,22 @@ def _joint(robot: Robot, world: World, name: str, lost: list[str]) -> Joint:
         else:
             made = made.sprung(spring.rate, spring.slack)
     return made
+
+
+def _geared(made: Joint, drive: ServoParams, limit: float, gear: str, lost: list[str]) -> Joint:
+    """The joint of a servo with what is around its motor."""
+    geared = drive.rotor_inertia > 0.0
+    known = Gear(drive.rotor_inertia, drive.gear_stiffness, drive.gear_damping)
+    if gear == ELASTIC:
+        made = replace(made, resolution=drive.resolution, effort=limit)
+        return replace(made, gear=known) if geared else made
+    if geared:
+        lost.append(ROTOR.format(made.name, known.stiffness, known.damping))
+    if drive.resolution > 0.0:
+        lost.append(f"{made.name}: its drive no longer rounds to {drive.resolution:g} rad")
+    if limit < drive.stall_torque:
+        lost.append(f"{made.name}: the limit of {limit:g} is below the stall torque and left out")
+    return replace(made, armature=drive.rotor_inertia)
 
 
 def _apply(effect: Effect, robot: Robot, joints: dict, lost: list[str]) -> None:
@@ -192,7 +231,7 @@ def _scaled(effect: actuator.TorqueConstantError, joint: Joint, _: float) -> Joi
     if joint.stiffness or joint.tension:
         return None
     return replace(joint, kp=by * joint.kp, kd=by * joint.kd, bias=by * joint.bias,
-                   limit=by * joint.limit)  # fmt: skip
+                   limit=by * joint.limit, effort=by * joint.effort)  # fmt: skip
 
 
 def _limited(effect: actuator.TorqueLimit, joint: Joint, _: float) -> Joint | None:

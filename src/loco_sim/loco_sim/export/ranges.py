@@ -100,11 +100,16 @@ def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range]
     return found, lost
 
 
-def playground(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
-    """Text of a module with ``domain_randomize(model, rng)``, and what it leaves out."""
-    handles = model.world.handles()
-    names = [joint.name for joint in model.joints]
-    dof = dict(zip(names, handles.dq_at.tolist(), strict=True))
+def playground(
+    model: Portable, ranges: Sequence[Range], dof: Mapping[str, int]
+) -> tuple[str, list[str]]:
+    """Text of a module with ``domain_randomize(model, rng)``, and what it leaves out.
+
+    Args:
+        model: The exported model.
+        ranges: Ranges of `of`.
+        dof: Degree of freedom of each joint in the exported file: see `mjcf.dofs`.
+    """
     actuators = [joint.name for joint in model.joints if joint.kind != FREE]
     joints = {joint.name: joint for joint in model.joints}
     rows, lost = [], []
@@ -113,7 +118,8 @@ def playground(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]
         for name in one.joints:
             if one.constant in FIELDS:
                 has = getattr(joints[name], one.constant) - one.value
-                if one.constant == "damping" and joints[name].kind == SERVO:
+                on_joint = joints[name].kind == SERVO and joints[name].gear is None
+                if one.constant == "damping" and on_joint:
                     has += joints[name].kd
                 targets.append((FIELDS[one.constant], dof[name], has, 1.0))
             elif one.constant == "gain":

@@ -8,9 +8,12 @@ Needs mujoco and numpy, nothing of loco. Of ``replay.npz``, over T samples:
     finer       physics steps in one of the file
     ctrl        commands of the actuators, (T, nu)
     ramps       1 where commands run straight between samples, 0 where they are held
+    power       voltage over the nominal one, and 1 or 0 for motors that are off, (T, 2)
     joints      names of the n joints that were measured
     q, dq       where they begin [rad, rad/s], (n,)
     measured    their measured positions [rad], (T, n), NaN where there is none
+
+An environment that trains on the file needs of `Drives` what `play` uses, and its delay.
 """
 
 import json
@@ -29,16 +32,61 @@ def numeric(model, name):
     return model.numeric_data[start : start + model.nu]
 
 
+class Drives:
+    """Drives of a model, and what an actuator of MuJoCo does not do: it reads what it turns.
+
+    A servo reads its joint, in steps of its encoder, where it turns a rotor behind a gear that
+    bends; its limit is for push and brake together; a switch lets go of it, and its supply
+    weakens it.
+    """
+
+    def __init__(self, model):
+        self.model = model
+        self.step, self.effort = numeric(model, "resolution"), numeric(model, "effort")
+        self.brake, encoder = numeric(model, "brake"), numeric(model, "encoder")
+        self.plain = not (self.step.any() or self.effort.any() or encoder.any())
+        turned, names = model.actuator_trnid[:, 0], range(model.nu)
+        self.turned, self.dofs = model.jnt_qposadr[turned], model.jnt_dofadr[turned]
+        self.read = [model.joint(model.actuator(i).name).qposadr[0] for i in names]
+        self.tables = model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange
+        self.full, self.damping = [t.copy() for t in self.tables], model.dof_damping.copy()
+
+    def power(self, supply, on):
+        """Set voltage over the nominal one, and 1 or 0 for motors that are off."""
+        share = on * np.where(self.brake > 0.0, supply, 1.0)
+        for table, full in zip(self.tables, self.full, strict=True):
+            table[:] = full * share[:, None]
+        self.model.dof_damping[self.dofs] = self.damping[self.dofs] - (1.0 - on) * self.brake
+
+    def ctrl(self, data, wanted):
+        """Values of ctrl in this physics step for what is wanted of the drives, (nu,)."""
+        if self.plain:
+            return wanted
+        gain, bias, limits = (table.T for table in self.tables)
+        turned, seen = data.qpos[self.turned], data.qpos[self.read]
+        steps = np.fmax(self.step, 1e-9)
+        seen = np.where(self.step > 0.0, steps * np.floor(seen / steps + 0.5), seen)
+        ctrl = wanted + turned - seen
+        asked = gain[0] * ctrl + bias[0] + bias[1] * turned
+        braked = self.brake * data.qvel[self.dofs]
+        total = np.clip(asked, limits[0], limits[1]) - braked
+        over = (np.abs(total) > self.effort) & (self.effort > 0.0) & (gain[0] > 0.0)
+        most = np.clip(total, -self.effort, self.effort) + braked
+        return np.where(over, ctrl + (most - asked) / np.fmax(gain[0], 1e-9), ctrl)
+
+
 def play(model, given):
     """Positions of the joints before each command [rad], (T, n)."""
-    data = mujoco.MjData(model)
+    data, drives = mujoco.MjData(model), Drives(model)
     step = model.opt.timestep / float(given["finer"])
     steps = max(1, int(np.ceil(float(given["dt"]) / step - 0.01)))
     model.opt.timestep = float(given["dt"]) / steps
-    joints = [model.joint(str(name)) for name in given["joints"]]
-    at = [joint.qposadr[0] for joint in joints]
-    data.qpos[at] = given["q"]
-    data.qvel[[joint.dofadr[0] for joint in joints]] = given["dq"]
+    for name, q, dq in zip(given["joints"], given["q"], given["dq"], strict=True):
+        for joint in (name, f"{name}_rotor"):
+            if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint) >= 0:
+                data.qpos[model.joint(joint).qposadr[0]] = q
+                data.qvel[model.joint(joint).dofadr[0]] = dq
+    at = [model.joint(str(name)).qposadr[0] for name in given["joints"]]
     rows = np.arange(len(given["ctrl"]) * steps)
     share = (rows % steps / steps)[:, None] * float(given["ramps"])
     now, after = rows // steps, np.minimum(rows // steps + 1, len(given["ctrl"]) - 1)
@@ -46,15 +94,15 @@ def play(model, given):
     for column, delay in enumerate(numeric(model, "delay")):
         late = np.maximum(rows - round(delay / model.opt.timestep), 0)
         table[:, column] = table[late, column]
-    offset = np.zeros(len(at))
-    for turn, (joint, _) in zip(numeric(model, "offset"), model.actuator_trnid, strict=True):
-        for column, one in enumerate(joints):
-            offset[column] = turn if one.id == joint else offset[column]
+    names = [model.actuator(i).name for i in range(model.nu)]
+    turns = dict(zip(names, numeric(model, "offset"), strict=True))
+    offset = np.array([turns.get(str(name), 0.0) for name in given["joints"]])
     said = np.empty((len(given["ctrl"]), len(at)))
     for row in rows:
         if row % steps == 0:
             said[row // steps] = data.qpos[at] - offset
-        data.ctrl[:] = table[row]
+            drives.power(*given["power"][row // steps])
+        data.ctrl[:] = drives.ctrl(data, table[row])
         mujoco.mj_step(model, data)
     return said
 

@@ -12,7 +12,7 @@ from .write import export_model
 
 def show_export(a: argparse.Namespace) -> int:
     """Write the files and print what they are worth."""
-    done = export_model(a.model, a.to, a.out, a.replay, a.mapping)
+    done = export_model(a.model, a.to, a.out, a.replay, a.mapping, a.gear)
     for text in done.lost:
         sys.stdout.write(f"not in it: {text}\n")
     if done.compared:

@@ -14,8 +14,8 @@ from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
 from loco_control.files import write_whole
 from loco_learning.gap.recordings.record import Record
 from loco_sim.export import isaac, ranges
-from loco_sim.export.mjcf import mjcf
-from loco_sim.export.portable import Portable, portable
+from loco_sim.export.mjcf import dofs, mjcf
+from loco_sim.export.portable import ELASTIC, GEARS, RIGID, Portable, portable
 from loco_sim.export.ranges import Range
 from loco_sim.export.ros2_control import ros2_control
 from loco_sim.export.urdf import urdf
@@ -57,6 +57,7 @@ def export_model(
     out: str | Path | None = None,
     replay: Sequence[str | Path] = (),
     mapping: str | Path | None = None,
+    gear: str | None = None,
 ) -> Exported:
     """Write a model for another simulator.
 
@@ -67,20 +68,27 @@ def export_model(
         replay: Recordings of the bolted robot to check the MJCF with; default those that
             `loco gap` held out.
         mapping: Mapping of the recordings.
+        gear: Gears of servos in MJCF: "elastic", the default, has a joint for each rotor;
+            "rigid" makes rotors armature, so that the file has the robot's joints alone.
 
     Raises:
-        LocoError: There is no such model or target, or a recording is of no use.
+        LocoError: There is no such model, target or gear, or a recording is of no use.
     """
     if to not in TARGETS:
         raise NameUnknownError("target of an export", to, TARGETS)
     if replay and to != MJCF:
         raise ParameterError(f"recordings are replayed in MuJoCo: take --to {MJCF}, not {to}")
+    if gear is not None and gear not in GEARS:
+        raise NameUnknownError("gear of an export", gear, GEARS)
+    if gear is not None and to != MJCF:
+        raise ParameterError(f"{to} has rigid gears: take --to {MJCF}, or leave --gear out")
+    gear = (gear or ELASTIC) if to == MJCF else RIGID
     path = Path(model)
     results = path if (path / gap.RESULT).is_file() else path.parent
     asked = models.load_any(path / gap.MODEL if results == path else path)
     found = results / gap.RESULT if path.name == gap.MODEL or results == path else None
     terms = gap.read_json(found)["terms"] if found is not None and found.is_file() else []
-    made, there = portable(asked), {effect["name"] for effect in asked.effects}
+    made, there = portable(asked, gear), {effect["name"] for effect in asked.effects}
     known, unused = ranges.of(made, [term for term in terms if term["effect"] in there])
     unused += [
         f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in there
@@ -99,7 +107,7 @@ def export_model(
         for old in folder.glob("replay_*"):
             old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
-        compared, more = compare(asked, records, folder)
+        compared, more = compare(asked, records, folder, gear)
         notes += more
     lost = dict.fromkeys(text for _, missing in texts.values() for text in missing)
     files = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
@@ -107,8 +115,9 @@ def export_model(
 
 
 def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
-    texts = {"model.xml": mjcf(made)}
-    return texts | ({"randomize.py": ranges.playground(made, known)} if known else {})
+    text, lost = mjcf(made)
+    texts = {"model.xml": (text, lost)}
+    return texts | ({"randomize.py": ranges.playground(made, known, dofs(text))} if known else {})
 
 
 def _to_isaac(made: Portable, known: Sequence[Range]) -> Texts:

@@ -177,11 +177,11 @@ def bullets(items: Iterable[Markup | str]) -> Markup:
     return _block("bullets", list(items))
 
 
-def number(value: float) -> str:
-    """A value with four digits, a dash where there is none."""
+def number(value: float, digits: int = 4) -> str:
+    """A value with so many digits, a dash where there is none."""
     if not math.isfinite(value):
         return "–" if math.isnan(value) else "∞"
-    return f"{value:.4g}".replace("e-0", "e-").replace("-", "−")
+    return f"{value:.{digits}g}".replace("e-0", "e-").replace("-", "−")
 
 
 def figure(

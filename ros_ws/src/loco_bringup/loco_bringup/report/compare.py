@@ -73,13 +73,25 @@ def page(logs: Mapping[str, Log]) -> str:
         raise ParameterError("the runs have no phase in common; compare runs of like experiments")
     rows = differences(logs, phase[-1])
     beyond = [row for row in rows if row[-1]]
-    said = f"{len(beyond)} of {len(rows)} metrics differ from {next(iter(logs))} beyond noise"
+    judged = [row for row in rows if _known(row[2])]
+    said = f"{len(beyond)} of {len(judged)} metrics differ from {next(iter(logs))} beyond noise"
+    few = f" Of {len(rows) - len(judged)} of {len(rows)} metrics no noise is known: {_SHORT}."
     header = html.join(
         [
-            html.verdict(said, not beyond),
-            html.paragraph(f"{_robot(first)}, phase “{phase[-1]}”. {repeated(logs)}"),
+            html.verdict(said if judged else f"not judged: {_SHORT}", bool(judged) and not beyond),
+            html.paragraph(
+                f"{_robot(first)}, phase “{phase[-1]}”. {repeated(logs)}"
+                f"{few if 0 < len(judged) < len(rows) else ''}"
+            ),
             html.cards(
-                [(label(row[0]), " / ".join(map(html.number, row[1])), "") for row in beyond[:6]]
+                [
+                    (
+                        label(name),
+                        " / ".join(map(html.number, values)),
+                        unit(metrics.METRICS[name].unit),
+                    )
+                    for name, values, *_ in beyond[:6]
+                ]
             ),
         ]
     )
@@ -131,6 +143,11 @@ def differences(
 
 def _spread(pieces: np.ndarray) -> float:
     return float(np.std(pieces, ddof=1)) if len(pieces) > 1 else math.nan
+
+
+def _known(spreads: list[float]) -> bool:
+    """Whether the noise of all runs is known."""
+    return all(map(math.isfinite, spreads))
 
 
 def _differ(one: np.ndarray, other: np.ndarray, bound: float) -> bool:
@@ -190,9 +207,12 @@ def _table(logs: Mapping[str, Log], rows: list) -> Markup:
     cells = [
         [
             label(name),
-            *(f"{html.number(v)} ± {html.number(s)}" for v, s in zip(values, spreads, strict=True)),
+            *(
+                html.number(v) + (f" ± {html.number(s, 2)}" if math.isfinite(s) else "")
+                for v, s in zip(values, spreads, strict=True)
+            ),
             unit(metrics.METRICS[name].unit),
-            "yes" if beyond else "",
+            "yes" if beyond else "" if _known(spreads) else "not judged",
         ]
         for name, values, spreads, beyond in rows
     ]
@@ -206,6 +226,7 @@ def _robot(log: Log) -> str:
     return log.experiment.plant.name
 
 
+_SHORT = f"the phase is too short to be cut into {PIECES} pieces"
 _METRICS = (
     "Over the length of the shortest run. Spread: standard deviation between "
     f"{PIECES} equal pieces of the phase. Beyond noise: a run differs from the first by Welch's "

@@ -64,7 +64,8 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
         draw = figures.FIGURES[name]
         title = name.replace("_", " ").capitalize().replace("Nrmse", "NRMSE")
         text = draw.__doc__ or ""
-        sections.append(html.part(title, partial(html.figure, partial(draw, results), title, text)))
+        chart = partial(draw, study, results)
+        sections.append(html.part(title, partial(html.figure, chart, title, text)))
     if not study.axes:
         title, text = "Trials", SEEDS.format(phase=study.phase)
         chart = partial(figures.seeds, study, results)

@@ -102,6 +102,8 @@ recordings that were held out are replayed in MuJoCo alone."""
     p.add_argument("--replay", nargs="+", default=[], metavar="BAG",
                    help="mjcf: recordings to check it with (default: those held out)")  # fmt: skip
     p.add_argument("--mapping", type=Path, metavar="YAML", help="mapping of the recordings")
+    p.add_argument("--gear", metavar="HOW", help="mjcf: elastic, with a joint for each servo's "
+                   "rotor (default), or rigid, with the robot's joints alone")  # fmt: skip
     add_out(p, "folder (default exports/ROBOT_TARGET)")
 
 

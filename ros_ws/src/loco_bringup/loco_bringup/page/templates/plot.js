@@ -25,7 +25,7 @@ function shade(chart, spans, named) {
   const { ctx, bbox } = chart, ratio = devicePixelRatio || 1;
   ctx.save();
   ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
-  ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top";
+  ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "top"; ctx.textAlign = "left";
   for (const [color, name, start, end] of spans) {
     const left = Math.max(bbox.left, chart.valToPos(start, "x", true));
     const right = Math.min(bbox.left + bbox.width, chart.valToPos(end, "x", true));
