@@ -9,7 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import time
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -148,6 +150,85 @@ def names_in_diagnostics(wanted: set[str], seconds: float) -> set[str]:
     listener.destroy_node()
     rclpy.shutdown()
     return heard & wanted
+
+
+# Prints the bytes of every message, filled with numbers and texts, and reads those of a file:
+# compared as messages, since what Fast CDR leaves between fields to align them is anything.
+BYTES = """
+import array, itertools, sys
+import numpy as np
+import loco_msgs.action, loco_msgs.msg
+from rclpy.serialization import deserialize_message, serialize_message
+
+def example(value, kind, count):
+    if isinstance(value, np.ndarray):
+        return (np.arange(value.size) + next(count)).astype(value.dtype)
+    if isinstance(value, array.array):
+        return array.array(value.typecode, [next(count), next(count)])
+    if isinstance(value, list) and value:
+        return [example(one, kind, count) for one in value]
+    if isinstance(value, list):
+        return [f"text \u00e9 {next(count)}" for _ in range(3)] if "string" in kind else value
+    if isinstance(value, bool):
+        return next(count) % 2 == 0
+    if isinstance(value, str):
+        return f"text \u00e9 {next(count)}"
+    return type(value)(next(count)) if isinstance(value, (int, float)) else filled(value, count)
+
+def filled(message, count):
+    for name, kind in message.get_fields_and_field_types().items():
+        setattr(message, name, example(getattr(message, name), kind, count))
+    return message
+
+kinds = {n: c for n, c in vars(loco_msgs.msg).items() if hasattr(c, "get_fields_and_field_types")}
+for action in (loco_msgs.action.Calibrate, loco_msgs.action.FindGap):
+    kinds |= {f"{action.__name__}.{p}": getattr(action, p) for p in ("Goal", "Result", "Feedback")}
+for name, kind in sorted(kinds.items()):
+    print(name, serialize_message(filled(kind(), itertools.count(1))).hex())
+for line in open(sys.argv[1]) if sys.argv[1:] else ():
+    name, text = line.split()
+    message, expected = bytes.fromhex(text), filled(kinds[name](), itertools.count(1))
+    assert deserialize_message(message, kinds[name]) == expected, name
+    assert len(message) == len(serialize_message(expected)), name
+"""
+
+
+def test_shipped_messages_are_what_a_build_gives(workspace, repository):
+    """Each reads the other's bytes; generated Python, type hashes and exported symbols agree."""
+    ours, theirs = workspace / "ours.txt", workspace / "theirs.txt"
+    ours.write_text(shipped())
+    process = sourced(workspace, "python", "-c", BYTES, str(ours))
+    theirs.write_text(process.communicate(timeout=120)[0])
+    assert process.returncode == 0 and theirs.read_text().count("\n") >= 17
+    shipped(str(theirs))
+    built, compared = workspace / "install/loco_msgs", 0
+    with zipfile.ZipFile(repository / "requirements/messages.zip") as archive:
+        for member in archive.namelist():
+            folder, _, name = member.partition("/")
+            if folder not in ("all", sysconfig.get_config_var("SOABI")) or "tf2_msgs" in name:
+                continue
+            path = next(built.glob(name.replace("site-packages", "lib/python3*/site-packages")))
+            if path.suffix == ".so":
+                copy = workspace / path.name
+                copy.write_bytes(archive.read(member))
+                assert symbols(copy) == symbols(path) != [], name
+            else:
+                assert archive.read(member) == path.read_bytes(), name
+            compared += 1
+    assert compared > 40
+
+
+def shipped(*arguments: str) -> str:
+    """What `BYTES` prints with the messages of this environment."""
+    command, env = [sys.executable, "-c", BYTES, *arguments], environment(Path(sys.prefix))
+    return subprocess.run(command, env=env, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+def symbols(library: Path) -> list[str]:
+    """What a library offers of the messages."""
+    command = ["nm", "--dynamic", "--defined-only", "--format=just-symbols", str(library)]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return sorted(name for name in text.split() if "loco_msgs" in name)
 
 
 def test_data_is_installed(workspace):

@@ -15,20 +15,24 @@ TOOLS = "sh cat cksum cp chmod dirname env flock mkdir readlink rm sleep tail".s
 # Each stage by a part of the command that does it, in order.
 VENV = "-m venv"
 REQUIREMENTS = "requirements/lock.txt"
-MESSAGES = "src/loco_msgs"  # beside it, in no order, src/tf2_msgs
+MESSAGES = "messages.py install"
 PACKAGES = "pip install --no-deps --no-build-isolation -e"
+KERNELS = "--layout rollout"
 COMMAND = "-m loco_bringup.cli.main"
 TOOLS_STAGE = "requirements/tools.txt"
+GENERATORS = "requirements/build.txt"
+BUILD = "messages.py build"
 STAGES = [VENV, REQUIREMENTS, MESSAGES, PACKAGES]
 
 STAND_IN = """#!/bin/sh
-case "$1" in -c) ;; *) echo "$*" >>"$CALLS" ;; esac
+case "$1 $2" in "-c "* | *"messages.py check") ;; *) echo "$*" >>"$CALLS" ;; esac
 case "$*" in
 *${KILL_AT:-nothing}*) kill -9 $PPID; exit ;;
 *${FAIL_AT:-nothing}*) echo "out of cheese" >&2; exit 3 ;;
 esac
 case "$1 $2" in
 "-c "*) echo "$0" ;;
+*"messages.py check") [ -z "${MISFIT:-}" ] || { echo "$MISFIT"; exit 1; } ;;
 "-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
 "-m loco_bringup.cli.main") env >"$CALLS.env" ;;
 esac
@@ -44,6 +48,8 @@ class Checkout:
         self.calls = folder / "calls"
         for file in (
             "requirements/lock.txt",
+            "requirements/build.txt",
+            "requirements/messages.zip",
             "requirements/tools.txt",
             "pyproject.toml",
             "src/loco_msgs/CMakeLists.txt",
@@ -57,8 +63,6 @@ class Checkout:
         self.bin.mkdir()
         for tool in TOOLS:
             (self.bin / tool).symlink_to(shutil.which(tool))
-        self.add("cc", "#!/bin/sh\n")
-        self.add("c++", "#!/bin/sh\n")
         self.environment = {
             "PATH": str(self.bin),
             "HOME": str(folder),
@@ -100,8 +104,9 @@ def checkout(tmp_path: Path, repository: Path) -> Checkout:
 
 def stages(calls: list[str]) -> list[str]:
     """Which stages the calls belong to, in order and once each."""
-    known = [*STAGES, TOOLS_STAGE, COMMAND]
-    return list(dict.fromkeys(s for call in calls for s in known if s in call))
+    known = [*STAGES, GENERATORS, BUILD, TOOLS_STAGE, KERNELS, COMMAND]
+    firsts = [next((s for s in known if s in call), "") for call in calls]
+    return list(dict.fromkeys(filter(None, firsts)))
 
 
 def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
@@ -112,26 +117,48 @@ def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
     assert "ready" in told
 
 
-def test_both_message_packages_are_built_and_a_failure_of_either_ends_the_setup(checkout):
-    calls = checkout.start()[2]
-    for package in ("src/tf2_msgs", "src/loco_msgs"):
-        assert any(package in call for call in calls)
-    for package in ("src/tf2_msgs", "src/loco_msgs"):
-        (checkout.root / package / "CMakeLists.txt").write_text(package)
-        status, told, _ = checkout.start(FAIL_AT=package)
-        assert status == 1 and "out of cheese" in told
+@pytest.fixture
+def compilers(checkout) -> None:
+    checkout.add("cc", "#!/bin/sh\n")
+    checkout.add("c++", "#!/bin/sh\n")
+
+
+def test_messages_that_do_not_fit_are_built_and_the_reason_is_told(checkout, compilers):
+    status, told, calls = checkout.start(MISFIT="none for this Python")
+    assert status == 0
+    assert stages(calls) == [VENV, REQUIREMENTS, GENERATORS, BUILD, PACKAGES, COMMAND]
+    assert "building the messages: none for this Python" in told
+
+
+def test_a_build_that_fails_ends_the_setup_and_is_repeated(checkout, compilers):
+    status, told, _ = checkout.start(MISFIT="none", FAIL_AT=BUILD)
+    assert status == 1 and "out of cheese" in told
+    assert stages(checkout.start(MISFIT="none")[2])[:2] == [GENERATORS, BUILD]
+
+
+def test_asking_for_a_build_repeats_the_stage_and_so_does_asking_no_more(checkout):
+    checkout.start()
+    assert stages(checkout.start(LOCO_COMPILE="1")[2]) == [MESSAGES, COMMAND]
     assert stages(checkout.start()[2]) == [MESSAGES, COMMAND]
+
+
+@pytest.mark.parametrize("command", ["demo", "run"])
+def test_kernels_are_compiled_before_the_first_run_of_a_graph(checkout, command):
+    assert KERNELS not in stages(checkout.start("list")[2])
+    assert checkout.start(command, KILL_AT=KERNELS)[0] == -9
+    assert stages(checkout.start(command)[2]) == [KERNELS, COMMAND]
+    assert stages(checkout.start(command)[2]) == [COMMAND]
 
 
 @pytest.mark.parametrize("command", ["test", "colcon", "bench", "mutants"])
 def test_tools_are_installed_when_they_are_asked_for(checkout, command):
     (checkout.root / "ros_ws").mkdir()
     assert TOOLS_STAGE not in stages(checkout.start("list")[2])
-    assert stages(checkout.start(command)[2])[0] == TOOLS_STAGE
+    assert stages(checkout.start(command)[2])[:2] == [GENERATORS, TOOLS_STAGE]
     assert TOOLS_STAGE not in stages(checkout.start(command)[2])
     (checkout.root / "requirements/tools.txt").write_text("two\n")
     assert TOOLS_STAGE not in stages(checkout.start("list")[2])
-    assert stages(checkout.start(command)[2])[0] == TOOLS_STAGE
+    assert stages(checkout.start(command)[2])[:2] == [GENERATORS, TOOLS_STAGE]
 
 
 def test_second_start_only_runs_the_command(checkout):
@@ -151,6 +178,7 @@ def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
     ("file", "expected"),
     [
         ("requirements/lock.txt", STAGES),
+        ("requirements/messages.zip", [MESSAGES]),
         ("src/loco_msgs/msg/A.msg", [MESSAGES]),
         ("src/loco_msgs/CMakeLists.txt", [MESSAGES]),
         ("src/tf2_msgs/msg/B.msg", [MESSAGES]),
@@ -238,12 +266,31 @@ def test_the_python_asked_for_is_used_or_refused(checkout):
 
 
 @pytest.mark.parametrize("compiler", ["cc", "c++"])
-def test_a_missing_compiler_is_told_before_anything_is_installed(checkout, compiler):
+def test_a_missing_compiler_is_told_before_anything_is_installed(checkout, compilers, compiler):
     (checkout.bin / compiler).unlink()
-    status, told, calls = checkout.start()
+    status, told, calls = checkout.start(MISFIT="none for this Python")
     assert status == 1
-    assert f"compiler '{compiler}'" in told
+    assert f"compiler '{compiler}'" in told and "apt install g++" in told
+    assert "none for this Python" in told
     assert calls == []
+
+
+def test_missing_headers_are_told_before_anything_is_installed(checkout, compilers):
+    status, told, calls = checkout.start(MISFIT="none for this Python", FAIL_AT="Python.h")
+    assert status == 1
+    assert "found no Python.h" in told and "apt install python3-dev" in told
+    assert stages(calls) == []
+
+
+def test_a_missing_compiler_is_told_when_messages_change(checkout):
+    """The environment was made with those that are shipped, on a machine without compilers."""
+    checkout.start()
+    (checkout.root / "src/loco_msgs/msg/A.msg").write_text("two\n")
+    status, told, calls = checkout.start(MISFIT="made from other messages")
+    assert status == 1
+    assert "compiler 'cc'" in told and "made from other messages" in told
+    assert stages(calls) == []
+    assert stages(checkout.start()[2]) == [MESSAGES, COMMAND]
 
 
 def seen_by_the_command(checkout: Checkout) -> dict[str, str]:

@@ -10,8 +10,11 @@ import inspect
 import math
 import re
 import runpy
+import shutil
 import sys
+import sysconfig
 import xml.etree.ElementTree as ElementTree
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -179,7 +182,7 @@ def named_requirements(file: str) -> set[str]:
 
 def locked_requirements() -> list[str]:
     """Blocks of the lock files, one requirement with its hashes each."""
-    text = "".join(read(f"requirements/{name}.txt") for name in ("lock", "tools", "rl"))
+    text = "".join(read(f"requirements/{name}.txt") for name in ("lock", "build", "tools", "rl"))
     text = re.sub(r"^ *#.*\n", "", text, flags=re.MULTILINE)
     return re.split(r"\n(?=\S)", text.strip())
 
@@ -213,7 +216,8 @@ def test_parts_of_a_lock_file_are_all_of_it_and_share_no_package():
 def test_no_package_index_is_named():
     """Where packages come from is the user's pip configuration, never ours."""
     option = re.compile(r"--(extra-)?index-url|--find-links|--trusted-host|https?://")
-    files = [*ROOT.glob("requirements/*"), *ROOT.glob("docker/*"), ROOT / ".ci/run", ROOT / "loco"]
+    files = [*ROOT.glob("requirements/*.[!z]*"), *ROOT.glob("docker/*"), ROOT / ".ci/run"]
+    files += [ROOT / "loco"]
     files += [ROOT / "pyproject.toml"]
     for path in files:
         assert not option.search(path.read_text().replace("--no-emit-index-url", "")), path
@@ -284,6 +288,87 @@ def test_every_message_is_built(package):
     files = [*folder.glob("msg/*"), *folder.glob("action/*")]
     there = sorted(path.relative_to(folder).as_posix() for path in files)
     assert sorted(listed) == there
+
+
+# --- messages that are shipped in compiled form -----------------------------------------
+
+SHIPPED = runpy.run_path(str(ROOT / "requirements/messages.py"))
+
+
+def test_shipped_messages_are_of_these_sources_and_for_every_python():
+    """Else `requirements/README.md` says how they are made anew."""
+    with zipfile.ZipFile(SHIPPED["SHIPPED"]) as archive:
+        assert archive.read("key").decode() == SHIPPED["key"](), "made from other messages"
+        folders = {name.partition("/")[0] for name in archive.namelist()} - {"key", "all"}
+    assert folders == {f"cpython-3{minor}-x86_64-linux-gnu" for minor in range(10, 14)}
+
+
+@pytest.fixture
+def checkout(tmp_path) -> Path:
+    """A copy of what the shipped messages are compared with."""
+    for package in ("loco_msgs", "tf2_msgs"):
+        shutil.copytree(ROOT / "src" / package, tmp_path / "src" / package)
+    (tmp_path / "requirements").mkdir()
+    for name in ("messages.zip", "lock.txt", "build.txt"):
+        shutil.copy(ROOT / "requirements" / name, tmp_path / "requirements")
+    return tmp_path
+
+
+def misfit(checkout: Path) -> str:
+    return SHIPPED["check"](checkout / "requirements/messages.zip", checkout)
+
+
+def append(path: Path, text: str) -> None:
+    path.write_text(path.read_text() + text)
+
+
+def test_other_messages_or_generators_are_told_from_those_of_the_archive(checkout, monkeypatch):
+    monkeypatch.delenv("LOCO_COMPILE", raising=False)
+    before = misfit(checkout)
+    (checkout / "src/loco_msgs/msg/Gap.msg~").write_text("what an editor left")
+    assert misfit(checkout) == before and "other messages" not in before
+    for name in ("src/loco_msgs/msg/Gap.msg", "src/tf2_msgs/CMakeLists.txt"):
+        append(checkout / name, "\n")
+        assert "made from other messages" in misfit(checkout), name
+        shutil.copy(ROOT / name, checkout / name)
+    lock = checkout / "requirements/build.txt"
+    lock.write_text(re.sub(r"(?m)^(ros-ament-cmake==).+", r"\g<1>9.9", lock.read_text()))
+    assert "by other generators" in misfit(checkout)
+
+
+def test_an_archive_that_is_missing_or_damaged_is_told(checkout, monkeypatch):
+    monkeypatch.delenv("LOCO_COMPILE", raising=False)
+    archive = checkout / "requirements/messages.zip"
+    archive.write_bytes(archive.read_bytes()[:1000])
+    assert "missing or damaged" in misfit(checkout)
+    archive.unlink()
+    assert "missing or damaged" in misfit(checkout)
+
+
+def test_another_platform_and_a_wish_to_build_are_told(checkout, monkeypatch):
+    monkeypatch.setenv("LOCO_COMPILE", "1")
+    assert misfit(checkout) == "LOCO_COMPILE is set"
+    monkeypatch.delenv("LOCO_COMPILE")
+    monkeypatch.setattr(sysconfig, "get_config_var", lambda name: "cpython-311-aarch64-linux-gnu")
+    assert misfit(checkout) == "messages.zip has none for cpython-311-aarch64-linux-gnu"
+
+
+def test_shipped_messages_are_installed_in_place_of_others(tmp_path):
+    """What is written is what this environment holds, where its messages are shipped ones."""
+    prefix, site = tmp_path, tmp_path / "lib/python3/site-packages"
+    stale = site / "loco_msgs/msg/_removed.py"
+    for path in (stale, prefix / "lib/libloco_msgs__removed.so"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+    SHIPPED["install"](prefix, site)
+    assert not stale.exists() and not (prefix / "lib/libloco_msgs__removed.so").exists()
+    written = [p for p in tmp_path.rglob("*") if p.is_file() and not p.is_relative_to(site)]
+    assert (prefix / "share/loco_msgs/msg/Gap.msg").read_text() == read("src/loco_msgs/msg/Gap.msg")
+    assert (prefix / "share/ament_index/resource_index/packages/tf2_msgs") in written
+    ours = Path(sys.prefix) == ROOT / ".venv" and not SHIPPED["check"]()
+    for path in written if ours else []:
+        there = Path(sys.prefix) / path.relative_to(prefix)
+        assert there.read_bytes() == path.read_bytes(), there
 
 
 def test_installed_messages_are_those_of_the_source():

@@ -34,7 +34,9 @@ class Cluster(Jobs):
         try:
             import distributed
         except ImportError as error:
-            raise ParameterError(f"--scheduler needs the package distributed: {error}") from error
+            raise ParameterError(
+                f"--scheduler needs dask: {error}; it comes with `pip install '.[cluster]'`"
+            ) from error
         self._distributed, self._payload, self._address = distributed, payload, address
         try:
             self._client = distributed.Client(
