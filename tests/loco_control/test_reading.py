@@ -47,10 +47,10 @@ BROKEN_YAML = {
 
 @pytest.mark.parametrize("how", BROKEN_YAML)
 def test_what_is_wrong_with_a_yaml_text_is_one_line_of_ours_at_once(how):
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(ParameterError, match=r"model\.yaml") as caught:
         reading.parse_yaml(BROKEN_YAML[how], "model.yaml")
-    assert time.perf_counter() - begin < 5.0
+    assert time.process_time() - begin < 5.0  # aliases that expand would take for ever
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
 
 
