@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from loco_sim.params import SimParams
 
 from ..recordings.record import Record
 from ..statistics import evidence, noise
-from . import horizon, loose
+from . import horizon, loose, priors
 from .loose import Loose
 
 FINE = 0.25  # physics step over the model's where no engine is needed
@@ -25,6 +25,7 @@ ABOUT = 0.05  # time within which an error may come [s]
 PHASE = 0.05  # shift of a drive's rounding [steps]
 NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
 REST = 0.05  # of the numerical error over all records that is there at any time
+AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
@@ -90,22 +91,35 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
 
+    def kept(self) -> Case:
+        """The case with nothing refitted but the states in which records begin."""
+        if self.loose is None:
+            return self
+        return replace(self, loose=replace(self.loose, held=True, at=0.0 * self.loose.at))
+
     def _refitted(
         self,
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any] | None,
         only: list[int],
         coarse: bool = False,
-    ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Residuals with what suits the model best, and the deviations of that, (K,)."""
+        exact: bool = False,
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Residuals with what suits the model best, and the deviations of that (`Loose.best`).
+
+        Where it is not exact, what is known well is taken as linear, however far off it is.
+        """
         if self.loose is None:
-            return self.bare(specs, overrides, only, coarse), np.zeros(0)
+            return self.bare(specs, overrides, only, coarse), []
         given, near = overrides or {}, self.loose
         residuals = self.bare(specs, self._about(given), only, coarse)
         by = near.best(residuals, only)
-        if near.far(by):  # too far for a straight line: once more, from there
-            near = near.about(by)
-            residuals = self.bare(specs, {**near.values(by), **given}, only, coarse)
+        for _ in range(AGAIN if exact else 1):
+            if not near.far(by, exact):
+                break
+            # too far for a straight line: once more, from there
+            near = near.about(np.where(near.stated | exact, by[0], near.at))
+            residuals = self.bare(specs, {**near.values(near.at), **given}, only, coarse)
             by = near.best(residuals, only)
         return near.left(residuals, only, by), by
 
@@ -115,12 +129,20 @@ class Case:
         about = self.loose.values(self.loose.at) if moved else {}
         return {**about, **(overrides or {})}
 
-    def loosened(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, float]:
-        """Values that suit a model best, by dotted name; none without any that are loose."""
-        if self.loose is None:
-            return {}
+    def suited(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
+    ) -> tuple[list[np.ndarray], dict[str, float], float]:
+        """Residuals as of `whitened` of all records; what was refitted for them; its price.
+
+        Returns:
+            Residuals, (T, C) each; values by dotted name, none without any that are refitted;
+            half of the squares of all deviations [nat].
+        """
         every = list(range(len(self.records)))
-        return self.loose.values(self._refitted(specs, overrides, every)[1])
+        left, by = self._refitted(specs, overrides, every, exact=True)
+        price = 0.5 * float(sum(np.square(part).sum() for part in by))
+        values = {} if self.loose is None or self.loose.held else self.loose.values(by[0])
+        return left, values, price
 
     def bare(
         self,
@@ -215,12 +237,24 @@ class Case:
         coarse: bool = False,
     ) -> np.ndarray:
         """Residual of all fitted values in one line [floors], (N,)."""
+        return self.pulled(specs, overrides, only, coarse)[0]
+
+    def pulled(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        coarse: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and all deviations of what was refitted for it, (K,)."""
         only = self.fitted if only is None else list(only)
-        residuals = self.masked(self.whitened(specs, overrides, only, coarse), only, held=False)
+        left, by = self._refitted(specs, overrides, only, coarse)
+        residuals = self.masked(left, only, held=False)
         flat = np.concatenate(
             [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
         )
-        return np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
+        flat = np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
+        return flat, np.concatenate([*by, np.zeros(0)])
 
     def _weighed(self, i: int) -> np.ndarray:
         """Measured values of a record where it is fitted, NaN elsewhere, (T, C)."""
@@ -238,6 +272,7 @@ def prepare(
     held_out: Sequence[Record],
     likely: Sequence[Mapping[str, Any]] = (),
     refitted: bool = True,
+    known: Collection[str] = (),
 ) -> Case:
     """Split what is fitted from what judges, and find the floor of each channel.
 
@@ -248,7 +283,8 @@ def prepare(
         records: Records to fit.
         held_out: Records to judge on.
         likely: Effects with which engines are compared, too, on the ground.
-        refitted: Whether what robot.yaml calls uncertain is refitted to every model.
+        refitted: Whether what nobody knows exactly is refitted to every model.
+        known: Values that are not, as they are free.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []
@@ -275,7 +311,10 @@ def prepare(
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
-    case.loose = loose.prepare(case, uncertain, robot, linear=not forward.fine_steps)
+    quick = refitted and not ground and compiled(forward) and forward.fine_steps
+    said = {name for record in both for name in record.overrides}
+    likely = priors.values(robot, {*uncertain, *known, *said}) if quick else []
+    case.loose = loose.prepare(case, uncertain, robot, not forward.fine_steps, likely)
     if case.loose and case.loose.at.any() and not ground:
         case.correction = step_error(forward, fine, case._about({}))[0]
         case.runs = {}

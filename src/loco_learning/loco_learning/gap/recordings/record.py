@@ -51,6 +51,8 @@ class Record:
             sample to sample where others are held.
         stamps: Per role its rate [Hz], jitter (deviation of its stamps from even ones) [ms],
             samples that are missing, and the longest silence [s], as they were recorded.
+        guessed: Flags of values of joint signals that lie between two readings where one was
+            lost, as `signals`: to start from, not to be compared with.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Record:
     ramps: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
+    guessed: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
@@ -123,6 +126,13 @@ class Record:
         wanted = [robot.joints[i] for i in robot.driven]
         return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
 
+    def read_of(self, robot: Robot, signal: str) -> np.ndarray:
+        """The same as `joints_of` with NaN where a reading was lost, too."""
+        if signal not in self.guessed:
+            return self.joints_of(robot, signal)
+        read = np.where(self.guessed[signal], np.nan, self.signals[signal])
+        return replace(self, signals={signal: read}).joints_of(robot, signal)
+
     def joints_of(self, robot: Robot, signal: str) -> np.ndarray:
         """A joint signal in the order of the robot's joints, (T, n); NaN where not measured."""
         values = np.full((len(self.t), len(robot.joints)), np.nan)
@@ -165,6 +175,7 @@ class Record:
             signals={k: v[part] for k, v in self.signals.items()},
             inputs={k: v[part] for k, v in self.inputs.items()},
             stance={k: v[part] for k, v in self.stance.items()},
+            guessed={k: v[part] for k, v in self.guessed.items()},
         )
 
     def rested(self, seconds: float) -> Record:
@@ -193,6 +204,7 @@ class Record:
             signals=signals,
             inputs={k: before(v) for k, v in self.inputs.items()},
             stance={k: before(v) for k, v in self.stance.items()},
+            guessed={k: before(v) for k, v in self.guessed.items()},
         )
 
     def between(self, start: float, end: float, name: str | None = None) -> Record:

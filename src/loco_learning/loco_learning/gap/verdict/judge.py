@@ -100,7 +100,10 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     if found.models:
         judged = _Judgement(case, search, found, nominal).run(limits)
     else:
-        decision = decide((), found.given.held, base.held, limits, (base.whole, base.whole))
+        decision = decide(
+            (), found.given.held, base.held, limits, (base.whole, base.whole),
+            gap=not search.adequate(base),
+        )  # fmt: skip
         judged = Judged(decision, found.given, base, base, (), (), None)
     if judged.decision.verdict in (NAMED, MORE):
         others = [model for model, _ in judged.rivals]
@@ -203,7 +206,8 @@ class _Judgement:
         whole = base.whole, best.whole
         near = sharp(limits, best)
         before, after = self._weighed(self.found.given, best)
-        decision = decide(candidates, before, after, near, whole, self.enough)
+        gap = not self.search.adequate(base)
+        decision = decide(candidates, before, after, near, whole, self.enough, gap)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         given = self.found.given
         return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
