@@ -93,9 +93,7 @@ class Fitted:
 
     @property
     def strain(self) -> float:
-        """Price of what priors call unusual [nat]: shapes, such as friction that falls off at
-        40 rad/s, values of the robot, and states in which records begin.
-        """
+        """Price of what priors call unusual [nat], in shapes, values and where records begin."""
         shapes = 0.5 * sum(np.square(_unusual(h, x)).sum() for h, x in self.parts)
         return shapes + self.pull
 

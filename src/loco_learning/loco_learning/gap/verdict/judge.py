@@ -67,6 +67,7 @@ class Judged:
         left_out: Models that nominal values imitate.
         alarms: Parameters and values that are not to be believed, a sentence each.
         over_settings: Answers under other splits, stretches and floors, where a name was given.
+        asked: Somebody said which values of the robot are free or uncertain.
     """
 
     decision: Decision
@@ -79,11 +80,17 @@ class Judged:
     left_out: tuple[LeftOut, ...] = ()
     alarms: tuple[str, ...] = ()
     over_settings: tuple[stable.Row, ...] = ()
+    asked: bool = False
 
     @property
     def after(self) -> Fitted:
-        """The model that goes on: with effects where these are named, or one of a few."""
-        return self.base if self.decision.verdict in (NO_GAP, UNKNOWN) else self.best
+        """The model that goes on: with effects where these are named, or one of a few.
+
+        Where nobody knows, a robot that was bent towards a gap is no better than it came.
+        """
+        if self.decision.verdict == UNKNOWN:
+            return self.base if self.asked else self.given
+        return self.base if self.decision.verdict == NO_GAP else self.best
 
 
 def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
@@ -110,6 +117,7 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         table = tuple(stable.rows(search, judged.best, base, others, search.params.seed))
         decision = stable.downgraded(judged.decision, table)
         judged = replace(judged, decision=decision, over_settings=table)
+    judged = replace(judged, asked=_asked(case, search))
     refitted = [*search.nominal, *little_off(case, base)]
     if refitted and judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
         text = (
@@ -123,6 +131,10 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         *strayed(case, judged.after, limits),
     )
     return replace(judged, alarms=alarms)
+
+
+def _asked(case: Case, search: Search) -> bool:
+    return bool(search.nominal) or case.loose is not None and bool(case.loose.stated.any())
 
 
 class _Judgement:
