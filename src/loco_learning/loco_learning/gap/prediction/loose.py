@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What nobody knows exactly, refitted to every model without a simulation.
+"""Values that nobody knows exactly, refitted to every model without a simulation.
 
-Values of the robot (`priors`), and the state in which each record begins. What a change of each
-does to the residual is simulated once. From then on those that suit a model best, within their
+These are values of the robot (`priors`) and the states in which records begin. The change of the
+residual by each is simulated once. From then on those that suit a model best, within their
 priors, are linear least squares. Torques along a given motion are linear in masses, centres and
 inertias. A motion is so for small changes alone: there nothing moves by more than `MOST`
 deviations, and the changes are simulated about the values that suit the robot.
@@ -37,7 +37,7 @@ class Loose:
         names: Values by dotted name, N of them.
         nominal: Value of each as the robot says it, (N,).
         spread: Standard deviation of each, (N,).
-        of: Which of the V each belongs to; values that change together have one, (N,).
+        of: Index among the V of each; values that change together have the same, (N,).
         columns: Change of the residual [floors] per deviation, (T, C, V + S) per record, with S
             deviations of its own start; 0 where nothing was measured.
         weight: Information of a residual of 1 floor in each channel, (C,).
@@ -45,9 +45,9 @@ class Loose:
         judges: Rows that only judge: there a record's own start is found where none is fitted.
         most: Largest deviations.
         at: Deviations of the values about which models are simulated, (V,).
-        stated: Those of the V that robot.yaml calls uncertain, (V,) flags: they may be large.
-        held: The values stay as they are and the starts alone are refitted.
-        level: Whether a channel in which more is left counts less, as in a motion.
+        stated: Flags of the V that robot.yaml calls uncertain: these may be large, (V,).
+        held: Values stay as they are, and the starts alone are refitted.
+        level: A channel in which more is left counts less, as in a motion.
     """
 
     names: tuple[str, ...]
