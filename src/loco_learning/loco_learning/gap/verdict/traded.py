@@ -127,8 +127,8 @@ def little_off(case: Case, model: Fitted) -> list[str]:
     if case.loose is None:
         return []
     known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
-    off = ((abs(model.loose[n] - at) / s, n, at) for n, at, s in known)
-    far = sorted((row for row in off if row[0] > NEAR), reverse=True)
+    off = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in known), reverse=True)
+    far = [row for row in off if row[0] > NEAR] or ([] if model.overrides else off[:1])
     told = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in far[:TOLD]]
     return told + ([f"{len(far) - TOLD} more"] if len(far) > TOLD else [])
 
