@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that nobody knows exactly, refitted to every model without a simulation.
 
-These are values of the robot (`priors`) and the states in which records begin. The change of the
+These are values of the robot (`nominal`) and the states in which records begin. The change of the
 residual by each is simulated once. From then on those that suit a model best, within their
 priors, are linear least squares. Torques along a given motion are linear in masses, centres and
 inertias. A motion is so for small changes alone: there nothing moves by more than `MOST`

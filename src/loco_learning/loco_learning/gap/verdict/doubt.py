@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..fitting.fit import Fitted
-from ..prediction import priors
+from ..prediction import nominal
 from ..prediction.case import Case
 from ..prediction.loose import nominal_value
 from ..statistics import identify
@@ -31,7 +31,7 @@ def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
         robot = case.forward.given()
         return [
             {name: (nominal_value(robot, name), spread) for name, spread in group.items()}
-            for group in priors.values(robot, model.overrides)
+            for group in nominal.priors(robot, model.overrides)
         ]
     known = case.loose
     rows = list(zip(known.names, known.nominal, known.spread, known.of, strict=True))

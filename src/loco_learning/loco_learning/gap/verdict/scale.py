@@ -21,7 +21,7 @@ from loco_sim.robot.robot import Robot
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..prediction.priors import torques
+from ..prediction.nominal import torques
 from ..statistics import evidence, identify
 
 SCALE_STEP = 0.1  # on the logarithm of a scale
