@@ -30,7 +30,7 @@ def test_a_model_that_is_a_little_off_explains_what_it_made(slide):
     left, values, price = case.suited([], {})
     assert evidence.rms(case.bare([])) > 3.0
     assert evidence.rms(left) < 1.1
-    assert values["drives.slide.kp"] / values["drives.slide.kd"] == pytest.approx(2000.0 / 60.0)
+    assert values["torque_constant_error.slide"] == pytest.approx(-0.015, abs=0.01)
     assert 0.3 < price < 3.0
 
 

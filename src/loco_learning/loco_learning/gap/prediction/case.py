@@ -161,6 +161,8 @@ class Case:
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
+        overrides, drives = nominal.parted(overrides)
+        specs = [*drives, *specs]
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
         if len(late) != 1 or self.fine == 1.0:

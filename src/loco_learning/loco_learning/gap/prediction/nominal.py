@@ -7,8 +7,9 @@ records alike, and a model that knows of it only by an effect gives that a false
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_sim.robot.description import Description
@@ -19,6 +20,8 @@ SECTIONS = ("drives", "springs", "masses")
 # Standard deviations over the value: a link on a kitchen scale with its cables and screws, an
 # inertia from CAD, a torque constant or gain as its maker gives it (engineering judgement).
 MASS, INERTIA, DRIVE = 0.02, 0.04, 0.02
+# Torque per torque asked for, beyond the drive's limit as well: no value of robot.yaml has it.
+CONSTANT = "torque_constant_error"
 SCALES = {
     TorqueDrive: ("gain",),
     ServoParams: ("stall_torque",),
@@ -100,8 +103,10 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
     found += [{f"bodies.{link}.inertia": INERTIA} for link in links]
     drives: dict[str, dict[str, float]] = {}
     for name, value in torques(robot, DRIVE).items():
-        if value > 0.0:
-            drives.setdefault(name.split(".")[1], {})[name] = value
+        if value > 0.0 and not any(fnmatchcase(name, k) for k in known):
+            joint = name.split(".")[1]
+            servo = isinstance(robot.drives[joint], ServoParams)
+            drives[joint] = {name: value} if servo else {f"{CONSTANT}.{joint}": DRIVE}
     speeds = [
         {f"drives.{joint}.no_load_speed": DRIVE * drive.no_load_speed}
         for joint, drive in robot.drives.items()
@@ -109,3 +114,13 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
     ]
     found += [*drives.values(), *speeds]
     return [one for one in found if not any(fnmatchcase(n, k) for n in one for k in known)]
+
+
+def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Values of a robot as those that ``robot.yaml`` has, and the rest as a list of effects."""
+    drives = [name for name in values if name.startswith(f"{CONSTANT}.")]
+    effects = [
+        {"name": CONSTANT, "joint": name.partition(".")[2], "error": values[name]}
+        for name in drives
+    ]
+    return {k: v for k, v in values.items() if k not in drives}, effects
