@@ -23,7 +23,7 @@ from .params import GapParams
 from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
-from .prediction.nominal import parted
+from .prediction.nominal import written
 from .proposals.following import following
 from .statistics import evidence, identify
 from .verdict import kinds, rounding, scale
@@ -64,7 +64,6 @@ def contents(
     """
     decision = judged.decision
     after = judged.after
-    overrides, drives = parted(after.settled)
     told = decision.verdict != NO_GAP
     warnings = [f"{r.name}: {warning}" for r in case.records for warning in r.warnings]
     return plain(
@@ -92,8 +91,8 @@ def contents(
             "settings": to_dict(params),
             "model": {
                 "robot": model.robot,
-                "overrides": {**model.overrides, **overrides},
-                "effects": [*model.effects, *drives, *after.specs],
+                "overrides": {**model.overrides, **written(case.forward.given(), after.settled)},
+                "effects": [*model.effects, *after.specs],
             },
             **EMPTY,
         }

@@ -73,3 +73,5 @@ def test_a_drive_without_a_gear_is_weak_beyond_its_limit_as_well():
     overrides, effects = nominal.parted({name: -0.01, "bodies.carriage.mass": 1.01})
     assert overrides == {"bodies.carriage.mass": 1.01}
     assert effects == [{"name": nominal.CONSTANT, "joint": "slide", "error": -0.01}]
+    said = nominal.written(Model("linear_axis").make_robot(), {name: -0.01})
+    assert said == pytest.approx({"drives.slide.kp": 1980.0, "drives.slide.kd": 59.4})

@@ -124,3 +124,20 @@ def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, An
         for name in drives
     ]
     return {k: v for k, v in values.items() if k not in drives}, effects
+
+
+def written(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of a robot for a file, drives that are off as gains that are.
+
+    Within the drive's limit that is the same.
+
+    Args:
+        robot: Robot as its file has it.
+        values: Values as of `parted`.
+    """
+    found, drives = parted(values)
+    for drive in drives:
+        gains = torques(robot, 1.0 + drive["error"])
+        mine = {k: v for k, v in gains.items() if k.split(".")[1] == drive["joint"]}
+        found |= {k: v for k, v in mine.items() if k not in found}
+    return found

@@ -91,7 +91,10 @@ class Judged:
         """
         if self.decision.verdict == UNKNOWN:
             return self.base if self.asked else self.given
-        return self.base if self.decision.verdict == NO_GAP else self.best
+        if self.decision.verdict == NO_GAP:
+            fine = not self.asked and not has_gap(self.given.whole)
+            return self.given if fine else self.base
+        return self.best
 
 
 def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
