@@ -162,7 +162,7 @@ class Case:
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
         overrides, drives = nominal.parted(overrides)
-        specs = [*drives, *specs]
+        specs = nominal.built(specs, drives)
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
         if len(late) != 1 or self.fine == 1.0:

@@ -12,6 +12,8 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_sim.effects import EFFECTS
+from loco_sim.effects.chain import MotorEffect
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, ServoParams, TorqueDrive
@@ -124,6 +126,20 @@ def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, An
         for name in drives
     ]
     return {k: v for k, v in values.items() if k not in drives}, effects
+
+
+def built(specs: Sequence[Mapping[str, Any]], drives: Sequence[Mapping[str, Any]]) -> list:
+    """Effects of a model with drives that are off: these give less of what motors were asked for.
+
+    What limits a motor comes before, since its limit is off as well.
+
+    Args:
+        specs: Effects as in an experiment's list.
+        drives: Effects of `parted`.
+    """
+    motors = [i for i, s in enumerate(specs) if issubclass(EFFECTS[s["name"]], MotorEffect)]
+    after = max(motors, default=-1) + 1
+    return [*specs[:after], *drives, *specs[after:]]
 
 
 def written(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
