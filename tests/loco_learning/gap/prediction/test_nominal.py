@@ -75,3 +75,10 @@ def test_a_drive_without_a_gear_is_weak_beyond_its_limit_as_well():
     assert effects == [{"name": nominal.CONSTANT, "joint": "slide", "error": -0.01}]
     said = nominal.written(Model("linear_axis").make_robot(), {name: -0.01})
     assert said == pytest.approx({"drives.slide.kp": 1980.0, "drives.slide.kd": 59.4})
+
+
+def test_a_drive_that_is_off_comes_after_what_limits_it():
+    drives = [{"name": nominal.CONSTANT, "joint": "slide", "error": -0.01}]
+    limit, spring = {"name": "torque_limit"}, {"name": "added_stiffness"}
+    assert nominal.built([], drives) == drives
+    assert nominal.built([limit, spring], drives) == [limit, *drives, spring]
