@@ -59,6 +59,19 @@ def test_stamps_of_arrival_are_put_back_on_the_clock_of_the_readings(
     assert np.nanmax(np.abs(off)) < 0.02 * 8.0 * latest  # of what lateness does to 8 rad/s
 
 
+def test_a_joint_that_mostly_rests_tells_of_late_stamps_as_well(signals, hinge, change):
+    rng = np.random.default_rng(2)
+    t = np.arange(400) / 100.0
+    x = 0.3 * np.clip((t - 2.0) / 0.5, 0.0, 1.0) + 5e-5 * rng.standard_normal(400)
+
+    def late(track):
+        arrived = np.maximum.accumulate(track.t + 0.0025 * rng.random(400))
+        return change(track, t=arrived, x=x)
+
+    made = align.record("run", signals(q=late, dq=lambda track: None), hinge, trust_units=True)
+    assert told(made, "were put back")
+
+
 def test_stamps_of_which_one_in_twenty_is_lost_are_left_alone(signals, hinge, change):
     kept = np.random.default_rng(1).random(400) >= 0.05
     kept[0] = True

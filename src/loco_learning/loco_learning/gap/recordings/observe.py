@@ -21,7 +21,7 @@ FINEST = 1e-5  # share of a signal's range below which steps are rounding
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 PARTS = 8  # of a record that each have a reading which came at once
 ON_LINE, EVEN = 0.25, 0.01  # periods off a clock that are nothing; that need no clock
-SURE = 3.0  # deviations of a fair coin, doubled as neighbours share readings (theory)
+SURE = 3.0  # deviations of a gain, or twice those of a fair coin, that are no chance (theory)
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
 
@@ -105,16 +105,23 @@ def _clock(t: np.ndarray) -> np.ndarray | None:
 
 
 def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
-    """Readings are nearer to the line between their neighbours in even times than in stamps."""
-    t, wins, count = tracks[0].t, 0, 0
+    """Readings are nearer to the line between their neighbours in even times than in stamps.
+
+    They are so more often, or by more: a joint that mostly rests tells by the little that it moves.
+    """
+    t, gain, spread, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
     span = t[2:] - t[:-2]
     share = np.where(span > 0.0, (t[1:-1] - t[:-2]) / np.where(span > 0.0, span, 1.0), 0.5)
     for track in tracks:
         x, rise = track.x, track.x[2:] - track.x[:-2]
-        off = [np.abs(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
+        off = [np.square(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
+        size = float(np.mean(off))
         wins += int(np.sum(off[1] < off[0]))
         count += int(np.sum(off[1] != off[0]))
-    return wins - 0.5 * count > SURE * np.sqrt(max(count, 1))
+        if size > 0.0:
+            gain += float(np.sum(off[0] - off[1])) / size
+            spread += float(np.sum(np.square(off[0] - off[1]))) / size**2
+    return gain > SURE * np.sqrt(spread) or wins - 0.5 * count > SURE * np.sqrt(count)
 
 
 def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
