@@ -23,6 +23,7 @@ from .params import GapParams
 from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
+from .prediction.nominal import written
 from .proposals.following import following
 from .statistics import evidence, identify
 from .verdict import kinds, rounding, scale
@@ -90,7 +91,7 @@ def contents(
             "settings": to_dict(params),
             "model": {
                 "robot": model.robot,
-                "overrides": {**model.overrides, **after.overrides, **after.loose},
+                "overrides": {**model.overrides, **written(case.forward.given(), after.settled)},
                 "effects": [*model.effects, *after.specs],
             },
             **EMPTY,

@@ -113,7 +113,7 @@ def search(
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
-    case = cases.prepare(forward, records, held_out, refitted=not length)
+    case = cases.prepare(forward, records, held_out, refitted=not length, known=nominal)
     offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
     hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
     not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins

@@ -19,6 +19,7 @@ LATE = {"name": "command_delay", "delay": 0.02}
 def tried(bench, effect, name):
     """What an effect of some name explains of what an effect makes."""
     case, offered = bench([effect])
+    case = case.kept()
     residual = case.vector([], {}, case.fitted, coarse=True)
     (found,) = screened(case, offered[name], [], {}, case.fitted, residual)
     return found

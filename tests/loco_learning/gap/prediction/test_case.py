@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction import floors
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.proposals.following import following
 from loco_learning.gap.recordings.record import Record
@@ -69,7 +70,7 @@ def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
 
 def test_a_drive_that_does_not_round_does_not_hunt():
     forward, _ = servo(0.0)
-    (apart,) = cases.hunting(forward, 0.25)
+    (apart,) = floors.hunting(forward, 0.25)
     assert not apart.any()
 
 

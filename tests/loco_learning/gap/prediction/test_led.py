@@ -84,7 +84,7 @@ def test_values_that_are_uncertain_are_refitted_without_a_simulation(monkeypatch
     before = case.count
     case.whitened([FRICTION])
     assert case.count == before + 1
-    (found,) = case.loosened([FRICTION], {}).values()
+    (found,) = case.suited([FRICTION], {})[1].values()
     assert found == pytest.approx(1.3, rel=0.03)
     left = [np.sqrt(np.nanmean(np.square(c.whitened([FRICTION])[0]))) for c in (plain, case)]
     assert left[1] < 0.3 * left[0]

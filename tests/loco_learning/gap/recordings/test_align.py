@@ -9,6 +9,8 @@ from loco_learning.gap.recordings import align
 from loco_learning.gap.recordings.record import HELD_OUT
 from loco_learning.gap.recordings.tracks import Track
 
+FINE = np.arange(41000) / 1e4  # times of a motion as it was [s]
+
 
 def told(record, words):
     return any(words in note for note in record.notes)
@@ -29,14 +31,61 @@ def test_uneven_stamps_are_resampled_and_told(signals, hinge, change):
     rng = np.random.default_rng(1)
     jitter = 0.004 * rng.random(400)
 
-    def uneven(track):
-        return change(track, t=track.t + jitter)
+    def uneven(track):  # read when it is stamped
+        x = np.interp(track.t + jitter, FINE, smooth[track.role])
+        return change(track, t=track.t + jitter, x=x)
 
+    smooth = {track.role: track.x for track in signals(rate=1e4, seconds=4.1)}
     made = align.record("run", signals(q=uneven, dq=uneven, command_position=uneven), hinge)
-    plain = signals()[1]
-    off = np.interp(made.t + jitter[0], plain.t + jitter, plain.x) - made.signals["q"][:, 0]
-    assert np.nanmax(np.abs(off)) < 1e-4 and 1.0 / made.dt == pytest.approx(100.0)
+    off = np.interp(made.t + jitter[0], FINE, smooth["q"]) - made.signals["q"][:, 0]
+    assert np.nanmax(np.abs(off)) < 2e-3 and 1.0 / made.dt == pytest.approx(100.0)
     assert told(made, "uneven stamps")
+
+
+@pytest.mark.parametrize("latest", [0.003, 0.025])
+def test_stamps_of_arrival_are_put_back_on_the_clock_of_the_readings(
+    signals, hinge, change, latest
+):
+    rng = np.random.default_rng(1)
+    plain = signals()[1]
+
+    def late(track):
+        arrived = np.maximum.accumulate(track.t + latest * rng.random(400))
+        return change(track, t=arrived)
+
+    made = align.record("run", signals(q=late, dq=lambda track: None), hinge)
+    assert told(made, "were put back")
+    off = np.interp(made.t + plain.t[0], plain.t, plain.x) - made.signals["q"][:, 0]
+    assert np.nanmax(np.abs(off)) < 0.02 * 8.0 * latest  # of what lateness does to 8 rad/s
+
+
+def test_a_joint_that_mostly_rests_tells_of_late_stamps_as_well(signals, hinge, change):
+    rng = np.random.default_rng(2)
+    t = np.arange(400) / 100.0
+    x = 0.3 * np.clip((t - 2.0) / 0.5, 0.0, 1.0) + 5e-5 * rng.standard_normal(400)
+
+    def late(track):
+        arrived = np.maximum.accumulate(track.t + 0.0025 * rng.random(400))
+        return change(track, t=arrived, x=x)
+
+    made = align.record("run", signals(q=late, dq=lambda track: None), hinge, trust_units=True)
+    assert told(made, "were put back")
+
+
+def test_stamps_of_which_one_in_twenty_is_lost_are_left_alone(signals, hinge, change):
+    kept = np.random.default_rng(1).random(400) >= 0.05
+    kept[0] = True
+
+    def lossy(track):
+        return change(track, t=track.t[kept], x=track.x[kept])
+
+    made = align.record("run", signals(q=lossy, dq=lossy), hinge)
+    assert not told(made, "put back")
+    flags = made.guessed["q"][:, 0]
+    assert np.array_equal(flags, ~kept[: len(flags)])
+    assert np.isfinite(made.joints_of(hinge, "q")).all()
+    assert np.array_equal(np.isfinite(made.read_of(hinge, "q")[:, 0]), ~flags)
+    assert np.array_equal(made.rows(10, 200).guessed["q"][:, 0], flags[10:200])
 
 
 def test_a_command_holds_until_the_next(signals, hinge, change):

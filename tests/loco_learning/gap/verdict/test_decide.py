@@ -176,7 +176,7 @@ def test_what_needs_an_effect_beside_it_that_is_not_established_gets_no_name():
     shaky = dataclasses.replace(GOOD, name="offset", closed=0.2)
     assert verdict(GOOD, dataclasses.replace(GOOD, name="spring")).verdict == NAMED
     found = verdict(GOOD, shaky)
-    assert (found.verdict, found.names, found.adequate) == (UNKNOWN, ("friction",), True)
+    assert (found.verdict, found.names, found.adequate) == (UNKNOWN, (), True)
     assert "only beside offset" in found.evidence
     poor = verdict(GOOD, shaky, after=score(9.0))
     assert poor.verdict == UNKNOWN and "close part of it" in poor.evidence

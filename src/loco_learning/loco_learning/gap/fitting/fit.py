@@ -37,6 +37,7 @@ class Fitted:
         cost: Robust cost of the fit.
         seen: Parameters that the data can see, where that was asked (`seen.seen`).
         loose: Values of the robot that suit it best, where all models have them refitted.
+        pull: Price of these and of where records begin, which priors ask [nat].
     """
 
     parts: tuple[tuple[Hypothesis, tuple[float, ...]], ...]
@@ -47,6 +48,12 @@ class Fitted:
     cost: float
     seen: int | None = None
     loose: dict[str, float] = field(default_factory=dict)
+    pull: float = 0.0
+
+    @property
+    def settled(self) -> dict[str, Any]:
+        """All values of the robot that the model has, as overrides."""
+        return {**self.overrides, **self.loose}
 
     @property
     def terms(self) -> list[Term]:
@@ -86,8 +93,9 @@ class Fitted:
 
     @property
     def strain(self) -> float:
-        """Price of unusual shapes [nat]: friction that falls off at 40 rad/s is another one."""
-        return 0.5 * sum(np.square(_unusual(h, x)).sum() for h, x in self.parts)
+        """Price of what priors call unusual [nat], in shapes, values and where records begin."""
+        shapes = 0.5 * sum(np.square(_unusual(h, x)).sum() for h, x in self.parts)
+        return shapes + self.pull
 
 
 def specs_of(parts: Sequence[tuple[Hypothesis, Sequence[float]]]) -> list[dict[str, Any]]:
@@ -149,11 +157,11 @@ class Problem:
         """Robust residual of all fitted values, then what the priors say, (N + P,)."""
         parts, overrides = self.split(z)
         specs = specs_of(parts)
-        residual = self.case.vector(specs, overrides, self.only, self.coarse)
+        residual, by = self.case.pulled(specs, overrides, self.only, self.coarse)
         residual = soft(residual, self.scale)
         priors = [v for hypothesis, x in parts for v in _unusual(hypothesis, x)]
         logs = [math.log(overrides[n] / self.nominal[n]) / self.spread for n in self.free]
-        return np.concatenate([residual, priors, logs])
+        return np.concatenate([residual, priors, logs, by])
 
 
 def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
@@ -332,9 +340,8 @@ def weigh(
 ) -> Fitted:
     """Residuals of a model on everything; `given` is the user's own, with nothing refitted."""
     specs = specs_of(parts)
-    whole = case.bare(specs, overrides) if given else case.whitened(specs, overrides)
-    loose = {} if given else case.loosened(specs, overrides)
+    whole, loose, pull = (case.kept() if given else case).suited(specs, overrides)
     every = range(len(case.records))
     held = evidence.score(case.masked(whole, every, held=True))
     rms = evidence.rms(case.masked(whole, every, held=False))
-    return Fitted(tuple(parts), dict(overrides), rms, held, tuple(whole), cost, loose=loose)
+    return Fitted(tuple(parts), dict(overrides), rms, held, tuple(whole), cost, None, loose, pull)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from loco_sim.effects.rows import FEATURES
 from ..localisation.correction import LEAST_EXPLAINED, ridge
 from ..prediction.case import Case
 from ..prediction.channels import Channel
+from ..prediction.nominal import built, parted
 from ..prediction.windows import joint_states
 from ..statistics import evidence
 from .fit import Fitted
@@ -73,11 +74,11 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
         each: Calls functions of the case, in any number of processes.
     """
     given = model.specs
-    overrides = {**model.overrides, **model.loose}
+    overrides = model.settled
     regions = seen(case, given, overrides)
     if not regions:
         return None
-    case = replace(case, loose=None).corrected(given, overrides)
+    case = case.kept().corrected(given, overrides)
     at, explained = np.zeros(len(regions) * FEATURES), 0.0
     residual = case.vector(given, overrides)
     stride = _stride(residual, len(case.forward.channels))
@@ -116,6 +117,8 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
         overrides: Values of robot.yaml, over those of the model.
     """
     robot, forward = case.forward.given(), copy(case.forward)
+    overrides, drives = parted(overrides)
+    specs = built(specs, drives)
     joints = [robot.joints[j] for j in robot.driven]
     forward.channels = tuple(Channel("tau", joint, "N·m") for joint in joints)
     torques = np.concatenate(forward(specs, overrides, case.fitted))
@@ -165,7 +168,7 @@ def corrections(regions: Specs, weights: np.ndarray) -> Specs:
 
 def moved(case: Case, specs: Specs, overrides: Mapping[str, Any], stride: int) -> np.ndarray:
     """Every so many of the fitted residuals of a model in its own steps, nothing refitted, (N,)."""
-    return replace(case, loose=None).vector(specs, overrides, coarse=True)[::stride]
+    return case.kept().vector(specs, overrides, coarse=True)[::stride]
 
 
 def _columns(
@@ -193,7 +196,7 @@ def _stride(residual: np.ndarray, channels: int) -> int:
 
 
 def _held(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> evidence.Score:
-    whole = case.bare(specs, overrides)
+    whole = case.kept().whitened(specs, overrides)
     return evidence.score(case.masked(whole, range(len(whole)), held=True))
 
 

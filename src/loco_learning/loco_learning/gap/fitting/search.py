@@ -123,8 +123,8 @@ class Search:
         self.setting = Setting(
             self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
         )
-        if self.adequate(base):
-            return found
+        if self.adequate(given) or self.asked and self.adequate(base):
+            return found  # else what explains the data is one answer, and an effect another
         found.screened = self._screen(given, 0.05, 0.35)
         together = [(one,) for one in families(found.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
@@ -160,6 +160,12 @@ class Search:
         """The last effect added next to nothing: one more would not, either."""
         best = {len(m.parts): self.energy(m) for m in reversed(ranked)}
         return depth - 1 in best and best.get(depth, math.inf) > best[depth - 1] - LEAST_GAIN
+
+    @property
+    def asked(self) -> bool:
+        """Somebody said which values of the robot are free or uncertain."""
+        loose = self.case.loose
+        return bool(self.nominal) or loose is not None and bool(loose.stated.any())
 
     # ---- judging ---------------------------------------------------------------------
 

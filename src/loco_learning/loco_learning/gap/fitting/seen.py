@@ -34,7 +34,8 @@ def seen(case: Case, model: Fitted) -> int:
         case: Model and data.
         model: Fitted model.
     """
-    here = identify.flat(model.whole)
+    case = case.kept()  # what the values of the robot can make up for is another question
+    here = identify.flat(case.whitened(model.specs, model.settled))
     weight = np.sqrt(identify.weights(evidence.score(model.whole)))
     count = 0
     for i, (hypothesis, x) in enumerate(model.parts):
@@ -43,7 +44,7 @@ def seen(case: Case, model: Fitted) -> int:
             step = MOVED * typical
             step = step if c.clipped(x[j] + step) == x[j] + step else -step
             specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
-            there = identify.flat(case.whitened(specs, model.overrides))
+            there = identify.flat(case.whitened(specs, model.settled))
             change = np.clip(np.nan_to_num(there - here), -case.cap, case.cap) * weight
             count += float(np.linalg.norm(change)) / MOVED >= NOTICED
     return count

@@ -3,28 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from loco_sim.bolted.loop import needs_engine
 from loco_sim.effects import EFFECTS, from_list, pulls
-from loco_sim.params import SimParams
 
 from ..recordings.record import Record
 from ..statistics import evidence, noise
-from . import horizon, loose
+from . import floors as errors
+from . import horizon, loose, nominal
 from .loose import Loose
 
-FINE = 0.25  # physics step over the model's where no engine is needed
-ABOUT = 0.05  # time within which an error may come [s]
-PHASE = 0.05  # shift of a drive's rounding [steps]
-NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
 REST = 0.05  # of the numerical error over all records that is there at any time
+AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
@@ -90,22 +85,35 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
 
+    def kept(self) -> Case:
+        """The case with nothing refitted but the states in which records begin."""
+        if self.loose is None:
+            return self
+        return replace(self, loose=replace(self.loose, held=True, at=0.0 * self.loose.at))
+
     def _refitted(
         self,
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any] | None,
         only: list[int],
         coarse: bool = False,
-    ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Residuals with what suits the model best, and the deviations of that, (K,)."""
+        exact: bool = False,
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Residuals with what suits the model best, and the deviations of that (`Loose.best`).
+
+        Where it is not exact, what is known well is taken as linear, however far off it is.
+        """
         if self.loose is None:
-            return self.bare(specs, overrides, only, coarse), np.zeros(0)
+            return self.bare(specs, overrides, only, coarse), []
         given, near = overrides or {}, self.loose
         residuals = self.bare(specs, self._about(given), only, coarse)
         by = near.best(residuals, only)
-        if near.far(by):  # too far for a straight line: once more, from there
-            near = near.about(by)
-            residuals = self.bare(specs, {**near.values(by), **given}, only, coarse)
+        for _ in range(AGAIN if exact else 1):
+            if not near.far(by, exact):
+                break
+            # too far for a straight line: once more, from there
+            near = near.about(np.where(near.stated | exact, by[0], near.at))
+            residuals = self.bare(specs, {**near.values(near.at), **given}, only, coarse)
             by = near.best(residuals, only)
         return near.left(residuals, only, by), by
 
@@ -115,12 +123,20 @@ class Case:
         about = self.loose.values(self.loose.at) if moved else {}
         return {**about, **(overrides or {})}
 
-    def loosened(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, float]:
-        """Values that suit a model best, by dotted name; none without any that are loose."""
-        if self.loose is None:
-            return {}
+    def suited(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
+    ) -> tuple[list[np.ndarray], dict[str, float], float]:
+        """Residuals as of `whitened` of all records; what was refitted for them; its price.
+
+        Returns:
+            Residuals, (T, C) each; values by dotted name, none without any that are refitted;
+            half of the squares of all deviations [nat].
+        """
         every = list(range(len(self.records)))
-        return self.loose.values(self._refitted(specs, overrides, every)[1])
+        left, by = self._refitted(specs, overrides, every, exact=True)
+        price = 0.5 * float(sum(np.square(part).sum() for part in by))
+        values = {} if self.loose is None or self.loose.held else self.loose.values(by[0])
+        return left, values, price
 
     def bare(
         self,
@@ -145,6 +161,8 @@ class Case:
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
+        overrides, drives = nominal.parted(overrides)
+        specs = nominal.built(specs, drives)
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
         if len(late) != 1 or self.fine == 1.0:
@@ -215,12 +233,24 @@ class Case:
         coarse: bool = False,
     ) -> np.ndarray:
         """Residual of all fitted values in one line [floors], (N,)."""
+        return self.pulled(specs, overrides, only, coarse)[0]
+
+    def pulled(
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any] | None = None,
+        only: Sequence[int] | None = None,
+        coarse: bool = False,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and all deviations of what was refitted for it, (K,)."""
         only = self.fitted if only is None else list(only)
-        residuals = self.masked(self.whitened(specs, overrides, only, coarse), only, held=False)
+        left, by = self._refitted(specs, overrides, only, coarse)
+        residuals = self.masked(left, only, held=False)
         flat = np.concatenate(
             [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
         )
-        return np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
+        flat = np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
+        return flat, np.concatenate([*by, np.zeros(0)])
 
     def _weighed(self, i: int) -> np.ndarray:
         """Measured values of a record where it is fitted, NaN elsewhere, (T, C)."""
@@ -238,6 +268,7 @@ def prepare(
     held_out: Sequence[Record],
     likely: Sequence[Mapping[str, Any]] = (),
     refitted: bool = True,
+    known: Collection[str] = (),
 ) -> Case:
     """Split what is fitted from what judges, and find the floor of each channel.
 
@@ -248,7 +279,8 @@ def prepare(
         records: Records to fit.
         held_out: Records to judge on.
         likely: Effects with which engines are compared, too, on the ground.
-        refitted: Whether what robot.yaml calls uncertain is refitted to every model.
+        refitted: Whether what nobody knows exactly is refitted to every model.
+        known: Values that are not, as they are free.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []
@@ -263,25 +295,28 @@ def prepare(
         fit_rows.append(rows)
         held_rows.append(judges)
     steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
-    fine, ground = finest(forward), any(map(forward.on_ground, range(len(both))))
+    fine, ground = errors.finest(forward), any(map(forward.on_ground, range(len(both))))
     signals = [c.signal for c in forward.channels]
-    correction, numeric = doubts(forward, likely) if ground else step_error(forward, fine)
+    about = errors.doubts(forward, likely) if ground else errors.step_error(forward, fine)
+    correction, numeric = about
     if not ground:
-        numeric = [
-            np.hypot(n, s) for n, s in zip(numeric, stepped(forward, correction[1.0]), strict=True)
-        ]
+        own = errors.stepped(forward, correction[1.0])
+        numeric = [np.hypot(n, s) for n, s in zip(numeric, own, strict=True)]
     sensors = noise.floor(forward.measured, steps, signals)
-    pooled = _pooled(numeric, forward.measured)
+    pooled = errors.pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
-    hunts = horizon.timing(forward) if ground else hunting(forward, fine)
+    hunts = horizon.timing(forward) if ground else errors.hunting(forward, fine)
     local = zip(numeric, hunts, strict=True)
     floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
-    case.loose = loose.prepare(case, uncertain, robot, linear=not forward.fine_steps)
+    quick = refitted and not ground and errors.compiled(forward) and forward.fine_steps
+    said = {name for record in both for name in record.overrides}
+    unsaid = nominal.priors(robot, {*uncertain, *known, *said}) if quick else []
+    case.loose = loose.prepare(case, uncertain, robot, not forward.fine_steps, unsaid)
     if case.loose and case.loose.at.any() and not ground:
-        case.correction = step_error(forward, fine, case._about({}))[0]
+        case.correction = errors.step_error(forward, fine, case._about({}))[0]
         case.runs = {}
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
@@ -292,129 +327,3 @@ def _step(records: Sequence[Record], signal: str, name: str) -> float:
     """Quantisation step of a channel; the largest of its signal where nothing tells it."""
     known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
     return max(known or [r.step(signal) for r in records])
-
-
-def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Error of what was recorded, where that is a simulation whose own steps are not zero.
-
-    A first-order step leaves an error in proportion to its length; that of the model is known.
-
-    Args:
-        forward: Forward model.
-        correction: Correction of predictions in the model's own steps, (T, C) each.
-
-    Returns:
-        Rms about each time, (T, C) each.
-    """
-    shares = [
-        record.simulated * forward._robot(i, {}, 1.0).sim.physics_rate
-        for i, record in enumerate(forward.records)
-    ]
-    errors = [share * lacks for share, lacks in zip(shares, correction, strict=True)]
-    return _rms(errors, forward.records)
-
-
-def doubts(
-    forward: Any, likely: Sequence[Mapping[str, Any]] = ()
-) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
-    """Step error on the ground: no correction, and the deviation that nobody can know better."""
-    none = [np.zeros(m.shape) for m in forward.measured]
-    return {1.0: none}, _rms(horizon.doubt(forward, likely), forward.records)
-
-
-def hunting(forward: Any, step: float) -> list[np.ndarray]:
-    """Spread of runs whose drives hunt in other phases, (T, C) each.
-
-    A drive that rounds its encoder hunts about its goal; where in a step and when it does so
-    depends on the smallest differences, and what hangs on it swings along: a knee that a step of
-    the hip throws off its stop flies a tenth further or less. No model can tell that.
-    """
-    robot = forward._robot(0, {}, 1.0)
-    rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
-    if not rounding > 0.0:
-        return [np.zeros(m.shape) for m in forward.measured]
-    places = [
-        forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
-        for share in (-PHASE, PHASE)
-    ]
-    times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
-    runs = zip(*places, *times, strict=True)
-    apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
-    return _largest(apart, forward.records)
-
-
-def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
-    """Largest error about each time, (T, C) each: it may come a little earlier or later."""
-    return [
-        maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
-        for error, record in zip(errors, records, strict=True)
-    ]
-
-
-def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
-    """Rms error about each time, (T, C) each: it goes through zero where it is not small."""
-    levels = []
-    for error, record in zip(errors, records, strict=True):
-        width = max(1, round(2.0 * ABOUT / record.dt))
-        mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
-        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # the running sum may end below 0
-    return levels
-
-
-def _pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
-    """Rms over what was measured in all records, (C,)."""
-    pairs = zip(levels, measured, strict=True)
-    every = np.concatenate([np.where(np.isfinite(m), e, np.nan) for e, m in pairs])
-    count = np.maximum(np.isfinite(every).sum(0), 1)
-    return np.sqrt(np.nansum(np.square(every), axis=0) / count)
-
-
-def finest(forward: Any) -> float:
-    """Step over the model's: as fine as is cheap and as the engine's rate allows for a quarter."""
-    rates = [forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records))]
-    limit = SimParams.__dataclass_fields__["physics_rate"].metadata["high"]
-    for step in (FINE, 2.0 * FINE) if compiled(forward) and forward.fine_steps else ():
-        if 4.0 * max(rates) / step <= limit:
-            return step
-    return 1.0
-
-
-def compiled(forward: Any) -> bool:
-    """The model runs without the engine on every record, so that fine steps are cheap."""
-    return not any(
-        needs_engine(forward._robot(i, {}, 1.0), from_list(forward.model.effects))
-        for i in range(len(forward.records))
-    )
-
-
-def step_error(
-    forward: Any, fine: float, overrides: Mapping[str, Any] | None = None
-) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
-    """Error of a model's predictions because its physics step is not zero.
-
-    Predictions at two steps are extrapolated to none (Richardson, first order). The error of
-    a semi-implicit step acts like a delay of half a step: uncorrected it would be named one.
-
-    Args:
-        forward: Forward model.
-        fine: Step over the model's that the case uses where it can.
-        overrides: Values of robot.yaml, over those of the model.
-
-    Returns:
-        Correction of a prediction, (T, C) per record, by step; and the error that remains about
-        each time, the same shape.
-    """
-    rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
-    if 4.0 * rate / fine > SimParams.__dataclass_fields__["physics_rate"].metadata["high"]:
-        none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
-        return {1.0: none}, none
-    steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
-    runs = {step: forward((), overrides, step=step) for step in sorted(steps)}
-    limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
-    coarse = [2.0 * h - w for h, w in zip(runs[0.5 * fine], runs[fine], strict=True)]
-    correction = {
-        step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
-        for step in sorted({1.0, fine})
-    }
-    remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
-    return correction, _rms(remains, forward.records)

@@ -111,7 +111,7 @@ def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
     What a base measures that is bolted to the world says nothing: NaN as well.
     """
     if signal in JOINT_SIGNALS:
-        return record.joints_of(robot, signal)
+        return record.read_of(robot, signal)
     if robot.fixed_base:
         return np.full((len(record.t), len(_names(robot, signal))), np.nan)
     if signal == FEET_SIGNAL:

@@ -212,6 +212,29 @@ class Forward:
         ]
         return other
 
+    def doubtful(self) -> list[np.ndarray]:
+        """Deviation of the state in which each record begins: positions, then velocities, (2n,).
+
+        Empty where a record is cut into pieces, or where its robot stands still as it should.
+        """
+        return [
+            np.concatenate(windows.first_doubt(record, self.robot(i)))
+            if starts and not self._lengths[i]
+            else np.zeros(0)
+            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
+        ]
+
+    def begun_at(self, by: Sequence[np.ndarray]) -> Forward:
+        """The same with records that begin elsewhere: positions and velocities off, (2n,) each."""
+        other = copy(self)
+        other._starts = [
+            [s._replace(q=s.q + d[: len(s.q)], dq=s.dq + d[len(s.q) :]) for s in starts]
+            if len(d)
+            else starts
+            for starts, d in zip(self._starts, by, strict=True)
+        ]
+        return other
+
     @property
     def starts(self) -> list[list[Start]]:
         """Pieces of each record; none is the whole record from standing at rest."""

@@ -239,4 +239,5 @@ def _led(record: Record, robot: Robot) -> Record:
         inputs={},
         stance={},
         resolution={},
+        guessed={},
     )

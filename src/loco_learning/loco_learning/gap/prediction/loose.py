@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values of a robot that are not known well, refitted to every model without a simulation.
+"""Values that nobody knows exactly, refitted to every model without a simulation.
 
-What a change of each value does to the residual is simulated once. From then on the values that
-suit a model best, within their priors, are linear least squares. Torques along a given motion are
-linear in masses, centres and inertias. A motion is so for small changes alone: there values stay
-within `MOST` deviations, and the changes are simulated about the values that suit the robot.
+These are values of the robot (`nominal`) and the states in which records begin. The change of the
+residual by each is simulated once. From then on those that suit a model best, within their
+priors, are linear least squares. Torques along a given motion are linear in masses, centres and
+inertias. A motion is so for small changes alone: there nothing moves by more than `MOST`
+deviations, and the changes are simulated about the values that suit the robot.
 """
 
 from __future__ import annotations
@@ -15,96 +16,163 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from loco_sim.robot.equipment import BodyParams
 
 from ..statistics import evidence
+from .nominal import CONSTANT
 
-PART = 0.1  # of a deviation that is simulated; the rest is taken as linear (taste)
+PART = 0.5  # of a deviation that is simulated; the rest is taken as linear (taste)
 ROUNDS = 3  # of the weights, each with what the one before leaves (taste)
 TIMES, NEAR = 4, 0.5  # that changes are simulated, at most; deviations that need no more (taste)
 MOST = 2.5  # deviations that a value may be off where a motion is compared: beyond is an effect
+LEVELS, SAME = 8, 0.9  # rounds of what is left in each channel, until that falls by less (taste)
+CHANGES = 20  # of what lies on a bound, at most
 
 
 @dataclass(frozen=True)
 class Loose:
-    """Linear nuisance.
+    """Linear nuisance: V values of the robot, then what each record begins with.
 
     Attributes:
-        names: Values by dotted name, K of them.
-        nominal: Value of each as the robot says it, (K,).
-        spread: Standard deviation of each, (K,).
-        columns: Change of the residual [floors] per deviation, (T, C, K) per record; 0 where
-            nothing was measured.
+        names: Values by dotted name, N of them.
+        nominal: Value of each as the robot says it, (N,).
+        spread: Standard deviation of each, (N,).
+        of: Index among the V of each; values that change together have the same, (N,).
+        columns: Change of the residual [floors] per deviation, (T, C, V + S) per record, with S
+            deviations of its own start; 0 where nothing was measured.
         weight: Information of a residual of 1 floor in each channel, (C,).
         rows: Rows of each record that are fitted, (T,) flags.
-        most: Largest deviations of a value.
-        at: Deviations about which models are simulated, (K,).
+        judges: Rows that only judge: there a record's own start is found where none is fitted.
+        most: Largest deviations.
+        at: Deviations of the values about which models are simulated, (V,).
+        stated: Flags of the V that robot.yaml calls uncertain: these may be large, (V,).
+        held: Values stay as they are, and the starts alone are refitted.
+        level: A channel in which more is left counts less, as in a motion.
     """
 
     names: tuple[str, ...]
     nominal: np.ndarray
     spread: np.ndarray
+    of: np.ndarray
     columns: tuple[np.ndarray, ...]
     weight: np.ndarray
     rows: tuple[np.ndarray, ...]
+    judges: tuple[np.ndarray, ...]
     most: float
     at: np.ndarray
+    stated: np.ndarray
+    held: bool = False
+    level: bool = False
     grams: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
 
-    def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> np.ndarray:
-        """Deviations that suit a model best, (K,).
+    def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> list[np.ndarray]:
+        """Deviations that suit a model best: of the values, (V,), and of each start, (S,) each.
 
         Args:
             residuals: Residuals of the model [floors], (T, C) each, simulated at `at`.
             only: Their records.
         """
-        gram, moment = np.eye(len(self.names)), np.zeros(len(self.names))
-        for i, r in zip(only, residuals, strict=True):
-            used = np.isfinite(r) & self.rows[i][:, None]
-            weighed = np.where(used, r, 0.0) * self.weight
-            moment -= np.einsum("tck,tc->k", self.columns[i], weighed)
+        if not self.level:
+            return self._solved(residuals, only, self.weight)
+        by, before = self._none(only), np.inf
+        count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
+        for _ in range(LEVELS):
+            left = self.left(residuals, only, by)
+            power = np.sum([np.nansum(np.square(r), axis=0) for r in left], axis=0) / count
+            if np.all(power > SAME * before):
+                break
+            by, before = self._solved(residuals, only, self.weight / np.maximum(power, 1.0)), power
+        return by
+
+    def _none(self, only: Sequence[int]) -> list[np.ndarray]:
+        count = len(self.at)
+        return [self.at, *(np.zeros(self.columns[i].shape[2] - count) for i in only)]
+
+    def _solved(
+        self, residuals: Sequence[np.ndarray], only: Sequence[int], weight: np.ndarray
+    ) -> list[np.ndarray]:
+        count = len(self.at)
+        sizes = [len(by) for by in self._none(only)]
+        ends = np.cumsum(sizes)
+        gram, moment = np.eye(ends[-1]), np.zeros(ends[-1])
+        for k, (i, r) in enumerate(zip(only, residuals, strict=True)):
+            fitted = bool(self.rows[i].any())
+            used = np.isfinite(r) & (self.rows[i] if fitted else self.judges[i])[:, None]
+            mine = np.r_[np.arange(count), np.arange(ends[k], ends[k + 1])]
+            some = np.einsum("tck,tc->k", self.columns[i], np.where(used, r, 0.0) * weight)
             if i not in self.grams:
-                a = self.columns[i][used] * np.sqrt(self._weights(used))[:, None]
-                self.grams[i] = a.T @ a
-            gram += self.grams[i]
-            moment += self.grams[i] @ self.at
-        free = np.linalg.solve(gram, moment)
-        if np.all(np.abs(free) <= self.most):
-            return free
-        root = np.linalg.cholesky(gram)
-        bounds = (-self.most, self.most)
-        return lsq_linear(root.T, np.linalg.solve(root, moment), bounds, method="bvls").x
+                a = self.columns[i] * used[:, :, None]
+                self.grams[i] = np.einsum("tck,tcl->ckl", a, a, optimize=True)
+            whole = np.tensordot(weight, self.grams[i], axes=1)
+            if not fitted:  # what judges says nothing of the robot
+                whole[:count], whole[:, :count], some[:count] = 0.0, 0.0, 0.0
+            gram[np.ix_(mine, mine)] += whole
+            moment[mine] -= some
+            moment[mine] += whole[:, :count] @ self.at
+        if self.held:
+            free = np.arange(count, ends[-1])
+            found = np.concatenate([self.at, np.zeros(len(free))])
+            moment = moment[free] - gram[np.ix_(free, np.arange(count))] @ self.at
+            found[free] = _within(gram[np.ix_(free, free)], moment, self.most)
+        else:
+            found = _within(gram, moment, self.most)
+        return np.split(found, ends[:-1])
 
-    def far(self, by: np.ndarray) -> bool:
-        """Whether deviations lie so far from `at` that what they do is no straight line."""
-        return math.isfinite(self.most) and bool(np.max(np.abs(by - self.at)) > NEAR)
+    def far(self, by: Sequence[np.ndarray], exact: bool = False) -> bool:
+        """Whether values lie so far from `at` that what they do is no straight line.
 
-    def about(self, by: np.ndarray) -> Loose:
+        Args:
+            by: Deviations, as `best` gives them.
+            exact: Whether those count as well that are known to a few percent.
+        """
+        apart = np.abs(by[0] - self.at)[self.stated | exact]
+        return math.isfinite(self.most) and bool(np.max(apart, initial=0.0) > NEAR)
+
+    def about(self, values: np.ndarray) -> Loose:
         """The same for models that are simulated at other deviations."""
-        return replace(self, at=by)
-
-    def _weights(self, used: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(self.weight, used.shape)[used]
+        return replace(self, at=values)
 
     def left(
-        self, residuals: Sequence[np.ndarray], only: Sequence[int], by: np.ndarray
+        self, residuals: Sequence[np.ndarray], only: Sequence[int], by: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
-        """Residuals with the values at deviations `by`, (T, C) each."""
-        moved = by - self.at
-        return [r + self.columns[i] @ moved for i, r in zip(only, residuals, strict=True)]
+        """Residuals with everything at deviations `by`, (T, C) each."""
+        moved = by[0] - self.at
+        return [
+            r + self.columns[i] @ np.concatenate([moved, start])
+            for i, r, start in zip(only, residuals, by[1:], strict=True)
+        ]
 
-    def values(self, by: np.ndarray) -> dict[str, float]:
+    def values(self, at: np.ndarray) -> dict[str, float]:
         """Values of ``robot.yaml`` at deviations, none beyond what is legal."""
-        found = self.nominal + self.spread * by
+        found = self.nominal + self.spread * at[self.of]
         return {n: _legal(n, float(v)) for n, v in zip(self.names, found, strict=True)}
+
+
+def _within(gram: np.ndarray, moment: np.ndarray, most: float) -> np.ndarray:
+    """Minimum of ``x gram x / 2 - moment x`` with no ``|x|`` above `most`, by active sets."""
+    x = np.linalg.solve(gram, moment)
+    if np.all(np.abs(x) <= most):
+        return x
+    x = np.clip(x, -most, most)
+    for _ in range(CHANGES):
+        fixed = (np.abs(x) >= most) & ((gram @ x - moment) * x <= 0.0)
+        new, free = x.copy(), ~fixed
+        if free.any():
+            rest = moment[free] - gram[np.ix_(free, fixed)] @ x[fixed]
+            new[free] = np.clip(np.linalg.solve(gram[np.ix_(free, free)], rest), -most, most)
+        if np.allclose(new, x):
+            break
+        x = new
+    return x
 
 
 def nominal_value(robot: Any, name: str) -> float:
     """Value of a dotted name as the robot has it."""
     section, _, rest = name.partition(".")
     place, _, parameter = rest.rpartition(".")
+    if section == CONSTANT:
+        return 0.0
     if section == "bodies":
         return float(getattr(BodyParams(), parameter))
     return float(getattr(getattr(robot, section)[place], parameter))
@@ -117,28 +185,42 @@ def _legal(name: str, value: float) -> float:
     return min(max(value, meta["low"]), meta["high"])
 
 
-def prepare(case: Any, spread: Mapping[str, float], robot: Any, linear: bool) -> Loose | None:
-    """Simulate what each value does, and weigh channels by what all of them together leave.
+def prepare(
+    case: Any,
+    spread: Mapping[str, float],
+    robot: Any,
+    linear: bool,
+    likely: Sequence[Mapping[str, float]] = (),
+) -> Loose | None:
+    """Simulate what each value and each start does.
 
     Args:
         case: Model and data, without any nuisance yet.
-        spread: Standard deviation of each value by dotted name.
+        spread: Standard deviation of each value that robot.yaml calls uncertain, by dotted name.
         robot: The robot as it came, with drives as its file has them.
-        linear: Whether residuals are linear in the values, however large their changes.
+        linear: Whether residuals are linear in the values, however large their changes; channels
+            are then weighed by what all of them together leave.
+        likely: Deviations of further values, of those that change together in one mapping.
     """
-    if not spread:
+    groups = [*({n: s} for n, s in spread.items()), *likely]
+    starts = [] if linear else case.forward.doubtful()
+    if not groups and not any(len(s) for s in starts):
         return None
-    names = tuple(spread)
+    flat = [(n, s, k) for k, group in enumerate(groups) for n, s in group.items()]
+    names = tuple(n for n, _, _ in flat)
     nominal = np.array([nominal_value(robot, name) for name in names])
-    sizes = np.array([spread[name] for name in names])
-    every, none = range(len(case.records)), np.zeros(len(names))
+    sizes, of = np.array([s for _, s, _ in flat]), np.array([k for _, _, k in flat], dtype=int)
+    every, none = range(len(case.records)), np.zeros(len(groups))
     rows, width = tuple(case.fit_rows), len(case.forward.channels)
-    most = np.inf if linear else MOST
-    loose = Loose(names, nominal, sizes, (), np.ones(width), rows, most, none)
+    stated = np.arange(len(groups)) < len(spread)
+    loose = Loose(
+        names, nominal, sizes, of, (), np.ones(width), rows, tuple(case.held_rows),
+        np.inf if linear else MOST, none, stated, level=not linear,
+    )  # fmt: skip
     for _ in range(1 if linear else TIMES):
-        loose = _about(case, loose)
+        loose = _about(case, loose, starts)
         here = case.bare([], loose.values(loose.at))
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS if linear else 0):
             left = loose.left(here, every, loose.best(here, every))
             fitted = case.masked(left, every, held=False)
             score = evidence.score([r for r, used in zip(fitted, rows, strict=True) if used.any()])
@@ -147,19 +229,30 @@ def prepare(case: Any, spread: Mapping[str, float], robot: Any, linear: bool) ->
         best = loose.best(here, every)
         if not loose.far(best):
             break
-        loose = loose.about(best)
+        loose = loose.about(np.where(stated, best[0], 0.0))
     return loose
 
 
-def _about(case: Any, loose: Loose) -> Loose:
-    """The same with what each value does about the deviations `at`."""
+def _about(case: Any, loose: Loose, starts: Sequence[np.ndarray]) -> Loose:
+    """The same with what each value does about the deviations `at`, and each start."""
     here = case.bare([], loose.values(loose.at), coarse=True)
-    columns = []
-    for k in range(len(loose.names)):
+    columns: list[list[np.ndarray]] = []
+    for k in range(len(loose.at)):
         moved = loose.at.copy()
         moved[k] += PART if moved[k] <= 0.0 else -PART
         there = case.bare([], loose.values(moved), coarse=True)
-        change = (np.nan_to_num(a - b) for a, b in zip(there, here, strict=True))
-        columns.append([c / (moved[k] - loose.at[k]) for c in change])
-    found = tuple(np.stack(each, axis=-1) for each in zip(*columns, strict=True))
-    return replace(loose, columns=found, grams={})
+        columns.append(_per(there, here, moved[k] - loose.at[k]))
+    count = max((len(s) for s in starts), default=0)
+    for k in range(count):
+        by = [s * (np.arange(count) == k)[: len(s)] for s in starts]
+        other = replace(case, forward=case.forward.begun_at(by), loose=None)
+        columns.append(_per(other.bare([], loose.values(loose.at), coarse=True), here, 1.0))
+    found = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
+    values = len(loose.at)
+    for i, own in enumerate(starts):  # a start of its own is known to no deviation: not refitted
+        found[i] = found[i][..., : values + len(own)]
+    return replace(loose, columns=tuple(found), grams={})
+
+
+def _per(there: Sequence[np.ndarray], here: Sequence[np.ndarray], step: float) -> list[np.ndarray]:
+    return [np.nan_to_num(a - b) / step for a, b in zip(there, here, strict=True)]

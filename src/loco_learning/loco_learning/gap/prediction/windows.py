@@ -8,7 +8,7 @@ measurements do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -156,18 +156,35 @@ def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     Smoothed over the first samples alone, so that a robot which rests there and moves fast
     later is smoothed as long as it rests.
     """
-    measured, step = record.joints_of(robot, "q"), record.step("q")
     q, dq = robot.standing.astype(float), np.zeros(len(robot.joints))
+    for joint, found in _firsts(record, robot):
+        q[joint], dq[joint] = found[:2]
+    return q, dq
+
+
+def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Deviation of both, (n,) each; 0 for joints that were not measured."""
+    q, dq = np.zeros(len(robot.joints)), np.zeros(len(robot.joints))
+    for joint, found in _firsts(record, robot):
+        q[joint], dq[joint] = found[2:]
+    return q, dq
+
+
+def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
+    """Measured joints, each with what `_first` says."""
+    measured, step = record.joints_of(robot, "q"), record.step("q")
     for joint in range(len(robot.joints)):
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
             rows, values = _of_sensor(measured[:, joint])
             noise = float(np.hypot(noise_of(values), 0.5 * step))  # it jumps by a step
-            q[joint], dq[joint] = _first(rows * record.dt, values, noise)
-    return q, dq
+            yield joint, _first(rows * record.dt, values, noise)
 
 
-def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, float]:
+def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, float, float, float]:
     """Value and rate at time 0 by the longest parabola that leaves no more than noise.
+
+    Then the deviations of both: of noise, and of a rate at any time within one sample, since
+    nothing tells what is wound up in the drive.
 
     Whatever else the motion does shows in what is left, and first in the next polynomial, whose
     coefficient noise makes as large as sqrt(7 / n) of its own deviation.
@@ -179,7 +196,14 @@ def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, floa
         if left <= noise and abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n):
             break
     parabola = np.polynomial.Legendre.fit(t[:n], values[:n], 2)
-    return float(parabola(0.0)), float(parabola.deriv()(0.0))
+    spread = noise * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
+    change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
+    found = parabola(0.0), parabola.deriv()(0.0), spread[0], np.hypot(spread[1], change)
+    return tuple(float(x) for x in found)
+
+
+def _powers(t: np.ndarray) -> np.ndarray:
+    return np.stack([np.ones(len(t)), t, t**2], axis=1)
 
 
 def base_states(record: Record) -> list[Base | None]:

@@ -28,6 +28,7 @@ from ..hypotheses.bundles import bundles
 from ..hypotheses.hypotheses import offer, separable, untried
 from ..params import GapParams
 from ..prediction import case as cases
+from ..prediction import floors
 from ..prediction.case import Case
 from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
@@ -184,7 +185,7 @@ def _seconds(forward: Forward) -> float:
     Branches of a bolted robot are tried at once, so that bundles grow with the longest branch.
     """
     robot = forward.robot()
-    if not cases.compiled(forward):
+    if not floors.compiled(forward):
         return min(max(SLOW_BUDGET / (20.0 * len(robot.joints)), LEAST), MOST)
     deep = max((len(chain) for chain in chains(robot)), default=1)
     return min(max(BUDGET / (35.0 * deep * len(robot.joints)), LEAST), MOST)
@@ -237,7 +238,7 @@ def _search(forward: Forward, count: int, params: GapParams, workers: int) -> li
     began = time.process_time()  # what others do on this machine is not counted
     forward(only=[index])
     speed = (time.process_time() - began) / forward.records[index].duration
-    fine = 1.0 / cases.finest(forward)
+    fine = 1.0 / floors.finest(forward)
     whole = sum(r.duration for r in forward.records)
     longest = max(r.duration for r in forward.records)
     part = min(whole, max(params.screen_seconds, longest))

@@ -28,6 +28,7 @@ STEPS = (
     "recorded from a simulation in steps of {:g} ms, whose error counts as noise: smaller effects "
     "show with --set sim.physics_rate=8000"
 )
+MOSTLY = 0.5  # share of the ticks that have a reading from which on the others lost theirs
 EVEN = 1e-3  # stamps this close to the axis, in periods, are on it
 
 
@@ -66,7 +67,8 @@ def record(
     if not trust_units:
         suspect.times(name, tracks)
     told = list(notes)
-    tracks = [_ordered(name, track, told) for track in checks.measured(name, tracks, told)]
+    tracks = observe.steadied(checks.measured(name, tracks, told), told)
+    tracks = [_ordered(name, track, told) for track in tracks]
     tracks = [observe.unwrapped(track, robot, told) for track in tracks]
     tracks = _one_sheet(tracks)
     checks.moving(name, tracks)
@@ -201,15 +203,18 @@ def _fill(
     made["stance"] = {
         foot: hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
     }
-    signals = {}
+    signals, guessed = {}, {}
     for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
         places = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
         if any(r == role for r, _ in by):
             signals[role] = _columns(by, role, places, axis, sample, np.nan)
+        if role in signals and role in JOINT_SIGNALS:
+            guessed[role] = _columns(by, role, places, axis, lost, 0.0) > 0.0
     for role in ("orientation", "base_orientation"):
         if role in signals:
             signals[role] = _unit_length(name, role, signals[role])
-    return made | {"signals": signals}
+    lossy = {role: flags for role, flags in guessed.items() if flags.any()}
+    return made | {"signals": signals, "guessed": lossy}
 
 
 def _columns(
@@ -248,6 +253,18 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
     value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
     known = inside & (on | (width <= GAP * usual))
     return np.where(known, value, np.nan)
+
+
+def lost(track: Track, axis: np.ndarray) -> np.ndarray:
+    """1 at times between two readings where those are on the axis and one was lost, else 0, (T,).
+
+    What is drawn straight between its neighbours is off by what the motion bends there, which may
+    be far more than a sensor's noise.
+    """
+    step = (axis[-1] - axis[0]) / (len(axis) - 1)
+    row = np.searchsorted(track.t, axis + EVEN * step, side="right") - 1
+    on = np.abs(axis - track.t[row.clip(0)]) <= EVEN * step
+    return np.where(on | (np.mean(on) < MOSTLY), 0.0, 1.0)
 
 
 def _nearest(track: Track, axis: np.ndarray, step: float) -> np.ndarray:

@@ -53,6 +53,8 @@ class Record:
             samples that are missing, and the longest silence [s], as they were recorded.
         simulated: Physics step of the simulation that was recorded [s]; 0 of a machine, and where
             nothing tells.
+        guessed: Flags of values of joint signals that lie between two readings where one was
+            lost, as `signals`: to start from, not to be compared with.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Record:
     warnings: tuple[str, ...] = ()
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
     simulated: float = 0.0
+    guessed: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
@@ -126,6 +129,13 @@ class Record:
         wanted = [robot.joints[i] for i in robot.driven]
         return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
 
+    def read_of(self, robot: Robot, signal: str) -> np.ndarray:
+        """The same as `joints_of` with NaN where a reading was lost, too."""
+        if signal not in self.guessed:
+            return self.joints_of(robot, signal)
+        read = np.where(self.guessed[signal], np.nan, self.signals[signal])
+        return replace(self, signals={signal: read}).joints_of(robot, signal)
+
     def joints_of(self, robot: Robot, signal: str) -> np.ndarray:
         """A joint signal in the order of the robot's joints, (T, n); NaN where not measured."""
         values = np.full((len(self.t), len(robot.joints)), np.nan)
@@ -168,6 +178,7 @@ class Record:
             signals={k: v[part] for k, v in self.signals.items()},
             inputs={k: v[part] for k, v in self.inputs.items()},
             stance={k: v[part] for k, v in self.stance.items()},
+            guessed={k: v[part] for k, v in self.guessed.items()},
         )
 
     def rested(self, seconds: float) -> Record:
@@ -196,6 +207,7 @@ class Record:
             signals=signals,
             inputs={k: before(v) for k, v in self.inputs.items()},
             stance={k: before(v) for k, v in self.stance.items()},
+            guessed={k: before(v) for k, v in self.guessed.items()},
         )
 
     def between(self, start: float, end: float, name: str | None = None) -> Record:

@@ -34,6 +34,7 @@ def half_widths(
     residual: np.ndarray,
     groups: np.ndarray,
     weight: np.ndarray,
+    at: np.ndarray | None = None,
 ) -> np.ndarray:
     """Half of the 95 % interval of each parameter, (P,); inf where the data do not show it.
 
@@ -46,6 +47,7 @@ def half_widths(
         residual: (N,) predicted minus measured [floors], NaN = not measured.
         groups: (N,) cluster of each row.
         weight: (N,) information of each row (`identify.weights`).
+        at: (K,) deviations at which the doubts are; none by default.
     """
     both = np.concatenate([columns, doubts], axis=1)
     used = np.isfinite(both).all(1) & np.isfinite(residual) & (weight > 0.0)
@@ -61,7 +63,9 @@ def half_widths(
     given, joint = _inverse(mine.T @ mine), _inverse(free.T @ free + prior)
     pulls = np.array([given @ (mine[groups == k].T @ r[groups == k]) for k in keys])
     apart = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
-    noise, moved = np.diag(joint)[: len(apart)], (joint @ (free.T @ r))[: len(apart)]
+    pull = free.T @ r
+    pull[mine.shape[1] :] += 0.0 if at is None else at
+    noise, moved = np.diag(joint)[: len(apart)], (joint @ pull)[: len(apart)]
     quantile = stats.t.ppf(0.975, len(keys) - 1)
     half[alive] = quantile * np.sqrt(apart + noise + np.square(moved))
     return half

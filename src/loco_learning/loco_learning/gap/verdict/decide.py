@@ -124,8 +124,8 @@ class Decision:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Effects that are named, sorted."""
-        return _names(self.rulings, NAMED)
+        """Effects that are named, sorted; none where the verdict is that nobody knows."""
+        return () if self.verdict == UNKNOWN else _names(self.rulings, NAMED)
 
     @property
     def ambiguous(self) -> tuple[tuple[str, ...], ...]:
@@ -155,6 +155,7 @@ def decide(
     limits: Limits = LIMITS,
     whole: tuple[Sequence[np.ndarray], Sequence[np.ndarray]] | None = None,
     enough: np.ndarray | None = None,
+    gap: bool | None = None,
 ) -> Decision:
     """Say what the gap is.
 
@@ -166,9 +167,10 @@ def decide(
         whole: Residuals of both on all records, also those that were fitted; the model must
             explain these too.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
+        gap: Whether there is one; default is that what the first leaves on all records is.
     """
     residuals = whole or (before.residuals, after.residuals)
-    if not has_gap(residuals[0], limits):
+    if not (has_gap(residuals[0], limits) if gap is None else gap):
         text = f"The model explains the data: {before.rms:.2f} times the noise floor."
         return Decision(NO_GAP, (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)

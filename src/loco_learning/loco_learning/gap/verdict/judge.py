@@ -21,6 +21,7 @@ from ..statistics import evidence, identify
 from . import stable
 from .candidates import Candidate, Estimate, Rival
 from .decide import (
+    AMBIGUOUS,
     LIMITS,
     MORE,
     NAMED,
@@ -67,6 +68,7 @@ class Judged:
         left_out: Models that nominal values imitate.
         alarms: Parameters and values that are not to be believed, a sentence each.
         over_settings: Answers under other splits, stretches and floors, where a name was given.
+        asked: Somebody said which values of the robot are free or uncertain.
     """
 
     decision: Decision
@@ -79,11 +81,20 @@ class Judged:
     left_out: tuple[LeftOut, ...] = ()
     alarms: tuple[str, ...] = ()
     over_settings: tuple[stable.Row, ...] = ()
+    asked: bool = False
 
     @property
     def after(self) -> Fitted:
-        """The model that goes on: with effects where these are named, or one of a few."""
-        return self.base if self.decision.verdict in (NO_GAP, UNKNOWN) else self.best
+        """The model that goes on: with effects where these are named, or one of a few.
+
+        Where nobody knows, a robot that was bent towards a gap is no better than it came.
+        """
+        if self.decision.verdict == UNKNOWN:
+            return self.base if self.asked else self.given
+        if self.decision.verdict == NO_GAP:
+            fine = not self.asked and not has_gap(self.given.whole)
+            return self.given if fine else self.base
+        return self.best
 
 
 def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
@@ -97,16 +108,23 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     """
     base = found.base
     nominal = Nominal(search.nominal, search.params.free_spread)
+    little, judged = search.adequate(base), None
     if found.models:
-        judged = _Judgement(case, search, found, nominal).run(limits)
-    else:
-        decision = decide((), found.given.held, base.held, limits, (base.whole, base.whole))
+        weighing = _Judgement(case, search, found, nominal)
+        judged = weighing.run(limits)
+        needed = judged.decision.verdict in (NAMED, MORE, AMBIGUOUS)
+        if little and not (needed and weighing.beats(judged.best, base, limits)):
+            judged = None
+    if judged is None:
+        whole = base.whole, base.whole
+        decision = decide((), found.given.held, base.held, limits, whole, gap=not little)
         judged = Judged(decision, found.given, base, base, (), (), None)
     if judged.decision.verdict in (NAMED, MORE):
         others = [model for model, _ in judged.rivals]
         table = tuple(stable.rows(search, judged.best, base, others, search.params.seed))
         decision = stable.downgraded(judged.decision, table)
         judged = replace(judged, decision=decision, over_settings=table)
+    judged = replace(judged, asked=search.asked)
     refitted = [*search.nominal, *little_off(case, base)]
     if refitted and judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
         text = (
@@ -151,7 +169,7 @@ class _Judgement:
         better = [
             model
             for model, _ in judged.rivals
-            if self._beats(model, judged.best, limits)
+            if self.beats(model, judged.best, limits)
             and model.key not in known
             and not any(trifle(*part) for part in model.parts)
         ]
@@ -203,7 +221,7 @@ class _Judgement:
         whole = base.whole, best.whole
         near = sharp(limits, best)
         before, after = self._weighed(self.found.given, best)
-        decision = decide(candidates, before, after, near, whole, self.enough)
+        decision = decide(candidates, before, after, near, whole, self.enough, gap=True)
         rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
         given = self.found.given
         return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
@@ -220,7 +238,7 @@ class _Judgement:
         models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
         for model in models:
             rivals = (other for other in models if other is not model)
-            if not any(self._beats(r, model, limits) for r in rivals):
+            if not any(self.beats(r, model, limits) for r in rivals):
                 return model
         return min(models, key=lambda m: (self.search.energy(m), m.key))
 
@@ -228,12 +246,12 @@ class _Judgement:
         """A model without effects that it can do without, and what it is without each left."""
         while True:
             lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
-            idle = [m for m in lost if m.parts and not self._beats(best, m, limits)]
+            idle = [m for m in lost if m.parts and not self.beats(best, m, limits)]
             if not idle:
                 return best, lost
             best = min(idle, key=lambda m: (self.search.energy(m), m.key))
 
-    def _beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
+    def beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
         if self._odds(a, b).odds <= limits.odds and ratio(b, a) <= sharp(limits, a).worse:
             return False

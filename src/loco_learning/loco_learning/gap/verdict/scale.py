@@ -17,31 +17,16 @@ import numpy as np
 
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
-from loco_sim.robot.servo import ImpedanceDrive, ServoParams, TorqueDrive
 
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
+from ..prediction.nominal import parted, torques
 from ..statistics import evidence, identify
 
 SCALE_STEP = 0.1  # on the logarithm of a scale
 STRENGTH = 0.05  # of a strength
-SCALES = {
-    TorqueDrive: ("gain",),
-    ServoParams: ("stall_torque",),
-    ImpedanceDrive: ("kp", "kd", "swing_kp", "swing_kd"),
-}
 ABSOLUTE = ("grf",)  # signals that measure a force by themselves
-
-
-def torques(robot: Robot, factor: float) -> dict[str, float]:
-    """Values of robot.yaml with which all drives pull harder by a factor."""
-    return {
-        f"drives.{joint}.{name}": factor * getattr(drive, name)
-        for joint, drive in robot.drives.items()
-        for name in SCALES.get(type(drive), ())
-        if getattr(drive, name) >= 0.0  # swing_kp: -1 stands for kp
-    }
 
 
 def masses(robot: Robot, factor: float) -> dict[str, float]:
@@ -90,11 +75,12 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
     robot = case.forward.given()
     if set(case.signals) & set(ABSOLUTE) or not torques(robot, 1.0):
         return []
-    here = case.whitened(model.specs, model.overrides)
+    kept = case.kept()
+    here = kept.whitened(model.specs, model.settled)
     weight = np.sqrt(identify.weights(evidence.score(model.whole)))
 
     def column(specs: Sequence[Mapping], overrides: Mapping[str, float]) -> np.ndarray:
-        moved = case.whitened(specs, {**model.overrides, **overrides})
+        moved = kept.whitened(specs, {**model.settled, **overrides})
         change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
         return np.nan_to_num(np.clip(change, -case.cap, case.cap)) * weight
 
@@ -126,4 +112,4 @@ def _forceful(hypothesis: Hypothesis, index: int) -> bool:
 
 def _with(case: Case, model: Fitted) -> Robot:
     """The robot with the nominal values that were refitted."""
-    return case.forward.given(model.overrides)
+    return case.forward.given(parted(model.settled)[0])

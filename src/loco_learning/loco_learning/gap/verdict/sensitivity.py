@@ -42,17 +42,19 @@ def sensitivities(
     names, moves = _moves(model)
     if not moves:
         return {}, None
-    here = case.whitened(model.specs, model.overrides)
-    matrix = np.stack([_column(case, here, *move) for move in moves], axis=1)
+    kept, settled = case.kept(), model.settled
+    here = kept.whitened(model.specs, settled)
+    moves = [(specs, {**settled, **overrides}, step) for specs, overrides, step in moves]
+    matrix = np.stack([_column(kept, here, *move) for move in moves], axis=1)
     score = evidence.score(model.whole)
     weight = identify.weights(score)
     known = identify.analyse(matrix, names, list(model.overrides), weight)
     steady = identify.stability(matrix, identify.flat(model.whole), halves(model.whole), weight)
     errors = np.sqrt(known.errors**2 + steady.spread**2 / len(steady.shifts))
     spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
-    doubts = doubt.columns(case, model) if doubtful else np.zeros((len(matrix), 0))
+    doubts, at = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
     groups = robust.clusters(model.whole)
-    half = robust.half_widths(matrix, doubts, identify.flat(model.whole), groups, weight)
+    half = robust.half_widths(matrix, doubts, identify.flat(model.whole), groups, weight, at)
     half = np.maximum(half, NORMAL * errors)
     found, at = {}, 0
     for hypothesis, x in model.parts:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
+from ..prediction.loose import NEAR
 from ..statistics.identify import Identifiability
 from .decide import Limits
 from .sensitivity import sensitivities
@@ -109,24 +110,25 @@ class Nominal:
 
 
 def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
-    """Values of ``uncertain`` in robot.yaml that went further than believable, a sentence each."""
+    """Values that nobody knows exactly and that went further than believable, a sentence each."""
     if case.loose is None:
         return ()
     known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
     return tuple(
         f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {limits.strained:g} "
-        "deviations of what robot.yaml says of it"
+        "deviations of what is known of it"
         for name, at, spread in known
         if abs(model.loose.get(name, at) - at) > limits.strained * spread
     )
 
 
 def little_off(case: Case, model: Fitted) -> list[str]:
-    """Values of ``uncertain`` in robot.yaml that are furthest from it, in its own words."""
+    """Values of the robot that a model wants elsewhere than they are, the furthest first."""
     if case.loose is None:
         return []
     known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
-    far = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in known), reverse=True)
+    off = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in known), reverse=True)
+    far = [row for row in off if row[0] > NEAR] or ([] if model.overrides else off[:1])
     told = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in far[:TOLD]]
     return told + ([f"{len(far) - TOLD} more"] if len(far) > TOLD else [])
 

@@ -105,6 +105,7 @@ def _options(result: Mapping[str, Any]) -> list[str]:
     ordered = list(result.get("names", []))
     for group in result.get("ambiguous", []):
         ordered += [str(name).split(" ")[0] for name in group]
+    ordered += [term["effect"] for term in result.get("terms", [])]
     for rival in result.get("rivals", []):
         ordered += rival.get("names", [])
     return list(dict.fromkeys(ordered))

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What nobody knows exactly is no effect: a few percent of masses and drives, and the start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.fitting.fit import weigh
+from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction import loose
+from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.statistics import evidence
+from loco_sim.plant.model import Model
+
+FRICTION = {"name": "coulomb_friction", "torque": 3.0}
+OFF = {"bodies.carriage.mass": 1.02, "drives.slide.kp": 1970.0, "drives.slide.kd": 59.1}
+
+
+def of(slide, effects):
+    fit, judge = slide.records(effects, overrides=OFF, noise=1e-3)
+    return cases.prepare(Forward(slide.model, [*fit, *judge]), fit, judge)
+
+
+def test_a_model_that_is_a_little_off_explains_what_it_made(slide):
+    case = of(slide, [])
+    left, values, price = case.suited([], {})
+    assert evidence.rms(case.bare([])) > 3.0
+    assert evidence.rms(left) < 1.1
+    assert values["torque_constant_error.slide"] == pytest.approx(-0.015, abs=0.01)
+    assert 0.3 < price < 3.0
+
+
+def test_an_effect_is_not_taken_for_a_model_that_is_off(slide):
+    case = of(slide, [FRICTION])
+    assert evidence.rms(case.suited([], {})[0]) > 3.0
+    assert evidence.rms(case.suited([FRICTION], {})[0]) < 1.1
+    given = weigh(case, (), {}, given=True)
+    assert given.loose == {} and given.pull == 0.0
+
+
+def test_where_a_record_begins_is_no_gap():
+    """A pendulum that swings when the log begins, elsewhere than its readings say."""
+    t = np.arange(300) / 100.0
+    push = 0.4 * np.sin(4.0 * t)[:, None]
+    seen = 0.4 * np.sin(4.0 * t - 0.5)[:, None]
+    empty = Record("r", t, {"position": push}, ("pivot",), {"q": seen}, ("pivot",))
+    forward = Forward(Model("servo_pendulum", {"drives.pivot.resolution": 0.0}), [empty])
+    (q,) = forward.begun_at([np.array([0.004, 0.4])])(step=1 / 8)
+    noise = 0.002 * np.random.default_rng(1).standard_normal(q.shape)
+    record = replace(empty, signals={"q": q + noise})
+    case = cases.prepare(Forward(forward.model, [record]), [record], [])
+    assert evidence.rms(case.bare([])) > 1.5 * evidence.rms(case.kept().whitened([]))
+    assert evidence.rms(case.kept().whitened([])) < 1.1
+
+
+def test_deviations_stay_within_what_is_believed():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        a = rng.standard_normal((12, 6))
+        gram, moment = a.T @ a + np.eye(6), 8.0 * rng.standard_normal(6)
+        x = loose._within(gram, moment, 1.0)
+        slope = gram @ x - moment
+        assert np.all(np.abs(x) <= 1.0)
+        inside = np.abs(x) < 1.0 - 1e-9
+        assert np.allclose(slope[inside], 0.0, atol=1e-6)
+        assert np.all(slope[~inside] * x[~inside] <= 1e-6)  # pushes outwards
