@@ -3,7 +3,7 @@ from setuptools import find_packages, setup
 
 setup(
     name="loco_control",
-    version="0.1.0",
+    version="0.2.0",
     description="Gait generator, stance estimate and trunk control of a quadruped",
     license="Apache-2.0",
     packages=find_packages(include=["loco_control*"]),

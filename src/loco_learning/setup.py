@@ -3,7 +3,7 @@ from setuptools import find_packages, setup
 
 setup(
     name="loco_learning",
-    version="0.1.0",
+    version="0.2.0",
     description="Reflex network trained by FORCE, experiments, rollouts, metrics and studies",
     license="Apache-2.0",
     packages=find_packages(include=["loco_learning*"]),

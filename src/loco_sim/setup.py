@@ -3,7 +3,7 @@ from setuptools import find_packages, setup
 
 setup(
     name="loco_sim",
-    version="0.1.0",
+    version="0.2.0",
     description="PyBullet plant of a quadruped with its effects and sensors, as a ROS 2 node",
     license="Apache-2.0",
     packages=find_packages(include=["loco_sim*"]),

@@ -5,7 +5,7 @@ from setuptools import find_packages, setup
 
 setup(
     name="loco_bringup",
-    version="0.1.0",
+    version="0.2.0",
     description="Node sets, command line, recorder, replayer and report",
     license="Apache-2.0",
     packages=find_packages(include=["loco", "loco_bringup*"]),

@@ -83,7 +83,9 @@ def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
     values = {"experiment": experiment.name, "seed": experiment.seed, "robot": experiment.robot}
     values |= {"recorded_at": datetime.now().astimezone().isoformat(timespec="seconds")}
     values |= {"versions": json.dumps(versions), "processor": processor()}
-    values |= {STEP: 1.0 / experiment.sim_params.physics_rate, **more}
+    if hasattr(experiment, "sim_params"):  # networks of masses and springs have no engine
+        values[STEP] = 1.0 / experiment.sim_params.physics_rate
+    values |= more
     return {key: str(value) for key, value in values.items()}
 
 

@@ -116,7 +116,7 @@ def _experiment(bag: Bag) -> dict:
 
 def _simulated(bag: Bag) -> float:
     """Physics step of the plant that was recorded [s]; 0 of a machine, or where nothing tells."""
-    about = bag.metadata if isinstance(bag, Bag) else {}
+    about = {} if isinstance(bag, SqliteBag) else bag.metadata
     try:
         step = 0.0 if "hardware" in about else float(about.get(STEP, 0.0))
     except ValueError:

@@ -128,15 +128,38 @@ class Case:
     ) -> tuple[list[np.ndarray], dict[str, float], float]:
         """Residuals as of `whitened` of all records; what was refitted for them; its price.
 
+        What was refitted is simulated once more: where an effect makes a joint stick, the straight
+        lines of a model without it lead astray, and the robot as it came may be the better one.
+
         Returns:
             Residuals, (T, C) each; values by dotted name, none without any that are refitted;
             half of the squares of all deviations [nat].
         """
         every = list(range(len(self.records)))
         left, by = self._refitted(specs, overrides, every, exact=True)
-        price = 0.5 * float(sum(np.square(part).sum() for part in by))
-        values = {} if self.loose is None or self.loose.held else self.loose.values(by[0])
-        return left, values, price
+        if self.loose is None or self.loose.held:
+            return left, {}, _price(by)
+        if np.isfinite(self.loose.most) and by[0].any():
+            bent, plain = (self._fixed(specs, overrides, at) for at in (by[0], 0.0 * by[0]))
+            if self._cost(*plain) <= self._cost(*bent):
+                return plain[0], {}, _price(plain[1])
+            left, by = bent
+        return left, self.loose.values(by[0]), _price(by)
+
+    def _fixed(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The same with values at these deviations, and starts that suit the model best."""
+        every, near = list(range(len(self.records))), replace(self.loose, at=at, held=True)
+        values = near.values(at) if at.any() else {}
+        residuals = self.bare(specs, {**values, **overrides}, every)
+        by = near.best(residuals, every)
+        return near.left(residuals, every, by), by
+
+    def _cost(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> float:
+        """Half of the squares of fitted residuals and of deviations [nat]."""
+        fitted = self.masked(left, range(len(left)), held=False)
+        return 0.5 * float(sum(np.nansum(np.square(r)) for r in fitted)) + _price(by)
 
     def bare(
         self,
@@ -260,6 +283,11 @@ class Case:
         """Channel of each value of `vector`, (N,)."""
         only = self.fitted if only is None else list(only)
         return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
+
+
+def _price(by: Sequence[np.ndarray]) -> float:
+    """Half of the squares of deviations [nat]."""
+    return 0.5 * float(sum(np.square(part).sum() for part in by))
 
 
 def prepare(
