@@ -19,7 +19,7 @@ from . import horizon, loose, nominal
 from .loose import Loose
 
 REST = 0.05  # of the numerical error over all records that is there at any time
-ASTRAY = 1.12  # times what straight lines promise is not believed (between 1.05 and 1.3, by two tests)
+ASTRAY = 1.12  # times what straight lines promise (two tests allow 1.05 to 1.3)
 AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
