@@ -186,7 +186,6 @@ def _rotor(root: ET.Element, joint: Joint) -> None:
 def _stand(root: ET.Element, before: Mapping[str, int]) -> None:
     """Give the rotors their places in the pose of standing, which knows the links alone."""
     key = root.find("keyframe/key")
-    key = root.find("keyframe/key")
     if key.get("qpos") is None:  # all joints at 0
         return
     old = key.get("qpos").split()

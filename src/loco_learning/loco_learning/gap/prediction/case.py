@@ -107,22 +107,30 @@ class Case:
         if self.loose is None:
             return self.bare(specs, overrides, only, coarse), []
         given, near = overrides or {}, self.loose
-        residuals = self.bare(specs, self._about(given), only, coarse)
-        by = near.best(residuals, only)
+        residuals, by = self._solved(near, specs, given, only, coarse)
         for _ in range(AGAIN if exact else 1):
             if not near.far(by, exact):
                 break
             # too far for a straight line: once more, from there
             near = near.about(np.where(near.stated | exact, by[0], near.at))
-            residuals = self.bare(specs, {**near.values(near.at), **given}, only, coarse)
-            by = near.best(residuals, only)
+            residuals, by = self._solved(near, specs, given, only, coarse)
         return near.left(residuals, only, by), by
+
+    def _solved(
+        self,
+        near: Loose,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any],
+        only: list[int],
+        coarse: bool = False,
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Residuals simulated about the values of `near`, and what suits the model best there."""
+        residuals = self.bare(specs, {**_about(near), **overrides}, only, coarse)
+        return residuals, near.best(residuals, only)
 
     def _about(self, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
         """Overrides with the values about which what is refitted is linear."""
-        moved = self.loose is not None and self.loose.at.any()
-        about = self.loose.values(self.loose.at) if moved else {}
-        return {**about, **(overrides or {})}
+        return {**_about(self.loose), **(overrides or {})}
 
     def suited(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
@@ -152,9 +160,7 @@ class Case:
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The same with values at these deviations, and starts that suit the model best."""
         every, near = list(range(len(self.records))), replace(self.loose, at=at, held=True)
-        values = near.values(at) if at.any() else {}
-        residuals = self.bare(specs, {**values, **overrides}, every)
-        by = near.best(residuals, every)
+        residuals, by = self._solved(near, specs, overrides, every)
         return near.left(residuals, every, by), by
 
     def _cost(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> float:
@@ -284,6 +290,11 @@ class Case:
         """Channel of each value of `vector`, (N,)."""
         only = self.fitted if only is None else list(only)
         return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
+
+
+def _about(near: Loose | None) -> dict[str, float]:
+    """Values about which what is refitted is linear; none where they are the robot's own."""
+    return near.values(near.at) if near is not None and near.at.any() else {}
 
 
 def _price(by: Sequence[np.ndarray]) -> float:

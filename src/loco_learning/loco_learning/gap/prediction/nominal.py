@@ -13,6 +13,7 @@ from typing import Any
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_sim.effects import EFFECTS
+from loco_sim.effects.catalogue.actuator import TorqueConstantError
 from loco_sim.effects.chain import MotorEffect
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
@@ -23,7 +24,7 @@ SECTIONS = ("drives", "springs", "masses")
 # inertia from CAD, a torque constant or gain as its maker gives it (engineering judgement).
 MASS, INERTIA, DRIVE = 0.02, 0.04, 0.02
 # Torque per torque asked for, beyond the drive's limit as well: no value of robot.yaml has it.
-CONSTANT = "torque_constant_error"
+CONSTANT = TorqueConstantError.name
 SCALES = {
     TorqueDrive: ("gain",),
     ServoParams: ("stall_torque",),
