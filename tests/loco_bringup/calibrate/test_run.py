@@ -16,6 +16,7 @@ from loco_bringup.bag.copy import extract
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.writer import BagWriter
 from loco_bringup.calibrate import run as runner
+from loco_bringup.calibrate import terminal
 from loco_bringup.calibrate.bag import TYPE, read_recording
 from loco_bringup.cli.main import main
 from loco_control.exceptions import BagError, MissingFileError, NameUnknownError, ParameterError
@@ -157,6 +158,21 @@ def test_the_command_says_it_in_one_line(bag, capsys, tmp_path, monkeypatch):
         assert len(lines) == 1
         assert text in lines[0]
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command_shows_bodies_errors_and_where_the_page_is(bag, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(terminal, "options", lambda _: QUICK)
+    out, words = tmp_path / "out", ["--seeds", "1"]
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(bag), *words, "--workers", "1", "--out", str(out)])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    result = results.load(out)
+    for text, _, default, calibrated, *_ in results.body_table(result)[1]:
+        (line,) = [line for line in told.splitlines() if text in line]
+        assert default in line and calibrated in line
+    assert "known" in told and f"{result.best.error:.4g}" in told
+    assert str(out / "calibration.html") in told.replace("\n", "")
 
 
 def test_a_small_bag_keeps_bytes_stamps_and_description(bag, tmp_path):

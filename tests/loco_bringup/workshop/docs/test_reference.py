@@ -3,6 +3,8 @@
 
 import pytest
 
+from loco_bringup.cli import main as cli
+from loco_bringup.workshop.docs import reference
 from loco_bringup.workshop.docs.reference import pages, root
 from loco_control.ros.messages.topics import TOPICS
 from loco_sim import effects
@@ -24,3 +26,19 @@ def test_pages_name_everything():
         assert f"## {name}" in made[page]
     assert "`gait.speed`" in made["parameters.md"]
     assert "| `q` | `float64[12]` | rad | joint position |" in made["messages.md"]
+
+
+def test_the_command_prints_the_pages_or_writes_them(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(reference, "root", lambda: tmp_path)
+    (tmp_path / "docs").mkdir()
+    for words in ([], ["--write"]):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["docs", *words])
+        assert ended.value.code == 0
+        out = capsys.readouterr().out
+        if words:
+            assert {path.name for path in (tmp_path / "docs").iterdir()} == set(pages())
+            assert all((tmp_path / "docs" / n).read_text() == text for n, text in pages().items())
+        else:
+            assert all(text in out for text in pages().values())
+            assert not list((tmp_path / "docs").iterdir())

@@ -89,6 +89,25 @@ def test_a_joint_that_nothing_moves_is_missing(slide):
     assert not any("moves" in line for line in check.missing([record, *judge], [robot, robot]))
 
 
+def test_a_free_robot_wants_an_imu_and_a_recording_in_the_air(slide):
+    (record, *_), _ = slide.records()
+    robot = slide.model.make_robot()
+    free = replace(robot, fixed_base=False)
+    told = " ".join(check.missing([record], [free]))
+    assert "no IMU" in told and "no recording in the air" in told
+    gyro = replace(record, signals={**record.signals, "gyro": np.ones((len(record.t), 3))})
+    told = " ".join(check.missing([gyro, record], [free, robot]))
+    assert "no IMU" not in told and "no recording in the air" not in told
+
+
+def test_a_joint_without_a_sensor_is_missing(slide):
+    (record, *_), _ = slide.records()
+    robot = slide.model.make_robot()
+    robot = replace(robot, joints=("another", *robot.joints), standing=np.r_[0.0, robot.standing])
+    told = " ".join(check.missing([record], [robot]))
+    assert "another: position not measured" in told
+
+
 def test_stamps_are_told_as_they_came():
     rng = np.random.default_rng(1)
     t = np.arange(1000) * 0.01
