@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import ast
-import runpy
-from importlib.resources import files
 
 import mujoco
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS, from_list
-from loco_sim.export import isaac, ranges
+from loco_sim.export import isaac, ranges, replay_mjcf
 from loco_sim.export.mjcf import dofs, mjcf
 from loco_sim.export.portable import ELASTIC, RIGID, portable
 from loco_sim.export.urdf import urdf
@@ -26,9 +24,6 @@ TERM = {
     "parameters": {"torque": {"value": 0.05, "low": 0.04, "high": 0.07, "unit": "N·m"}},
 }  # fmt: skip
 FRICTION = {"name": "coulomb_friction", "joint": "lf_hfe_joint", "torque": 0.05}
-
-
-REPLAY = runpy.run_path(str(files("loco_sim.export") / "replay_mjcf.py"))
 
 
 def compiled(model, gear=RIGID):
@@ -105,7 +100,7 @@ def apart(rate, power):
     made, _ = compiled(model, ELASTIC)
     given = {"dt": dt, "finer": 1.0, "ctrl": told, "ramps": 0.0, "power": power,
              "joints": ["pivot"], "q": [0.0], "dq": [0.0]}  # fmt: skip
-    return mine, mine - REPLAY["play"](made, given)
+    return mine, mine - replay_mjcf.play(made, given)
 
 
 @pytest.mark.parametrize("let_go", [False, True])

@@ -13,7 +13,7 @@ on a body without mass, whose armature is the rotor's inertia. The motor turns t
 What an environment has to do is in ``<custom>``, a number for each actuator in their order:
 ``delay`` [s] and ``offset`` [rad]; of servos ``resolution`` [rad], ``encoder``, 1 where they read
 the joint but turn the rotor, and ``effort``, largest torque of push and brake together [N·m]: see
-`replay_mjcf.commands`. ``brake`` is the part of a damping that goes with a motor that is switched
+`replay_mjcf.Drives`. ``brake`` is the part of a damping that goes with a motor that is switched
 off [N·m·s/rad].
 """
 
