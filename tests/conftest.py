@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,27 @@ from loco_sim.engines import installed
 from . import quadrupeds
 
 isolate()  # before anything reads the environment
+
+
+@pytest.fixture(autouse=True)
+def signals():
+    """No test leaves a signal to another handler: Ctrl-C and SIGTERM end the tests at any time."""
+    before = _handlers()
+    yield
+    after = _handlers()
+    for number, (handler, _) in before.items():
+        signal.signal(number, handler)
+    assert after == before, "the test left SIGINT or SIGTERM to another handler"
+
+
+def _handlers():
+    """What Python does at each signal, and whether the process has a handler of any language."""
+    status = Path("/proc/self/status").read_text() if Path("/proc/self/status").exists() else ""
+    caught = next((int(x.split()[1], 16) for x in status.splitlines() if x[:7] == "SigCgt:"), 0)
+    return {
+        number: (signal.getsignal(number), bool(caught >> (number - 1) & 1))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
 
 
 @pytest.fixture(scope="session")

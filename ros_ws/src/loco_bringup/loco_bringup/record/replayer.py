@@ -11,6 +11,7 @@ from pathlib import Path
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import uninstall_signal_handlers
 from std_msgs.msg import String
 
 from loco_control.exceptions import LocoError, ParameterError
@@ -84,6 +85,7 @@ def replay_bag(
         return 130
     finally:
         rclpy.try_shutdown()
+        uninstall_signal_handlers()  # try_shutdown leaves them, and SIGTERM would do nothing
     return 0
 
 
