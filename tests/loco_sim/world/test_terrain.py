@@ -9,7 +9,7 @@ from loco_sim import effects
 from loco_sim.engines import installed
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
-from loco_sim.world.terrain import BEHIND, CELL, SIDE, Terrain
+from loco_sim.world.terrain import BEHIND, CELL, SIDE, Patches, Terrain
 
 HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)
 
@@ -63,6 +63,41 @@ def test_feet_stand_on_the_heights(engine):
             gaps.append(sorted(z - height_at(terrain, x, y) - 0.02175 for x, y, z in feet))
     assert np.all(np.abs(np.array(gaps)[:, :3]) < 1e-3)  # [m]
     assert np.all(np.array(gaps)[:, 3] > -1e-3)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.8])
+def test_patches_cover_their_share_and_not_the_start(share):
+    patches = Patches(share, 0.3, 2, 0.8)
+    assert patches.soft.mean() == pytest.approx(share, rel=0.05)
+    assert not any(
+        patches.under(0.7 * np.cos(a), 0.7 * np.sin(a)) for a in np.arange(0.0, 6.3, 0.1)
+    )
+    np.testing.assert_array_equal(patches.soft, Patches(share, 0.3, 2, 0.8).soft)
+    assert not np.array_equal(patches.soft, Patches(share, 0.3, 3, 0.8).soft)
+    assert patches.under(1e6, 1e6) == patches.soft[-1, -1]
+
+
+@pytest.mark.parametrize("engine", installed())
+def test_a_foot_sinks_in_on_a_patch_and_comes_up_beside_it(engine):
+    """Firm ground under a foot is firm again after a patch: what sinks in is who stands on one."""
+    soft = {"compliance": 5e-5, "damping": 300.0, "length": 0.4, "flat": 0.0}
+    patches, hyq = Patches(0.3, 0.4, 0, 0.0), robot.load("hyq", {"sim.engine": engine})
+    depths = {True: [], False: []}
+    with Simulation(effects=[effects.make("soft_patches", **soft)], robot=hyq) as sim:
+        sim.reset()
+        world, (acting,) = sim._world, sim._effects
+        for x, y in ((1.6, 0.0), (3.0, 1.0), (5.2, -1.0), (7.4, -2.0)):
+            world.put(hyq.standing, np.zeros(12), (x, y, 0.65))
+            for step in range(900):
+                q, dq = world.joint_states()
+                acting.on_step(world, 0.001 * step)
+                world.step([400.0 * (a - b) - 20.0 * c for a, b, c in
+                            zip(hyq.standing, q, dq, strict=True)])  # fmt: skip
+            for x_foot, y_foot, z in map(world.place, hyq.feet):
+                depths[patches.under(x_foot, y_foot)].append(0.02175 - z)
+    assert len(depths[True]) >= 3 and len(depths[False]) >= 3
+    assert min(depths[True]) > 2e-3  # [m]
+    assert max(depths[False]) < 1e-3
 
 
 def test_mistakes_are_one_line():

@@ -80,7 +80,7 @@ class Description:
         self._find("link", link)
         joints = {j.find("child").get("link"): j for j in self._root.findall("joint")}
         found = []
-        while joint := joints.pop(link, None):  # a loop of joints ends it
+        while (joint := joints.pop(link, None)) is not None:  # a loop of joints ends it
             found.append(joint.get("name", ""))
             link = joint.find("parent").get("link")
         return found

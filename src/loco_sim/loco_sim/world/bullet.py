@@ -53,6 +53,7 @@ pybullet = _import_pybullet()
 
 FAR = 1e4  # the ground is near enough to be asked for [m]
 DEPTH_SHARE = 0.0  # of the depth of a rigid contact that is given back per step
+HARD = 1e12  # damping of a contact that shall be rigid again [N·s/m]
 GROUND_FRICTION = 1.0  # PyBullet multiplies the two; so the robot's is the contact's
 
 
@@ -305,6 +306,14 @@ class World(world.World):
     def set_friction(self, link: str, friction: float) -> None:
         self.friction[link] = friction
         self._client.changeDynamics(self._body, self._links[link], lateralFriction=friction)
+
+    def set_softness(self, link: str, stiffness: float, damping: float) -> None:
+        self.contact[link] = stiffness, damping
+        if stiffness <= 0.0:  # PyBullet does not forget that it is a spring
+            stiffness, damping = 1.0, HARD
+        self._client.changeDynamics(
+            self._body, self._links[link], contactStiffness=stiffness, contactDamping=damping
+        )
 
     def joint_states(self) -> tuple[Sequence[float], Sequence[float]]:
         states = self._client.getJointStates(self._body, self._read)

@@ -113,14 +113,21 @@ class World(world.World):
         feet would creep. Its friction stays at least as stiff as on rigid ground.
         """
         m, p = self._model, self.params
-        softest = RIGID[0]
         for name, body in self._bodies.items():
-            soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
-            for geom in np.flatnonzero(m.geom_bodyid == body):
-                m.geom_friction[geom, 0] = self.friction.get(name, p.friction)
-                m.geom_condim[geom] = 3
-                m.geom_solref[geom], m.geom_solimp[geom] = self._softness(body, soft)
-                softest = min(softest, m.geom_solimp[geom, 0])
+            shapes = m.geom_bodyid == body
+            m.geom_friction[shapes, 0], m.geom_condim[shapes] = (
+                self.friction.get(name, p.friction),
+                3,
+            )
+            self.set_softness(
+                name, *self.contact.get(name, (p.contact_stiffness, p.contact_damping))
+            )
+
+    def set_softness(self, link: str, stiffness: float, damping: float) -> None:
+        m, body = self._model, self._bodies[link]
+        shapes = m.geom_bodyid == body
+        m.geom_solref[shapes], m.geom_solimp[shapes] = self._softness(body, (stiffness, damping))
+        softest = min(RIGID[0], m.geom_solimp[m.geom_bodyid > 0, 0].min(initial=1.0))
         m.opt.impratio = IMPEDANCE_RATIO * (1.0 / softest - 1.0) / (1.0 / RIGID[0] - 1.0)
 
     def _softness(self, body: int, soft: tuple[float, float]) -> tuple:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground that is not flat: a grid of heights, the same for every engine."""
+"""Ground that is not flat, or not firm everywhere: grids that are the same for every engine."""
 
 from __future__ import annotations
 
@@ -40,8 +40,7 @@ class Terrain:
     @cached_property
     def heights(self) -> np.ndarray:
         """Heights [m], (points along y, points along x)."""
-        x = np.arange(round((AHEAD + BEHIND) / CELL) + 1) * CELL - BEHIND
-        y = np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
+        x, y = _axes()
         rng = np.random.default_rng([self.pattern, KINDS.index(self.kind)])
         if self.kind == "steps":
             tiles = rng.uniform(-1.0, 1.0, (len(y), len(x)))
@@ -52,6 +51,45 @@ class Terrain:
             rough /= rough.std()
         away = np.hypot(*np.meshgrid(x, y)) - self.flat
         return self.roughness * rough * np.clip(away / BLEND, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Places where the ground is soft, none around the origin where the robot starts.
+
+    Attributes:
+        share: Share of the ground that is soft, beyond the start.
+        length: Size of patches, the correlation length of what is cut into them [m].
+        pattern: Number of the random pattern.
+        flat: Radius of the firm start [m].
+    """
+
+    share: float
+    length: float
+    pattern: int
+    flat: float
+
+    @cached_property
+    def soft(self) -> np.ndarray:
+        """Flags of the grid of `Terrain`, (points along y, points along x)."""
+        x, y = _axes()
+        rng = np.random.default_rng([self.pattern, len(KINDS)])
+        level = _smoothed(rng.standard_normal((len(y), len(x))), self.length / CELL)
+        away = np.hypot(*np.meshgrid(x, y)) > self.flat
+        return (level > np.quantile(level, 1.0 - self.share)) & away
+
+    def under(self, x: float, y: float) -> bool:
+        """Whether the ground is soft there; beyond the grid it is as at its edge."""
+        rows, columns = self.soft.shape
+        row = min(max(round((y + SIDE) / CELL), 0), rows - 1)
+        column = min(max(round((x + BEHIND) / CELL), 0), columns - 1)
+        return bool(self.soft[row, column])
+
+
+def _axes() -> tuple[np.ndarray, np.ndarray]:
+    """Places of the grid along x and y [m]."""
+    x = np.arange(round((AHEAD + BEHIND) / CELL) + 1) * CELL - BEHIND
+    return x, np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
 
 
 def _smoothed(noise: np.ndarray, length: float) -> np.ndarray:

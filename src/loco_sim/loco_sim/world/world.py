@@ -282,6 +282,16 @@ class World(ABC):
         """Change the friction of a link from now on."""
 
     @abstractmethod
+    def set_softness(self, link: str, stiffness: float, damping: float) -> None:
+        """Change how contacts of a link give way from now on.
+
+        Args:
+            link: Name of the link.
+            stiffness: Stiffness [N/m]; 0 is rigid.
+            damping: Damping [N·s/m].
+        """
+
+    @abstractmethod
     def joint_states(self) -> tuple[Sequence[float], Sequence[float]]:
         """Joint positions [rad] and velocities [rad/s], (n,) each."""
 

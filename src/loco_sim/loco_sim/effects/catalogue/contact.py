@@ -16,7 +16,7 @@ from loco_control.params import parameter
 
 from ... import lazy
 from ...geometry import Quaternion, multiply, rotate_back, rotation_matrix, seen_from
-from ...world.terrain import KINDS, Terrain
+from ...world.terrain import KINDS, Patches, Terrain
 from ..base import Effect
 from ..identity import Identity, LookAlike, Prior
 from ..offers import Hints, Offer, plain
@@ -194,6 +194,57 @@ class GroundCompliance(Effect, name="ground_compliance"):
             stiffness, _ = world.contact.get(foot, default)
             rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
             world.contact[foot] = (1.0 / (rigid + self.compliance), self.damping)
+
+
+@dataclass
+class SoftPatches(Effect, name="soft_patches"):
+    """The ground gives way in some places, and in these only: a foot sinks in where it steps there.
+
+    It is firm where the robot starts; the places are the same in every engine and every run.
+    """
+
+    compliance: float = parameter(0.0, "way per force under one foot", "m/N", 0.0, 1.0)
+    damping: float = parameter(300.0, "of the ground under one foot", "N·s/m", 0.0, 1e6)
+    share: float = parameter(0.3, "share of the ground that is soft", "-", 0.01, 0.99)
+    length: float = parameter(0.3, "size of patches", "m", 0.1, 10.0)
+    pattern: int = parameter(0, "number of the random pattern", "-", 0, 2**31 - 1)
+    flat: float = parameter(0.8, "radius of the firm start", "m", 0.0, 10.0)
+    needs = ("base", "feet")
+
+    identity = Identity(
+        site="contact",
+        equation="1 / k <- 1 / k + compliance and d <- damping where s(x, y) = 1, s random",
+        priors={"compliance": Prior(1e-6, 1e-4, 3e-3), "damping": Prior(1.0, 300.0, 5000.0)},
+        source="Fahmi, Focchi, Radulescu, Fink, Barasuol, Semini 2020, STANCE: Locomotion "
+        "adaptation over soft terrain, IEEE Trans. Robotics 36(2)",
+        look_alikes=(
+            LookAlike("ground_compliance", "stand still in many places: it is soft in each"),
+            LookAlike("terrain", "stand still: rough ground does not give way"),
+        ),
+        touches=("model",),
+        untried="its places are random, and no prediction knows the pattern",
+    )
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        params = world.params
+        default = params.contact_stiffness, params.contact_damping
+        self._patches = Patches(self.share, self.length, self.pattern, self.flat)
+        self._firm = {foot: world.contact.get(foot, default) for foot in world.robot.feet}
+        self._last = self.stop - 1.5 * world.dt
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._under: dict[str, bool] = {}  # nobody knows what the run before left
+
+    def on_step(self, world: Any, t: float) -> None:
+        for foot, (stiffness, damping) in self._firm.items():
+            soft = t < self._last and self._patches.under(*world.place(foot)[:2])
+            if soft != self._under.get(foot):
+                self._under[foot] = soft
+                if soft:
+                    rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
+                    stiffness, damping = 1.0 / (rigid + self.compliance), self.damping
+                world.set_softness(foot, stiffness, damping)
 
 
 @dataclass

@@ -10,7 +10,7 @@ from pathlib import Path
 def bench(p: ArgumentParser) -> None:
     """Options of `loco bench`."""
     p.add_argument("what", help="rls, graph, messages, bag, damage, msd, population, realtime, "
-                   "effects, bolted or ground")  # fmt: skip
+                   "effects, bolted, engines or ground")  # fmt: skip
     p.add_argument("--json", type=Path, help="write the rows to this file too")
     p.add_argument("--seconds", type=float, help="realtime: length of a measurement (default 60)")
     p.add_argument("--rate", type=float, help="realtime: ticks per second (default 250)")

@@ -142,6 +142,11 @@ FINGERPRINTS: dict[str, Fingerprint] = {
         labels=("time [s]", "forward [m]"),
         base=[{"name": "foot_friction", "error": 6.0}],
     ),
+    "soft_patches": tigrillo(
+        {"compliance": 2e-3, "damping": 5.0, "length": 0.1, "flat": 0.0},
+        y="pitch",
+        labels=("time [s]", "pitch [rad]"),
+    ),
     "terrain": tigrillo(
         {"roughness": 0.01, "length": 0.1, "flat": 0.0},
         y="pitch",
