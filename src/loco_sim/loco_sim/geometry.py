@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rotations in plain floats: for one quaternion several times faster than arrays.
+"""Rotations and sums in plain floats: for one quaternion several times faster than arrays.
 
 Quaternions are x y z w and turn vectors of the base frame into the world frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 from math import asin, atan2
+from operator import add
 from typing import Any
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Rotation = tuple[float, float, float, float, float, float, float, float, float]  # by rows
+
+
+def added(values: Iterable[float]) -> float:
+    """Sum of numbers, added one after the other: `sum` rounds otherwise since Python 3.12."""
+    return reduce(add, values, 0.0)
 
 
 def multiply(a: Sequence[float], b: Sequence[float]) -> Quaternion:

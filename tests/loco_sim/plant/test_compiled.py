@@ -32,6 +32,7 @@ STRONG = {  # where the prior has no typical size, or one that throws a small ro
     "slip": {"loss": 0.9, "duration": 0.01},
     "trunk_flex": {"compliance": 0.01},
 }
+ORDINARY = {"soft_patches"}  # looks where feet are in each step, which only Python does
 
 
 def load(name: str, more: dict | None = None) -> robot.Robot:
@@ -74,7 +75,9 @@ def test_every_effect_does_the_same_in_both_loops(name):
     bare, _ = run(plant, [], True)
     for effect in effects.applicable(plant):
         listed = [typical(effect)]
-        assert not ordinary(effects.from_list(listed)), effect
+        assert bool(ordinary(effects.from_list(listed))) == (effect in ORDINARY), effect
+        if effect in ORDINARY:
+            continue
         fast, why = run(plant, listed, True)
         slow, reason = run(plant, listed, False)
         assert fast.tobytes() == slow.tobytes(), effect

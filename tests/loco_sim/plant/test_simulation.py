@@ -18,7 +18,7 @@ from loco_control.stance.controller import StanceController, StanceParams
 from loco_control.stance.trunk import TrunkParams
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim.effects import from_list
-from loco_sim.engines import ENGINES
+from loco_sim.engines import installed
 from loco_sim.params import SimParams
 from loco_sim.plant.simulation import Simulation, periods
 from loco_sim.robot import robot as robots
@@ -151,7 +151,7 @@ print("digest", digest.hexdigest())
 """
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", installed())
 def test_fresh_processes_give_the_same_bytes(engine):
     sources = [str(Path(m.__file__).parent.parent) for m in (loco_control, loco_sim)]
     paths = os.pathsep.join(sources)

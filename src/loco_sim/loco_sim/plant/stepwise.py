@@ -10,6 +10,7 @@ import numpy as np
 from ..drives.actuators import Actuators
 from ..drives.damping import DampedDrives
 from ..effects.base import Effect, windows
+from ..geometry import added
 from ..world.world import World
 
 HOOKS = "on_command", "on_motor", "on_torque", "on_brake", "on_step"
@@ -83,7 +84,7 @@ class Stepwise:
                 world.add_ground_forces(grf)
         if self._mean:
             grf = [force / self._steps for force in grf]
-        tau = [sum(steps) / self._steps for steps in zip(*taus, strict=True)]
+        tau = [added(steps) / self._steps for steps in zip(*taus, strict=True)]
         return np.array((before, seen(world, *self._joints, tau + grf)))
 
     def _damped_step(self, damped: DampedDrives) -> list[float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 
+from ..geometry import added
 from .frames import fixed_axes
 from .urdf_check import TENSOR, mass_of, mesh_path, parse
 
@@ -156,7 +157,7 @@ class Description:
 
     def mass(self) -> float:
         """Mass of all links [kg]."""
-        return sum(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
+        return added(float(m.get("value", 0.0)) for m in self._root.iterfind("link/inertial/mass"))
 
     def mass_of(self, link: str) -> float:
         """Mass of one link [kg]."""

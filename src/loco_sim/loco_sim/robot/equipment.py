@@ -17,6 +17,7 @@ from typing import Any
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
 
+from ..geometry import added
 from .description import Description
 from .servo import DRIVES, DriveParams
 from .spring import SpringParams
@@ -172,7 +173,7 @@ def set_masses(description: Description, masses: Mapping[str, Any]) -> None:
         mass, rest = masses[link], description.below(link)[1:]
         if isinstance(mass, bool) or not isinstance(mass, (int, float)) or not 0.0 < mass < 1e6:
             raise ParameterError(f"masses.{link} must be a number above 0 [kg], got {mass!r}")
-        hanging = sum(description.mass_of(name) for name in rest)
+        hanging = added(description.mass_of(name) for name in rest)
         if mass <= hanging:
             raise ParameterError(
                 f"masses.{link} must be above {hanging:g} kg, which is what hangs on it, "

@@ -34,6 +34,7 @@ from loco_control.legs.geometry import (
 )  # fmt: skip
 from loco_control.names import JOINT_KINDS, LEGS
 
+from ..geometry import added
 from .description import Description
 from .frames import numbers, zero_frames
 
@@ -221,4 +222,4 @@ def _check_places(legs: np.ndarray) -> None:
 def swung_mass(description: Description, joints: tuple[str, ...]) -> float:
     """Mass of all that hangs on the HAA joints [kg]: what the drives swing."""
     legs = (description.below(description.child(joint)) for joint in joints[:: len(JOINT_KINDS)])
-    return sum(description.mass_of(link) for links in legs for link in links)
+    return added(description.mass_of(link) for links in legs for link in links)

@@ -13,6 +13,7 @@ import numpy as np
 
 from loco_control.params import parameter
 
+from ...geometry import added
 from ...robot.description import Description
 from ..base import Effect
 from ..chain import JointEffect
@@ -256,7 +257,7 @@ class CableForce(Effect, name="cable_force"):
         """Point that is pulled [m], the way from there to the anchor [m], and its length."""
         at = world.place(self._link, self.point)
         way = [anchor - x for anchor, x in zip(self.anchor, at, strict=True)]
-        return at, way, sqrt(sum(w * w for w in way))
+        return at, way, sqrt(added(w * w for w in way))
 
     def pull(self) -> Pull:
         cable = {"anchor": self.anchor, "stiffness": self.stiffness, "length": self.length}
