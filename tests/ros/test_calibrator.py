@@ -66,7 +66,7 @@ class Caller:
     def result(self, handle, meanwhile=lambda: None):
         """Status and result of a goal; `meanwhile` is called until it is there."""
         answer = handle.get_result_async()
-        self.bench.wait(lambda: meanwhile() or answer.done(), timeout=60.0)
+        self.bench.wait(lambda: meanwhile() or answer.done(), timeout=240.0)
         return answer.result().status, answer.result().result
 
 

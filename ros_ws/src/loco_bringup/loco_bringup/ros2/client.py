@@ -16,6 +16,7 @@ from loco_control.exceptions import GraphError, NameUnknownError
 
 T = TypeVar("T")
 DISCOVERY = 10.0  # wall time in which what is named has to be seen [s]
+ANSWER = 60.0  # wall time in which who was seen has to answer: a busy one is not dead [s]
 SETTLE = 1.0  # wall time in which a list of the graph fills [s]
 
 
@@ -55,10 +56,10 @@ class Client:
         """Answer of a call.
 
         Raises:
-            GraphError: None came within `DISCOVERY`.
+            GraphError: None came within `ANSWER`.
         """
-        if not self.wait(future.done, DISCOVERY):
-            raise GraphError(f"{what} did not answer within {DISCOVERY:g} s")
+        if not self.wait(future.done, ANSWER):
+            raise GraphError(f"{what} did not answer within {ANSWER:g} s")
         return future.result()
 
     def settle(self) -> None:
