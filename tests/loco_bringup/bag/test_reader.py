@@ -18,6 +18,7 @@ from loco_control.exceptions import BagError, MissingFileError, NameUnknownError
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_control.ros.messages.installed import ros_class
 from loco_learning.runs.rollout import rollout
+from loco_sim.engines import default_engine
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]  # one set of shared runs
 
@@ -66,7 +67,7 @@ def test_bag_says_what_was_run(folder, short):
     assert bag.metadata["experiment"] == short.name
     assert bag.metadata["seed"] == str(short.seed)
     assert bag.metadata["dropped"] == "0"
-    assert "pybullet" in json.loads(bag.metadata["versions"])
+    assert default_engine() in json.loads(bag.metadata["versions"])
     assert set(bag.attachments()) == {"experiment.yaml", "params.yaml", "weights.npz"}
     assert bag.messages("robot_description")[0].data.lstrip().startswith("<")
 

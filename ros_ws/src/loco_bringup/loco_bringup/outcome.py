@@ -20,7 +20,7 @@ from . import __version__
 
 STEP = "physics_step"  # key of a bag's metadata: step of the plant [s]
 KEPT = 1000  # events that a supervisor keeps: a run of hours has more
-VERSIONS = ("ros-rclpy", "pybullet", "numpy", "scipy", "numba", "mcap")
+VERSIONS = ("ros-rclpy", "pybullet", "mujoco", "numpy", "scipy", "numba", "mcap")
 
 
 @dataclass

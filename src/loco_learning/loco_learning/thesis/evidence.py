@@ -16,6 +16,7 @@ import numpy as np
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import shown, understood
+from loco_sim.engines import default_engine
 
 from ..plain import read_yaml
 from ..study import study as studies
@@ -31,7 +32,7 @@ class Entry:
     Attributes:
         name: Name of the entry and of its folder.
         study: Name of the study; empty for a calibration or chapter 6.
-        engine: Physics engine.
+        engine: Physics engine; where a plan names none, the default of this machine.
         points: Points of spaced axes: a number for all, or by axis; None as in the study.
         seeds: Number of seeds; None for all.
         overrides: Values by dotted name for every variant.
@@ -40,7 +41,7 @@ class Entry:
 
     name: str
     study: str = ""
-    engine: str = "pybullet"
+    engine: str = dataclasses.field(default_factory=default_engine)
     points: Any = None
     seeds: int | None = None
     overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
