@@ -5,7 +5,7 @@ import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_learning.gap.prediction import nominal
-from loco_learning.gap.prediction.loose import nominal_value
+from loco_learning.gap.prediction.nominal import nominal_value
 from loco_sim.plant.model import Model
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description

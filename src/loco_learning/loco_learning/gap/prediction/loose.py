@@ -20,7 +20,7 @@ import numpy as np
 from loco_sim.robot.equipment import BodyParams
 
 from ..statistics import evidence
-from .nominal import CONSTANT
+from .nominal import nominal_value
 
 PART = 0.5  # of a deviation that is simulated; the rest is taken as linear (taste)
 ROUNDS = 3  # of the weights, each with what the one before leaves (taste)
@@ -165,17 +165,6 @@ def _within(gram: np.ndarray, moment: np.ndarray, most: float) -> np.ndarray:
             break
         x = new
     return x
-
-
-def nominal_value(robot: Any, name: str) -> float:
-    """Value of a dotted name as the robot has it."""
-    section, _, rest = name.partition(".")
-    place, _, parameter = rest.rpartition(".")
-    if section == CONSTANT:
-        return 0.0
-    if section == "bodies":
-        return float(getattr(BodyParams(), parameter))
-    return float(getattr(getattr(robot, section)[place], parameter))
 
 
 def _legal(name: str, value: float) -> float:

@@ -16,6 +16,7 @@ from loco_sim.effects import EFFECTS
 from loco_sim.effects.catalogue.actuator import TorqueConstantError
 from loco_sim.effects.chain import MotorEffect
 from loco_sim.robot.description import Description
+from loco_sim.robot.equipment import BodyParams
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, ServoParams, TorqueDrive
 
@@ -52,6 +53,17 @@ def values(robot: Robot, names: Sequence[str]) -> dict[str, float]:
             raise ParameterError(f"free value {name!r} must be above 0, the robot has {value:g}")
         found[name] = float(value)
     return found
+
+
+def nominal_value(robot: Robot, name: str) -> float:
+    """Value of a dotted name as the robot has it."""
+    section, _, rest = name.partition(".")
+    place, _, parameter = rest.rpartition(".")
+    if section == CONSTANT:
+        return 0.0
+    if section == "bodies":
+        return float(getattr(BodyParams(), parameter))
+    return float(getattr(getattr(robot, section)[place], parameter))
 
 
 def _value(robot: Robot, name: str) -> float:

@@ -16,7 +16,6 @@ import numpy as np
 from ..fitting.fit import Fitted
 from ..prediction import nominal
 from ..prediction.case import Case
-from ..prediction.loose import nominal_value
 from ..statistics import identify
 
 
@@ -30,7 +29,7 @@ def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
     if case.loose is None:
         robot = case.forward.given()
         return [
-            {name: (nominal_value(robot, name), spread) for name, spread in group.items()}
+            {name: (nominal.nominal_value(robot, name), spread) for name, spread in group.items()}
             for group in nominal.priors(robot, model.overrides)
         ]
     known = case.loose
