@@ -144,7 +144,7 @@ class Person:
     def __call__(self, progress):
         # The reader and the recorder must have been found, or there is nothing to verify.
         found = all(o.get_subscription_count() >= 2 for o in self._outputs.values())
-        if found and progress.sim_time > 0.4 + 0.3 * self._said:
+        if found and progress.sim_time > 0.4 + 0.15 * self._said:
             self._said += 1
             speed = TwistStamped()
             speed.twist.linear.x = 0.05 * self._said
@@ -162,7 +162,7 @@ def test_what_people_said_is_said_again_at_its_tick(tmp_path):
     experiment = load("hyq_short", {**short, "learner.test": 1.5})
     person = Person()
     try:
-        runner.run(experiment, tmp_path / "bag", speed=0.5, on_progress=person)
+        runner.run(experiment, tmp_path / "bag", speed=0.25, on_progress=person)
     finally:
         person.close()
     bag = Bag(tmp_path / "bag")

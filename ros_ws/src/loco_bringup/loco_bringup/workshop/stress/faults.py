@@ -220,12 +220,25 @@ def _upright(bag: Bag) -> np.ndarray:
 
 def undamped(bag: Bag) -> list[str]:
     """Times that were announced as the safe state and were not, or could not be told from it."""
-    motion, (late, back) = Motion(bag.records("/robot_state")), time_outs(bag)
-    notes = []
+    return told_apart(Motion(bag.records("/robot_state")), *time_outs(bag))
+
+
+def told_apart(motion: Motion, late: list[tuple[int, int]], back: list[int]) -> list[str]:
+    """What speaks against the safe states of a run.
+
+    Args:
+        motion: What the drives did.
+        late: Begins of safe states, each with the tick of the last command.
+        back: Their ends.
+    """
+    notes, driven = [], 0
     for tick, last in late:
+        # Commands that come for moments, as on a busy machine, leave the robot no time to move.
+        if not any(last - _BEFORE < end <= last for end in back):
+            driven = last
         end = min((b for b in back if b > tick), default=None)
         if end is not None and end > tick + 1 and motion.is_driven(tick + 1, end):
             notes.append(f"driven, not damped, in ticks {tick + 1} to {end}")
-        elif motion.power(last - _BEFORE, last) < _DRIVES:
-            notes.append(f"the robot was at rest in the {_BEFORE} ticks before {last}")
+        elif motion.power(driven - _BEFORE, driven) < _DRIVES:
+            notes.append(f"the robot was at rest in the {_BEFORE} ticks before {driven}")
     return notes
