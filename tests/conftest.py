@@ -30,8 +30,7 @@ def signals():
 
 def _handlers():
     """What Python does at each signal, and whether the process has a handler of any language."""
-    status = Path("/proc/self/status").read_text() if Path("/proc/self/status").exists() else ""
-    caught = next((int(x.split()[1], 16) for x in status.splitlines() if x[:7] == "SigCgt:"), 0)
+    caught = int(Path("/proc/self/status").read_text().partition("SigCgt:")[2].split()[0], 16)
     return {
         number: (signal.getsignal(number), bool(caught >> (number - 1) & 1))
         for number in (signal.SIGINT, signal.SIGTERM)

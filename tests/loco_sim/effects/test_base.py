@@ -224,7 +224,7 @@ def test_a_name_can_be_taken_only_once():
             """Takes a name that is taken."""
 
 
-def test_a_new_effect_is_a_class_and_nothing_else(plant, run):
+def test_a_new_effect_is_a_class_and_nothing_else(plant, run, as_bytes):
     try:
 
         @dataclass
@@ -236,9 +236,7 @@ def test_a_new_effect_is_a_class_and_nothing_else(plant, run):
             def on_torque(self, tau, q, dq, dt, t):
                 return (1.0 - self.share) * tau
 
-        # MuJoCo takes laws in Python another way than compiled ones, and rounds differently.
-        q, plain = ([state.q for state in run(plant(weak))] for weak in ([Weak()], ()))
-        np.testing.assert_allclose(q, plain, rtol=0.0, atol=1e-9)
+        assert as_bytes(run(plant([Weak()]))) == as_bytes(run(plant()))
         limp = run(plant(effects.from_list([{"name": "test_weak", "share": 1.0}])))
         assert np.abs(limp[-1].tau).max() == 0.0
     finally:

@@ -14,6 +14,17 @@ from loco_sim.world.terrain import BEHIND, CELL, SIDE, Patches, Terrain
 HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)
 
 
+def settled(world, hyq, at, each=lambda t: None):
+    """Places of the feet of a HyQ that stands up where it was put, [m] each."""
+    world.put(hyq.standing, np.zeros(12), at)
+    for step in range(900):
+        q, dq = world.joint_states()
+        each(0.001 * step)
+        world.step([400.0 * (a - b) - 20.0 * c for a, b, c in
+                    zip(hyq.standing, q, dq, strict=True)])  # fmt: skip
+    return [world.place(foot) for foot in hyq.feet]
+
+
 def height_at(terrain, x, y):
     """Height between four neighbours [m]."""
     column, row = (x + BEHIND) / CELL, (y + SIDE) / CELL
@@ -54,12 +65,7 @@ def test_feet_stand_on_the_heights(engine):
         sim.reset()
         world, gaps = sim._world, []
         for x, y in ((3.0, 1.0), (7.4, -2.0), (12.1, 0.3)):
-            world.put(hyq.standing, np.zeros(12), (x, y, 0.75))
-            for _ in range(900):
-                q, dq = world.joint_states()
-                world.step([400.0 * (a - b) - 20.0 * c for a, b, c in
-                            zip(hyq.standing, q, dq, strict=True)])  # fmt: skip
-            feet = [world.place(foot) for foot in hyq.feet]
+            feet = settled(world, hyq, (x, y, 0.75))
             gaps.append(sorted(z - height_at(terrain, x, y) - 0.02175 for x, y, z in feet))
     assert np.all(np.abs(np.array(gaps)[:, :3]) < 1e-3)  # [m]
     assert np.all(np.array(gaps)[:, 3] > -1e-3)
@@ -87,13 +93,8 @@ def test_a_foot_sinks_in_on_a_patch_and_comes_up_beside_it(engine):
         sim.reset()
         world, (acting,) = sim._world, sim._effects
         for x, y in ((1.6, 0.0), (3.0, 1.0), (5.2, -1.0), (7.4, -2.0)):
-            world.put(hyq.standing, np.zeros(12), (x, y, 0.65))
-            for step in range(900):
-                q, dq = world.joint_states()
-                acting.on_step(world, 0.001 * step)
-                world.step([400.0 * (a - b) - 20.0 * c for a, b, c in
-                            zip(hyq.standing, q, dq, strict=True)])  # fmt: skip
-            for x_foot, y_foot, z in map(world.place, hyq.feet):
+            feet = settled(world, hyq, (x, y, 0.65), lambda t: acting.on_step(world, t))
+            for x_foot, y_foot, z in feet:
                 depths[patches.under(x_foot, y_foot)].append(0.02175 - z)
     assert len(depths[True]) >= 3 and len(depths[False]) >= 3
     assert min(depths[True]) > 2e-3  # [m]

@@ -70,6 +70,11 @@ class Setting:
         """Indices of the robot's joints that a name or fnmatch pattern names."""
         return joint_index(self.robot.joints, pattern)
 
+    def softness(self, link: str) -> tuple[float, float]:
+        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link."""
+        default = self.params.contact_stiffness, self.params.contact_damping
+        return self.contact.get(link, default)
+
 
 class Bolted:
     """A bolted robot with its drives, sensors and effects.

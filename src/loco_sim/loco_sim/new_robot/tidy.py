@@ -17,6 +17,7 @@ import numpy as np
 from loco_control.reading import read_bytes
 
 from ..bolted.tree import pose
+from ..geometry import added
 from ..robot.urdf_check import (
     MOST,
     MOVING,
@@ -181,7 +182,7 @@ class Tidied:
 
     def mass(self) -> float:
         """Mass of all links [kg]."""
-        return sum(mass_of(link) for link in self.root.findall("link"))
+        return added(mass_of(link) for link in self.root.findall("link"))
 
     def _tensors(self) -> None:
         moved = {

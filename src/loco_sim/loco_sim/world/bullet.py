@@ -180,7 +180,7 @@ class World(world.World):
         for name, link in self._links.items():
             values = {"restitution": p.restitution}
             friction = self.friction.get(name, p.friction)
-            soft = self.contact.get(name, (p.contact_stiffness, p.contact_damping))
+            soft = self.softness(name)
             if soft[0] > 0.0:
                 values["contactStiffness"], values["contactDamping"] = soft
             c.changeDynamics(body, link, lateralFriction=friction, **values)
@@ -268,7 +268,7 @@ class World(world.World):
         found, dt, p = [], self.dt, self.params
         for near in self._client.getContactPoints(self._body, self._ground):
             link, distance = self._links_by_index[near[3]], near[8]
-            k, d = self.contact.get(link, (p.contact_stiffness, p.contact_damping))
+            k, d = self.softness(link)
             give, share = 0.0, DEPTH_SHARE
             if k > 0.0:
                 give, share = 1.0 / (dt * (dt * k + d)), dt * k / (dt * k + d)

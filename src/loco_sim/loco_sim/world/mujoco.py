@@ -113,20 +113,15 @@ class World(world.World):
         feet would creep. Its friction stays at least as stiff as on rigid ground.
         """
         m, p = self._model, self.params
-        for name, body in self._bodies.items():
-            shapes = m.geom_bodyid == body
-            m.geom_friction[shapes, 0], m.geom_condim[shapes] = (
-                self.friction.get(name, p.friction),
-                3,
-            )
-            self.set_softness(
-                name, *self.contact.get(name, (p.contact_stiffness, p.contact_damping))
-            )
+        for name in self._bodies:
+            m.geom_condim[self.shapes(name)] = 3
+            self.set_friction(name, self.friction.get(name, p.friction))
+            self.set_softness(name, *self.softness(name))
 
     def set_softness(self, link: str, stiffness: float, damping: float) -> None:
-        m, body = self._model, self._bodies[link]
-        shapes = m.geom_bodyid == body
-        m.geom_solref[shapes], m.geom_solimp[shapes] = self._softness(body, (stiffness, damping))
+        m, at = self._model, self.shapes(link)
+        soft = self._softness(self._bodies[link], (stiffness, damping))
+        m.geom_solref[at], m.geom_solimp[at] = soft
         softest = min(RIGID[0], m.geom_solimp[m.geom_bodyid > 0, 0].min(initial=1.0))
         m.opt.impratio = IMPEDANCE_RATIO * (1.0 / softest - 1.0) / (1.0 / RIGID[0] - 1.0)
 

@@ -47,10 +47,9 @@ class Terrain:
             row, column = (np.floor((v - v[0]) / self.length).astype(int) for v in (y, x))
             rough = np.sqrt(3.0) * tiles[np.ix_(row, column)]
         else:
-            rough = _smoothed(rng.standard_normal((len(y), len(x))), self.length / CELL)
+            rough = _hills(rng, self.length)
             rough /= rough.std()
-        away = np.hypot(*np.meshgrid(x, y)) - self.flat
-        return self.roughness * rough * np.clip(away / BLEND, 0.0, 1.0)
+        return self.roughness * rough * np.clip(_beyond(self.flat) / BLEND, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -72,11 +71,8 @@ class Patches:
     @cached_property
     def soft(self) -> np.ndarray:
         """Flags of the grid of `Terrain`, (points along y, points along x)."""
-        x, y = _axes()
-        rng = np.random.default_rng([self.pattern, len(KINDS)])
-        level = _smoothed(rng.standard_normal((len(y), len(x))), self.length / CELL)
-        away = np.hypot(*np.meshgrid(x, y)) > self.flat
-        return (level > np.quantile(level, 1.0 - self.share)) & away
+        level = _hills(np.random.default_rng([self.pattern, len(KINDS)]), self.length)
+        return (level > np.quantile(level, 1.0 - self.share)) & (_beyond(self.flat) > 0.0)
 
     def under(self, x: float, y: float) -> bool:
         """Whether the ground is soft there; beyond the grid it is as at its edge."""
@@ -92,8 +88,15 @@ def _axes() -> tuple[np.ndarray, np.ndarray]:
     return x, np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
 
 
-def _smoothed(noise: np.ndarray, length: float) -> np.ndarray:
-    """Noise whose autocorrelation is exp(-(d / length)²), d in cells."""
+def _beyond(radius: float) -> np.ndarray:
+    """Distance of each point of the grid from a circle around the origin [m], below 0 inside."""
+    return np.hypot(*np.meshgrid(*_axes())) - radius
+
+
+def _hills(rng: np.random.Generator, length: float) -> np.ndarray:
+    """Random heights on the grid whose autocorrelation at a distance d is exp(-(d / length)²)."""
+    x, y = _axes()
+    noise, cells = rng.standard_normal((len(y), len(x))), length / CELL
     frequencies = np.meshgrid(*(np.fft.fftfreq(n) for n in noise.shape), indexing="ij")
     square = sum(f**2 for f in frequencies)
-    return np.fft.ifft2(np.fft.fft2(noise) * np.exp(-0.5 * (np.pi * length) ** 2 * square)).real
+    return np.fft.ifft2(np.fft.fft2(noise) * np.exp(-0.5 * (np.pi * cells) ** 2 * square)).real

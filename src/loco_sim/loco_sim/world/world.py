@@ -281,6 +281,11 @@ class World(ABC):
     def set_friction(self, link: str, friction: float) -> None:
         """Change the friction of a link from now on."""
 
+    def softness(self, link: str) -> tuple[float, float]:
+        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link as it was built."""
+        default = self.params.contact_stiffness, self.params.contact_damping
+        return self.contact.get(link, default)
+
     @abstractmethod
     def set_softness(self, link: str, stiffness: float, damping: float) -> None:
         """Change how contacts of a link give way from now on.

@@ -2,6 +2,7 @@
 """Benches run and say what they say they do; no test looks at a time."""
 
 import json
+import re
 
 import pytest
 
@@ -22,6 +23,13 @@ def test_graph_bench_has_all_layouts_and_shares_that_add_up():
         assert sum(v for key, v in row.items() if key.endswith("%")) == pytest.approx(100.0)
         assert row["x real time"] * row["tick µs"] == pytest.approx(4000.0)
         assert row["of rollout"] * row["tick µs"] == pytest.approx(rows[0]["tick µs"])
+
+
+def test_help_names_every_bench(capsys):
+    with pytest.raises(SystemExit):
+        call("bench", "--help")
+    words = set(re.findall(r"\w+", capsys.readouterr().out))
+    assert set(bench.BENCHES) <= words
 
 
 @pytest.mark.parametrize("name", ["messages", "rls", "bolted", "engines", "ground"])

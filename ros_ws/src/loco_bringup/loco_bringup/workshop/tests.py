@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 from loco_control.exceptions import MissingFileError
 
-# `loco test` alone: everything, with coverage of the nodes' processes too. Tests of a graph wait
-# half of their time, so there is one worker more than processors.
+# `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
 # The slowest are listed, so that what makes a run long is seen in each.
-WORKERS = len(os.sched_getaffinity(0)) + 1
-ALL_TESTS = ["-q", "-n", str(WORKERS), "--dist", "loadgroup", "--durations=40", "--durations-min=3",
+ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--durations=40", "--durations-min=3",
              "--cov", "--cov-report=term:skip-covered", "--cov-fail-under=90"]  # fmt: skip
 
 

@@ -150,21 +150,38 @@ class Slip(Effect, name="slip"):
         self._next = self._until.min()
 
 
+GIVES = {"compliance": Prior(1e-6, 1e-4, 3e-3), "damping": Prior(1.0, 300.0, 5000.0)}
+STANCE = (
+    "Fahmi, Focchi, Radulescu, Fink, Barasuol, Semini 2020, STANCE: Locomotion adaptation over "
+    "soft terrain, IEEE Trans. Robotics 36(2)"
+)
+
+
 @dataclass
-class GroundCompliance(Effect, name="ground_compliance"):
-    """The ground under feet gives way like a spring and damper."""
+class Giving(Effect):
+    """Ground that gives way under feet like a spring and damper, everywhere or somewhere."""
 
     compliance: float = parameter(0.0, "way per force under one foot", "m/N", 0.0, 1.0)
     damping: float = parameter(300.0, "of the ground under one foot", "N·s/m", 0.0, 1e6)
+
+    def softened(self, stiffness: float) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N·s/m] of a contact that had this stiffness, 0 for rigid."""
+        rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
+        return 1.0 / (rigid + self.compliance), self.damping
+
+
+@dataclass
+class GroundCompliance(Giving, name="ground_compliance"):
+    """The ground under feet gives way like a spring and damper."""
+
     foot: str = parameter("", "feet, by name or pattern; empty is all")
     lasting, needs = True, ("feet",)
 
     identity = Identity(
         site="contact",
         equation="1 / k <- 1 / k + compliance; d <- damping",
-        priors={"compliance": Prior(1e-6, 1e-4, 3e-3), "damping": Prior(1.0, 300.0, 5000.0)},
-        source="Fahmi, Focchi, Radulescu, Fink, Barasuol, Semini 2020, STANCE: Locomotion "
-        "adaptation over soft terrain, IEEE Trans. Robotics 36(2)",
+        priors=GIVES,
+        source=STANCE,
         look_alikes=(
             LookAlike("trunk_flex", "the robot in the air: a trunk still bends"),
             LookAlike("stiffness_error", "the robot in the air: springs are still soft"),
@@ -188,23 +205,17 @@ class GroundCompliance(Effect, name="ground_compliance"):
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
-        params = world.params
         for foot in feet(world.robot, self.foot) if self.compliance else ():
-            default = params.contact_stiffness, params.contact_damping
-            stiffness, _ = world.contact.get(foot, default)
-            rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
-            world.contact[foot] = (1.0 / (rigid + self.compliance), self.damping)
+            world.contact[foot] = self.softened(world.softness(foot)[0])
 
 
 @dataclass
-class SoftPatches(Effect, name="soft_patches"):
+class SoftPatches(Giving, name="soft_patches"):
     """The ground gives way in some places, and in these only: a foot sinks in where it steps there.
 
     It is firm where the robot starts; the places are the same in every engine and every run.
     """
 
-    compliance: float = parameter(0.0, "way per force under one foot", "m/N", 0.0, 1.0)
-    damping: float = parameter(300.0, "of the ground under one foot", "N·s/m", 0.0, 1e6)
     share: float = parameter(0.3, "share of the ground that is soft", "-", 0.01, 0.99)
     length: float = parameter(0.3, "size of patches", "m", 0.1, 10.0)
     pattern: int = parameter(0, "number of the random pattern", "-", 0, 2**31 - 1)
@@ -214,9 +225,8 @@ class SoftPatches(Effect, name="soft_patches"):
     identity = Identity(
         site="contact",
         equation="1 / k <- 1 / k + compliance and d <- damping where s(x, y) = 1, s random",
-        priors={"compliance": Prior(1e-6, 1e-4, 3e-3), "damping": Prior(1.0, 300.0, 5000.0)},
-        source="Fahmi, Focchi, Radulescu, Fink, Barasuol, Semini 2020, STANCE: Locomotion "
-        "adaptation over soft terrain, IEEE Trans. Robotics 36(2)",
+        priors=GIVES,
+        source=STANCE,
         look_alikes=(
             LookAlike("ground_compliance", "stand still in many places: it is soft in each"),
             LookAlike("terrain", "stand still: rough ground does not give way"),
@@ -227,24 +237,19 @@ class SoftPatches(Effect, name="soft_patches"):
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
-        params = world.params
-        default = params.contact_stiffness, params.contact_damping
         self._patches = Patches(self.share, self.length, self.pattern, self.flat)
-        self._firm = {foot: world.contact.get(foot, default) for foot in world.robot.feet}
+        self._firm = {foot: world.softness(foot) for foot in world.robot.feet}
         self._last = self.stop - 1.5 * world.dt
 
     def reset(self, rng: np.random.Generator) -> None:
         self._under: dict[str, bool] = {}  # nobody knows what the run before left
 
     def on_step(self, world: Any, t: float) -> None:
-        for foot, (stiffness, damping) in self._firm.items():
+        for foot, firm in self._firm.items():
             soft = t < self._last and self._patches.under(*world.place(foot)[:2])
             if soft != self._under.get(foot):
                 self._under[foot] = soft
-                if soft:
-                    rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
-                    stiffness, damping = 1.0 / (rigid + self.compliance), self.damping
-                world.set_softness(foot, stiffness, damping)
+                world.set_softness(foot, *(self.softened(firm[0]) if soft else firm))
 
 
 @dataclass
