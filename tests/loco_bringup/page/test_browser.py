@@ -258,7 +258,12 @@ def written(name):
 def test_a_page_is_for_everyone(name, look, tmp_path):
     text = written(name).replace('<html lang="en">', f'<html lang="en" data-theme="{look}">')
     axe = Path(AXE.submodule_search_locations[0], "axe.min.js").read_text(encoding="utf-8")
-    told = opened(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), tmp_path)
+    # Time is virtual there and frames, in which plots fit themselves in, are not: a busy machine
+    # may draw none.
+    for _ in range(3):
+        told = opened(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), tmp_path)
+        if told["wide"] <= PHONE:
+            break
     assert told["serious"] == []
     assert told["wide"] <= PHONE
     assert told["plots"] == sum(len(json.loads(data)["panels"]) for data in plotted(text)) > 0
