@@ -68,13 +68,16 @@ def _says_estop(array):
 
 def test_what_the_middleware_complains_of_is_not_in_what_a_command_prints():
     """Processes that start at once fight over the ports in shared memory; one takes the next."""
-    with contextlib.ExitStack() as held:
-        for number in range(7000, 7020):
-            file = held.enter_context(open(f"/dev/shm/fastrtps_port{number}_el", "a+b"))
-            with contextlib.suppress(OSError):  # a reader has it
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        done = loco("estop")
-    shm.clean()  # of ports that nobody had
+    for _ in range(5):
+        with contextlib.ExitStack() as held:
+            for number in range(7000, 7020):
+                file = held.enter_context(open(f"/dev/shm/fastrtps_port{number}_el", "a+b"))
+                with contextlib.suppress(OSError):  # a reader has it
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            done = loco("estop")
+        shm.clean()  # of ports that nobody had
+        if "init_port" in done.stderr:  # a run that ends beside may have cleaned them away
+            break
     assert done.stdout == ""
     assert "init_port fastrtps_port70" in done.stderr
 
