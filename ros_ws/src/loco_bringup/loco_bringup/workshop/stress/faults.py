@@ -224,10 +224,10 @@ def undamped(bag: Bag) -> list[str]:
 
 
 def told_apart(motion: Motion, late: list[tuple[int, int]], back: list[int]) -> list[str]:
-    """What speaks against the safe states of a run.
+    """Evidence against the safe states of a run, a line each.
 
     Args:
-        motion: What the drives did.
+        motion: Motion of the drives.
         late: Begins of safe states, each with the tick of the last command.
         back: Their ends.
     """
