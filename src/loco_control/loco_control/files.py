@@ -120,9 +120,9 @@ def check_writable(folder: str | Path) -> None:
         with tempfile.TemporaryFile(dir=there) as file:
             file.write(b"x")
     except (OSError, ValueError) as error:
-        # What Python calls the null byte differs between versions.
-        null = isinstance(error, ValueError) and not isinstance(error, OSError)
-        why = "the name holds a null byte" if null else error.strerror or error
+        # A ValueError is a null byte in the name, for which Pythons have different words.
+        system = isinstance(error, OSError)
+        why = error.strerror or error if system else "the name holds a null byte"
         raise ParameterError(
             f"nothing can be written in {str(folder)[:200]!r}: {why}; choose another --out"
         ) from None

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from loco_sim import effects
-from loco_sim.bolted.loop import Setting
 from loco_sim.drives.learned_kernels import FADE, REGION, fade, learned_torque
 from loco_sim.effects.rows import CONSTANTS, FEATURES
 from loco_sim.robot import robot
+from loco_sim.world.world import Setting
 
 BENCH = robot.load("linear_axis")
 RNG = np.random.default_rng(0)

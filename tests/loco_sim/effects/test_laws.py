@@ -9,11 +9,12 @@ import pytest
 
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
-from loco_sim.bolted.loop import Bolted, Setting
+from loco_sim.bolted.loop import Bolted
 from loco_sim.drives.servo_kernels import given
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.world.braking import split
+from loco_sim.world.world import Setting
 
 INERTIA, ARM = 0.00667 + 0.5 * 0.2**2, 0.5 * 0.2  # of the pendulum's rod; mass times lever
 BENCH = robot.load("pendulum")

@@ -30,12 +30,12 @@ from ..effects.pulls import of as pulls
 from ..effects.readings import Layout, Measuring
 from ..effects.rows import NO_LAWS, Laws
 from ..effects.timetable import behind_springs, commanding, heard
-from ..params import SimParams
 from ..plant.orders import ramped
 from ..plant.simulation import periods
 from ..robot.description import Description
-from ..robot.robot import Robot, joint_index
+from ..robot.robot import Robot
 from ..world import braking
+from ..world.world import Setting
 from . import dynamics as kernels
 from . import kernels as loop
 from . import tree
@@ -54,26 +54,6 @@ class Pieces(NamedTuple):
 
     rows: np.ndarray  # first row of each piece and the one after its last, (w, 2) of whole numbers
     starts: np.ndarray  # positions and velocities there, (w, 2, n)
-
-
-class Setting:
-    """The plant that effects may change before a run: the part of `World` that `configure` sees."""
-
-    def __init__(self, robot: Robot, params: SimParams, dt: float):
-        self.robot, self.params, self.dt = robot, params, dt
-        self.description = Description(robot.urdf)
-        self.friction, self.contact = dict(robot.friction), dict(robot.contact)
-        self.gravity = (0.0, 0.0, -params.gravity)
-        self.hinges: dict[str, tuple[float, float]] = {}
-
-    def joint_index(self, pattern: str) -> np.ndarray:
-        """Indices of the robot's joints that a name or fnmatch pattern names."""
-        return joint_index(self.robot.joints, pattern)
-
-    def softness(self, link: str) -> tuple[float, float]:
-        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link."""
-        default = self.params.contact_stiffness, self.params.contact_damping
-        return self.contact.get(link, default)
 
 
 class Bolted:

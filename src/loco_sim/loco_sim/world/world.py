@@ -88,11 +88,11 @@ class Handles(NamedTuple):
     mean: bool  # forces on feet are a mean over steps, not those of the last
 
 
-class World(ABC):
-    """One robot on the ground, that is stepped and asked about.
+class Setting:
+    """The plant that effects may change before a run.
 
     Attributes:
-        description: The URDF, which `configure` functions may edit.
+        description: The URDF.
         friction: Friction of single links; others have the world's.
         contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
             have the world's.
@@ -101,17 +101,14 @@ class World(ABC):
         hinges: Stiffness [N·m/rad] and damping [N·m·s/rad] of the joint that moves a
             link, where that joint is not one of the robot's.
         dt: Physics step [s].
-        damped: The engine is given no damping of the robot's joints, since every step is a
-            `damped_step`; counts from the next `rebuild` on.
     """
 
     def __init__(self, robot: Robot, params: SimParams, dt: float):
         self.robot, self.params, self.dt = robot, params, dt
-        self.damped = False
         self._clear()
 
     def _clear(self) -> None:
-        """The world as the robot's files have it, before effects change it."""
+        """The plant as the robot's files have it, before effects change it."""
         self.description = Description(self.robot.urdf)
         self.friction: dict[str, float] = dict(self.robot.friction)
         self.contact: dict[str, tuple[float, float]] = dict(self.robot.contact)
@@ -126,6 +123,24 @@ class World(ABC):
             NameUnknownError: The name is of no joint.
         """
         return joint_index(self.robot.joints, pattern)
+
+    def softness(self, link: str) -> tuple[float, float]:
+        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link as it was built."""
+        default = self.params.contact_stiffness, self.params.contact_damping
+        return self.contact.get(link, default)
+
+
+class World(Setting, ABC):
+    """One robot on the ground, that is stepped and asked about.
+
+    Attributes:
+        damped: The engine is given no damping of the robot's joints, since every step is a
+            `damped_step`; counts from the next `rebuild` on.
+    """
+
+    def __init__(self, robot: Robot, params: SimParams, dt: float):
+        super().__init__(robot, params, dt)
+        self.damped = False
 
     def rebuild(
         self,
@@ -280,11 +295,6 @@ class World(ABC):
     @abstractmethod
     def set_friction(self, link: str, friction: float) -> None:
         """Change the friction of a link from now on."""
-
-    def softness(self, link: str) -> tuple[float, float]:
-        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link as it was built."""
-        default = self.params.contact_stiffness, self.params.contact_damping
-        return self.contact.get(link, default)
 
     @abstractmethod
     def set_softness(self, link: str, stiffness: float, damping: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from loco_bringup.workshop.stress.faults import SAFE_TICKS, run_topic, told_apart
+from loco_bringup.workshop.stress.faults import SAFE_TICKS, doubts, run_topic
 from loco_bringup.workshop.stress.motion import Motion
 
 HERE = Path(__file__).resolve().parent
@@ -55,12 +55,12 @@ def test_the_power_of_drives_is_that_which_they_put_in():
 def test_commands_that_come_for_moments_are_not_taken_for_a_robot_at_rest():
     driven, braked = (np.ones(90), np.full(90, 4.0)), (np.full(90, 0.1), np.full(90, -1.0))
     motion = Motion(states(*(np.concatenate(parts) for parts in zip(driven, braked, strict=True))))
-    assert told_apart(motion, [(115, 99)], []) == []
-    assert told_apart(motion, [(115, 99), (185, 169)], [165]) == []  # 4 ticks of commands
-    rest = told_apart(motion, [(185, 169)], [])
+    assert doubts(motion, [(115, 99)], []) == []
+    assert doubts(motion, [(115, 99), (185, 169)], [165]) == []  # 4 ticks of commands
+    rest = doubts(motion, [(185, 169)], [])
     assert rest == ["the robot was at rest in the 50 ticks before 169"]
     # After a while of commands it has to move again.
-    assert told_apart(motion, [(115, 99), (185, 169)], [110]) == rest
+    assert doubts(motion, [(115, 99), (185, 169)], [110]) == rest
 
 
 def node_set(folder, plant):

@@ -220,10 +220,10 @@ def _upright(bag: Bag) -> np.ndarray:
 
 def undamped(bag: Bag) -> list[str]:
     """Times that were announced as the safe state and were not, or could not be told from it."""
-    return told_apart(Motion(bag.records("/robot_state")), *time_outs(bag))
+    return doubts(Motion(bag.records("/robot_state")), *time_outs(bag))
 
 
-def told_apart(motion: Motion, late: list[tuple[int, int]], back: list[int]) -> list[str]:
+def doubts(motion: Motion, late: list[tuple[int, int]], back: list[int]) -> list[str]:
     """Evidence against the safe states of a run, a line each.
 
     Args:
