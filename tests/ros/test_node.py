@@ -45,7 +45,7 @@ def test_a_waiting_node_ends_with_code_0_on_a_signal(number):
 
 @pytest.mark.ros
 def test_a_signal_interrupts_no_callback():
-    """A lock that is held at the signal is free again at the end."""
+    """A lock that is held at the signal is free again at the end, and what is said is heard."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDS_A_LOCK], stderr=subprocess.PIPE, env=fresh_environment()
     )
@@ -134,6 +134,7 @@ class Holder(LocoNode):
         end = time.monotonic() + 0.009
         while time.monotonic() < end:
             pass
+        self.event("held")
         self.lock.release()
 
     def close(self):

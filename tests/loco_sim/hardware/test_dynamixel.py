@@ -11,6 +11,7 @@ pytest.importorskip("dynamixel_sdk")
 from loco_control.exceptions import GraphError  # noqa: E402
 from loco_sim.hardware import wiring  # noqa: E402
 from loco_sim.hardware.dynamixel import ServoRobot  # noqa: E402
+from loco_sim.hardware.packets import SYNC_WRITE  # noqa: E402
 from loco_sim.robot import robot as robots  # noqa: E402
 
 
@@ -77,9 +78,16 @@ def test_the_torque_is_off_after_the_end(bus):
     robot = robots.load("servo_pendulum")
     servos = ServoRobot(wiring.load(bus.file, robot), robot)
     servos.drive(np.array([0.2]))
+    until(servos, lambda s: all(bus.torques.values()))  # it has read all that was sent
+    told, execute = [], bus._execute
+    bus._execute = lambda packet: told.append(packet.instruction) or execute(packet)
     servos.close()
     servos.close()
+    end = time.monotonic() + 10.0  # a bus without processor time reads later
+    while any(bus.torques.values()) and time.monotonic() < end:
+        time.sleep(0.01)
     assert not any(bus.torques.values())
+    assert told[0] == SYNC_WRITE  # all at once, before each is asked whether it heard
 
 
 def test_a_servo_that_is_not_there_and_a_port_that_is_none_are_one_line(bus):

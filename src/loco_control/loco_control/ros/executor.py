@@ -20,6 +20,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from .. import realtime
@@ -48,13 +49,8 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
         Exit code: 0 after a signal, 2 for a user's mistake.
     """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    # rclpy ends the context on a signal, and that is looked for between messages. Python's
-    # KeyboardInterrupt would come in the middle of one, perhaps with a lock held for good.
-    # Nor may a second signal end the process while it closes: rclpy listens no more by then.
-    signal.signal(signal.SIGINT, lambda number, frame: None)
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, lambda number, frame: None)
-    rclpy.init(args=args)
+    asked = _listen()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[LocoNode] = []
     guests: list[Node] = []
     code = 0
@@ -62,6 +58,8 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     try:
         with _in_process(executor, makers):
             for make in makers:
+                if asked:
+                    raise ExternalShutdownException
                 node = make()
                 if not isinstance(node, LocoNode):
                     guests.append(node)
@@ -70,7 +68,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
                 nodes.append(node)
                 executor.add_node(node)
         _prepare(nodes)
-        _spin(executor, nodes)
+        _spin(executor, nodes, lambda: not asked and rclpy.ok())
     except ExternalShutdownException:
         code = 0
     except LocoError as error:
@@ -81,7 +79,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     except Exception:
         if rclpy.ok():
             raise
-        code = 0  # a signal came while a node was being made
+        code = 0  # somebody else ended the context
     finally:
         for node in nodes:
             node.close()
@@ -94,6 +92,29 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
         # would be the end of the process; one that is ignored stays ignored.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
+
+
+def _listen() -> list[int]:
+    """Keep the signals to end that come from now on; they are looked for between messages.
+
+    rclpy would end the context in the middle of a callback, which then fails to publish, and
+    Python's KeyboardInterrupt would come there, too, perhaps with a lock held for good. Nor may a
+    second signal end the process while it closes.
+
+    Returns:
+        Numbers of the signals; the list grows.
+    """
+    asked: list[int] = []
+    told = signal.getsignal(signal.SIGTERM)  # by who called us, and is told as before
+
+    def note(number: int, frame: Any) -> None:
+        asked.append(number)
+        if number == signal.SIGTERM and callable(told):
+            told(number, frame)
+
+    signal.signal(signal.SIGINT, note)
+    signal.signal(signal.SIGTERM, note)
+    return asked
 
 
 def _in_process(executor: Any, makers: Sequence[Any]) -> contextlib.AbstractContextManager:
@@ -123,16 +144,16 @@ def _prepare(nodes: Sequence[LocoNode]) -> None:
             node.granted += granted
 
 
-def _spin(executor: Any, nodes: Sequence[LocoNode]) -> None:
+def _spin(executor: Any, nodes: Sequence[LocoNode], wanted: Callable[[], bool]) -> None:
     timed = next((node for node in nodes if node.timed), None)
     if LocoNode.post and timed:
         LocoNode.post.timed = True
-    while timed is not None and rclpy.ok():
+    while timed is not None and wanted():
         until_deadline(executor, timed, _LOOK)
     stop = Future()
-    look = lambda: None if rclpy.ok() else stop.set_result(None)  # noqa: E731
+    look = lambda: None if wanted() else stop.set_result(None)  # noqa: E731
     nodes[0].create_timer(_LOOK, look)
-    while rclpy.ok():
+    while wanted():
         executor.spin_until_future_complete(stop, timeout_sec=_SLICE)
 
 

@@ -7,6 +7,7 @@ currents (mode 0); one sync read brings current, speed, position and temperature
 
 from __future__ import annotations
 
+import contextlib
 import termios
 import time
 from collections.abc import Callable, Sequence
@@ -279,6 +280,8 @@ class ServoRobot:
         """Torque off, then free the port; calling again does nothing."""
         if not self._port.is_open:
             return
+        with contextlib.suppress(GraphError):  # the bus may be gone
+            self.limp()  # all at once: a silent servo must not delay those after it
         for servo in self._ids:
             for register in (p.TORQUE_ENABLE, p.BUS_WATCHDOG):
                 try:
