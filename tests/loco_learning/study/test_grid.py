@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grids: axes, repeats, cost, resuming, maps; and one clear message for a mistake."""
 
+import time
+
+import numba
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from loco_learning.drawing import png
 from loco_learning.drawing.chart import BOXES
 from loco_learning.runs.rollout import rollout
 from loco_learning.study import figures, maps
+from loco_learning.study.case import run_case
 from loco_learning.study.study import load, run
 
 GAINS = "overrides.drives.*_kfe_joint"
@@ -71,6 +75,22 @@ def test_cost_is_told_once_from_cases_spread_over_the_grid(finished, tmp_path):
     some = run(made, tmp_path, 1, on_cost=lambda cost: False)
     assert [r.name for r in some] == ["open_00_02_0", "open_02_00_0", "open_03_01_0"]
     figures.write(made, some, tmp_path)  # tables of what there is
+
+
+def test_what_is_compiled_in_a_case_costs_nothing(monkeypatch, finished):
+    made, _, results, _ = finished
+    spent = []
+
+    def compile_and_run(experiment, seed):
+        began = time.process_time()
+        numba.njit(lambda x: np.sort(x).sum() + np.linalg.norm(x))(np.ones(3))
+        spent.append(time.process_time() - began)
+
+    monkeypatch.setattr("loco_learning.runs.rollout.rollout", compile_and_run)
+    monkeypatch.setattr("loco_learning.study.case.reduce", lambda *_: results[0])
+    first = next(made.cases())
+    told = run_case(first.name, first.variant, 0, first.base, {}, {}, "")
+    assert 0.0 <= told.seconds < 0.5 * spent[0]
 
 
 def test_it_goes_on_case_by_case_and_the_table_is_the_same_bytes(finished, tmp_path):

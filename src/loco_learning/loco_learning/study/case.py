@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba.core import event
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import to_dict
@@ -40,7 +41,7 @@ class CaseResult:
     metrics: dict[str, dict[str, float]]  # by phase and name
     at: dict[str, Any] = field(default_factory=dict)  # place in a grid: value by axis
     key: str = ""  # digest of what decides the run
-    seconds: float = float("nan")  # processor time that it took [s]; it is not saved
+    seconds: float = float("nan")  # processor time without compiling [s]; it is not saved
     curves: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def save(self, path: Path) -> None:
@@ -58,6 +59,23 @@ class CaseResult:
         """
         meta, curves = archive.read(path, "case")
         return cls(**meta, curves=curves)
+
+
+class _Compiling(event.Listener):
+    """Processor time that goes into compiling kernels [s], as in the first run after set-up."""
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._began = 0.0, 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        if self._depth == 0:
+            self._began = time.process_time()
+        self._depth += 1  # a kernel has those compiled that it calls
+
+    def on_end(self, event: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self.seconds += time.process_time() - self._began
 
 
 def run_case(
@@ -86,16 +104,18 @@ def run_case(
     """
     from ..runs.rollout import rollout  # loads physics, in the worker
 
-    started = time.process_time()
+    started, compiling = time.process_time(), _Compiling()
     experiment = override(base, settings) if settings else base
     try:
-        result = reduce(rollout(experiment, seed), name, variant, curves, timed)
+        with event.install_listener("numba:compile", compiling):
+            result = reduce(rollout(experiment, seed), name, variant, curves, timed)
     except ParameterError as error:  # a corner of the grid that cannot be run
         if not settings:
             raise
         verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
         result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {})
-    return replace(result, at=at, key=key, seconds=time.process_time() - started)
+    seconds = time.process_time() - started - compiling.seconds
+    return replace(result, at=at, key=key, seconds=seconds)
 
 
 def reduce(
