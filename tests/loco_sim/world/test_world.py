@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import trimesh
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.legs.kinematics import foot_position, joint_limits
@@ -12,6 +13,7 @@ from loco_sim.engines import ENGINES, installed
 from loco_sim.geometry import rotate_back, rotation_matrix
 from loco_sim.params import SimParams
 from loco_sim.robot import robot
+from loco_sim.robot.urdf_check import MESHES
 from loco_sim.world.world import make_world
 
 MASS, GRAVITY = 84.756, 9.81
@@ -33,6 +35,24 @@ def pendulum(tmp_path, engine):
     made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
     made.rebuild([0.1], height=2.0)
     yield made
+    made.close()
+
+
+@pytest.mark.parametrize("suffix", MESHES)
+def test_every_kind_of_mesh_has_its_place_and_scale(tmp_path, engine, suffix):
+    corners = trimesh.creation.box(bounds=[[0.0, 0.0, -3.0], [1.0, 2.0, 0.5]])
+    corners.export(tmp_path / f"part{suffix}")
+    shape = f"""<collision><origin xyz="0 0 -0.25"/><geometry>
+<mesh filename="part{suffix}" scale="0.1 0.1 0.5"/></geometry></collision></link>\n<joint"""
+    (tmp_path / "bench.urdf").write_text(PENDULUM.replace("</link>\n<joint", shape))
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 4.0\n"
+    )
+    made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
+    made.rebuild([0.0], height=4.0)
+    assert made.lowest_points()["rod"][2] == pytest.approx(
+        4.0 - 0.25 - 0.5 * 3.0, abs=1.1e-3
+    )  # PyBullet puts 1 mm around meshes
     made.close()
 
 

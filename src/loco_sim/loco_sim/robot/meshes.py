@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corners of mesh files."""
+"""Mesh files."""
 
 from __future__ import annotations
 
@@ -13,11 +13,18 @@ import trimesh
 log = logging.getLogger(__name__)
 
 
+@lru_cache(maxsize=16)
+def read_mesh(path: Path) -> trimesh.Trimesh | None:
+    """All of a mesh file as one mesh in its own units; None if it cannot be read, told once."""
+    try:
+        return trimesh.load(path, force="mesh")
+    except Exception as error:  # noqa: BLE001  (readers of meshes raise anything)
+        log.warning("cannot read the mesh %s: %s", path, error)
+        return None
+
+
 @lru_cache(maxsize=64)
 def mesh_points(path: Path) -> np.ndarray:
     """Corners of a mesh in its own units, (k, 3); none if the file cannot be read."""
-    try:
-        return np.unique(np.asarray(trimesh.load(path, force="mesh").vertices, float), axis=0)
-    except Exception as error:  # noqa: BLE001  (readers of meshes raise anything)
-        log.warning("cannot read %s: %s", path, error)
-        return np.zeros((0, 3))
+    mesh = read_mesh(path)
+    return np.zeros((0, 3)) if mesh is None else np.unique(np.asarray(mesh.vertices, float), axis=0)

@@ -8,7 +8,6 @@ sticks between its joints and balls where its masses are.
 
 from __future__ import annotations
 
-import logging
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -19,10 +18,9 @@ from numba import njit
 
 from ..geometry import Triple, rotation_matrix
 from ..robot.frames import link_frames, origin_of
+from ..robot.meshes import read_mesh
 from ..robot.robot import Robot
 from ..robot.urdf_check import mass_of, mesh_path
-
-log = logging.getLogger(__name__)
 
 GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
 AMBIENT, DIFFUSE = 0.62, 0.45  # light from everywhere, and from the sun
@@ -174,12 +172,10 @@ def _mesh(kind: ET.Element, folder: Path) -> np.ndarray | None:
         return None
     name = kind.get("filename", "")
     file = mesh_path(name, folder) or folder / name
-    try:
-        triangles = np.asarray(trimesh.load(file, force="mesh").triangles)
-    except Exception as error:  # noqa: BLE001  (readers of meshes raise anything)
-        log.warning("no picture of %s: %s", file, error)
+    mesh = read_mesh(file)
+    if mesh is None:
         return None
-    return triangles * [float(v) for v in kind.get("scale", "1 1 1").split()]
+    return np.asarray(mesh.triangles) * [float(v) for v in kind.get("scale", "1 1 1").split()]
 
 
 def _colour(shape: ET.Element, named: dict) -> tuple[float, ...]:

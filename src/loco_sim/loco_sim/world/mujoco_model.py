@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from ..geometry import Triple
+from ..robot.meshes import read_mesh
 from .terrain import CELL, Terrain
 
 OF_WORLD = "link_named_world"  # name of the body of a link that is named "world"
@@ -52,6 +53,7 @@ def plan(
         ValueError: MuJoCo cannot build it.
     """
     spec = mujoco.MjSpec.from_string(_for_mujoco(text))
+    _read_collada(spec)
     if root:
         spec.body(body_of(root)).add_freejoint()
     option = spec.option
@@ -73,6 +75,17 @@ def plan(
             reftype=mujoco.mjtObj.mjOBJ_BODY, refname=body_of(foot), intprm=NET_FORCE,
         )  # fmt: skip
     return spec
+
+
+def _read_collada(spec: mujoco.MjSpec) -> None:
+    """Put corners and faces in the place of the ``.dae`` files that MuJoCo cannot read."""
+    for mesh in spec.meshes:
+        if mesh.file.lower().endswith(".dae"):
+            read = read_mesh(Path(mesh.file))
+            if read is None:
+                raise ValueError(f"the mesh {mesh.file} cannot be read")
+            mesh.uservert, mesh.userface = read.vertices.ravel(), read.faces.ravel()
+            mesh.file = ""
 
 
 def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
