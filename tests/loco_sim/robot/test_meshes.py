@@ -18,6 +18,15 @@ def test_corners_and_area_are_those_that_were_written(tmp_path, suffix):
     assert read_mesh(path).area == pytest.approx(box.area)
 
 
+def test_a_shape_whose_material_is_missing_is_not_lost(tmp_path):
+    path = tmp_path / "part.dae"
+    trimesh.creation.box([1.0, 2.0, 3.0]).export(path)
+    text = path.read_text()
+    start, end = text.index("<library_materials>"), text.index("</library_materials>")
+    path.write_text(text[:start] + "<library_materials>" + text[end:])
+    assert read_mesh(path).area == pytest.approx(22.0)
+
+
 def test_a_file_that_is_no_mesh_has_no_corners_and_is_told_once(tmp_path, caplog):
     path = tmp_path / "part.dae"
     path.write_text("<COLLADA>")

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import xml.etree.ElementTree as ET
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,15 +14,38 @@ import trimesh
 
 log = logging.getLogger(__name__)
 
+# Parts of a COLLADA file that say what a shape looks like; a shape with a broken one is lost.
+_LOOKS = {
+    "library_images", "library_effects", "library_materials", "library_cameras", "library_lights",
+    "library_animations", "bind_material", "instance_camera", "instance_light",
+}  # fmt: skip
+
 
 @lru_cache(maxsize=16)
 def read_mesh(path: Path) -> trimesh.Trimesh | None:
     """All of a mesh file as one mesh in its own units; None if it cannot be read, told once."""
     try:
-        return trimesh.load(path, force="mesh")
+        if path.suffix.lower() == ".dae":
+            mesh = trimesh.load(io.BytesIO(_shapes(path)), file_type="dae", force="mesh")
+        else:
+            mesh = trimesh.load(path, force="mesh")
+        if not len(mesh.faces):
+            raise ValueError("it has no faces")
+        return mesh
     except Exception as error:  # noqa: BLE001  (readers of meshes raise anything)
         log.warning("cannot read the mesh %s: %s", path, error)
         return None
+
+
+def _shapes(path: Path) -> bytes:
+    """A COLLADA file without what its shapes look like."""
+    root = ET.parse(path).getroot()
+    for element in root.iter():
+        element.attrib.pop("material", None)
+        for part in list(element):
+            if part.tag.rpartition("}")[2] in _LOOKS:
+                element.remove(part)
+    return ET.tostring(root)
 
 
 @lru_cache(maxsize=64)
