@@ -56,6 +56,20 @@ def test_every_kind_of_mesh_has_its_place_and_scale(tmp_path, engine, suffix):
     made.close()
 
 
+@pytest.mark.parametrize("middle", [0.0, -0.3, 0.02])
+def test_a_round_foot_begins_on_the_ground_wherever_it_is_on_its_link(tmp_path, engine, middle):
+    shape = f"""<collision><origin xyz="0 0 {middle}"/><geometry><sphere radius="0.1"/></geometry>
+</collision></link>\n<joint"""
+    (tmp_path / "bench.urdf").write_text(PENDULUM.replace("</link>\n<joint", shape))
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: bench.urdf\njoints: [pivot]\nfeet: [rod]\nheight: 1.0\n"
+    )
+    made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
+    made.rebuild([0.0])
+    assert made.base().position[2] == pytest.approx(0.1 - middle, abs=1e-4)
+    made.close()
+
+
 def in_the_air(world, hyq, height=5.0):
     world.rebuild(hyq.standing, height=height)
     return world

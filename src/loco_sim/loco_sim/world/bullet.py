@@ -51,6 +51,7 @@ def _import_pybullet():
 
 pybullet = _import_pybullet()
 
+ROUNDING = 1e-4  # closest points are as exact as this at least [m]
 FAR = 1e4  # the ground is near enough to be asked for [m]
 DEPTH_SHARE = 0.0  # of the depth of a rigid contact that is given back per step
 HARD = 1e12  # damping of a contact that shall be rigid again [N·s/m]
@@ -88,16 +89,16 @@ class World(world.World):
     # ---- building ----------------------------------------------------------------
 
     def _lowest_foot(self) -> float:
-        lowest = []
+        heights, points = [], self.lowest_points()
         for foot in self.robot.feet:
+            link = self.place(foot)[2]
             shape = self._client.getCollisionShapeData(self._body, self._links[foot])
-            round_foot = shape and shape[0][2] == pybullet.GEOM_SPHERE
-            if shape and not round_foot:
-                lowest.append(self.lowest_points()[foot][2])
-                continue
-            radius = shape[0][3][0] if round_foot else 0.0
-            lowest.append(self.place(foot)[2] - radius)
-        return min(lowest)
+            lowest = points[foot][2] if shape else link
+            if shape and shape[0][2] == pybullet.GEOM_SPHERE:
+                exact = link - shape[0][3][0]  # of a sphere around the origin of its link
+                lowest = exact if abs(lowest - exact) < ROUNDING else lowest
+            heights.append(lowest)
+        return min(heights)
 
     def _load(self, height: float) -> None:
         c, p = self._client, self.params
