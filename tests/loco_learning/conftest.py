@@ -82,6 +82,10 @@ def cluster():
     workers = [
         dask("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in "ab"
     ]
+    from distributed import Client  # slow, and few tests need it
+
+    with Client(address) as client:
+        client.wait_for_workers(len(workers), timeout=120)  # importing takes long beside a load
     yield address, workers
     for process in (*workers, scheduler):
         process.kill()

@@ -75,7 +75,7 @@ def start(command, environment, tmp_path):
 
 def until_up(processes):
     """Wait until each process takes part in DDS."""
-    end = time.monotonic() + 90.0
+    end = time.monotonic() + 300.0  # beside a load a dozen processes take their time to begin
     up = set()
     while len(up) < len(processes):
         for name, process in processes.items():

@@ -41,6 +41,7 @@ from .log import MEASURED, MODEL
 
 FOREVER = 1e5  # simulated time of robots that are stopped from outside [s]
 RESULT = "model.yaml"
+PATIENCE = 30.0  # a calibrator without processor time tells of gaps later than the robots run [s]
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ class Client:
         self._handle: Any = None
         self._answer: Any = None
         self._cancelled = False
-        self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
+        self._told, self._until = 0, (float("inf"), 0.0)  # gaps when it ended, end of patience [s]
         self._models = 0  # that the model robot became
 
     def __enter__(self) -> Client:
@@ -258,7 +259,8 @@ class Client:
             return bool(self.status)
         rows = self.progress.gaps[self._told :]
         shown = sum(1 for row in rows if row.model == self._models and not row.mixed)
-        return shown >= self._live.after or self.progress.sim_time >= self._until
+        late = self.progress.sim_time >= self._until[0] and time.monotonic() >= self._until[1]
+        return shown >= self._live.after or late
 
     def _heard(self) -> bool:
         """Whether an answer of the calibrator reaches us.
@@ -309,7 +311,8 @@ class Client:
         self.status, self.result = names.get(answer.status, "failed"), answer.result
         self.progress.phase = self.status
         self._told = len(self.progress.gaps)
-        self._until = self.progress.sim_time + (3 * self._live.after + 5) * self._period
+        periods = (3 * self._live.after + 5) * self._period
+        self._until = self.progress.sim_time + periods, time.monotonic() + PATIENCE
 
     def outcome(self, run: Outcome) -> LiveOutcome:
         """The end of the calibration; the calibrated model is written beside the bag."""
