@@ -102,6 +102,21 @@ def test_an_inertia_that_no_body_has_is_raised_and_one_that_is_no_number_is_left
         assert made.link("arm").find("inertial/inertia").get("izz") == wrong and not made.notes
 
 
+@pytest.mark.parametrize("wrong", [
+    'ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0.2"',  # a moment below 0
+    'ixx="0" iyy="0" izz="0" ixy="0" ixz="2.4e-35"',
+    'ixx="-0.1" iyy="-0.1" izz="-0.1" ixy="0" ixz="0"',
+])  # fmt: skip
+@pytest.mark.parametrize("kind", ["continuous", "fixed"])
+def test_an_inertia_that_is_not_positive_is_mended(tmp_path, wrong, kind):
+    right = 'ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0"'
+    assert right in BODY
+    joint = f'<joint name="j" type="{kind}">{ENDS}</joint>'
+    made = tidied(tmp_path, joint, BODY.replace(right, wrong))
+    tensor = [float(made.link("arm").find("inertial/inertia").get(key)) for key in TENSOR]
+    assert not any(tensor) if kind == "fixed" and "0.2" not in wrong else not inertia_fault(tensor)
+
+
 def test_possible_tensors_keep_their_axes_and_largest_moment():
     rng = np.random.default_rng(0)
     for _ in range(100):

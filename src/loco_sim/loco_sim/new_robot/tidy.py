@@ -33,6 +33,7 @@ from .shapes import link_points, solid_inertia
 KEPT = ("link", "joint", "material")
 WORLDS = ("world", "map", "odom", "ground")
 SLIDE = 1.0  # travel to each side of a slide that names none [m]
+POINT = 1e-9  # inertia per mass below which a tensor is none, a body of 0.03 mm [m²]
 FEATHER = 1e-3  # mass of a link that needs one, as a share of the robot's
 
 
@@ -207,9 +208,12 @@ class Tidied:
                 continue
             if not all(map(math.isfinite, values)):
                 continue
-            if not any(values) and name not in fixed:
-                self._solid(name, link, mass, tensor)
-            elif "exceeds" in (inertia_fault(values) if any(values) else ""):
+            if np.linalg.eigvalsh(_matrix(values))[2] < POINT * mass:
+                if name in fixed:
+                    _set_tensor(tensor, np.zeros((3, 3)))
+                else:
+                    self._solid(name, link, mass, tensor)
+            elif inertia_fault(values):
                 _set_tensor(tensor, possible(values))
                 self._note("inertia raised to what a body can have", name)
 
@@ -253,10 +257,15 @@ class Tidied:
                 _turn_origin(place, rotation)
 
 
+def _matrix(values: list[float]) -> list[list[float]]:
+    """Tensor of ixx, ixy, ixz, iyy, iyz, izz."""
+    ixx, ixy, ixz, iyy, iyz, izz = values
+    return [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
+
+
 def possible(values: list[float]) -> np.ndarray:
     """Tensor whose smaller moments are raised until a body can have them, (3, 3)."""
-    ixx, ixy, ixz, iyy, iyz, izz = values
-    moments, axes = np.linalg.eigh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    moments, axes = np.linalg.eigh(_matrix(values))
     moments = np.maximum(moments, 0.0)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1]) + 1e-4 * moments[2]
     return axes @ np.diag(moments) @ axes.T
