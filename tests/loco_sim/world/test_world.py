@@ -2,6 +2,7 @@
 """The world obeys mechanics, agrees with the controllers' kinematics and is reproducible."""
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -68,6 +69,28 @@ def test_a_round_foot_begins_on_the_ground_wherever_it_is_on_its_link(tmp_path, 
     made.rebuild([0.0])
     assert made.base().position[2] == pytest.approx(0.1 - middle, abs=1e-4)
     made.close()
+
+
+def test_more_links_than_an_engine_has_room_for_are_one_line(tmp_path, engine):
+    link = PENDULUM[PENDULUM.index('<link name="rod">') : PENDULUM.index("<joint")]
+    more = "".join(
+        link.replace("rod", f"part{i}")
+        + f'<joint name="fix{i}" type="fixed"><parent link="stand"/><child link="part{i}"/></joint>'
+        for i in range(250)
+    )
+    (tmp_path / "bench.urdf").write_text(
+        PENDULUM.replace('<joint name="pivot"', more + '<joint name="pivot"')
+    )
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 2.0\n"
+    )
+    with closing(make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)) as made:
+        if engine == "mujoco":
+            made.rebuild([0.1], height=2.0)
+            assert made.joint_states()[0][0] == pytest.approx(0.1)
+        else:
+            with pytest.raises(ParameterError, match="251 links.*--engine mujoco"):
+                made.rebuild([0.1], height=2.0)
 
 
 def in_the_air(world, hyq, height=5.0):

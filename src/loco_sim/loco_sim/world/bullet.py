@@ -162,6 +162,13 @@ class World(world.World):
         c.setJointMotorControlArray(
             body, self._moving, pybullet.VELOCITY_CONTROL, forces=[0.0] * len(self._moving)
         )
+        try:
+            c.getJointStates(body, self._read)
+        except pybullet.error as error:
+            raise ParameterError(
+                f"PyBullet cannot tell the joints of robot {self.robot.name!r}, which has {count} "
+                f"links: {error} MuJoCo takes it (--engine mujoco)"
+            ) from None
         inertial = c.getDynamicsInfo(body, -1)
         x, y, z, w = inertial[4]
         self._com, self._com_turn_back = inertial[3], (-x, -y, -z, w)
