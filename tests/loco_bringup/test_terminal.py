@@ -64,8 +64,9 @@ def test_replay_sends_the_recorded_bytes(outcomes):
 
     import rclpy
     from rclpy.experimental import EventsExecutor
+    from std_msgs.msg import String
 
-    from loco_bringup.record.replayer import replay_bag
+    from loco_bringup.record.replayer import CONTROL, replay_bag
     from loco_control.ros.messages.topics import topic
 
     folder = outcomes["composed"].folder
@@ -75,6 +76,7 @@ def test_replay_sends_the_recorded_bytes(outcomes):
     got = []
     row = topic("motion_command")
     node.create_subscription(row.type, row.name, got.append, row.qos.tap(True), raw=True)
+    control = node.create_publisher(String, CONTROL, 10)
     executor = EventsExecutor(context=context)
     executor.add_node(node)
     stop = threading.Event()
@@ -82,10 +84,12 @@ def test_replay_sends_the_recorded_bytes(outcomes):
     def spin():
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.05)
+            if not got and node.count_publishers(row.name) and control.get_subscription_count():
+                control.publish(String(data="resume"))
 
     thread = threading.Thread(target=spin)
     thread.start()
-    assert replay_bag(folder, speed=1.0, topics=["motion_command"]) == 0
+    assert replay_bag(folder, speed=1.0, topics=["motion_command"], pause=True) == 0
     recorded = Bag(folder).raw("motion_command")[1]
     end = time.monotonic() + 10.0
     while (not got or got[-1] != recorded[-1]) and time.monotonic() < end:
@@ -95,4 +99,5 @@ def test_replay_sends_the_recorded_bytes(outcomes):
     node.destroy_node()
     context.try_shutdown()
     # The first messages may go out before the listener is matched; none is lost after.
-    assert got and got == recorded[-len(got) :]
+    assert got == recorded[-len(got) :]
+    assert len(got) > len(recorded) // 2
