@@ -21,9 +21,23 @@ _LOOKS = {
 }  # fmt: skip
 
 
-@lru_cache(maxsize=16)
 def read_mesh(path: Path) -> trimesh.Trimesh | None:
     """All of a mesh file as one mesh in its own units; None if it cannot be read, told once."""
+    return _read(path, _date(path))
+
+
+def mesh_points(path: Path) -> np.ndarray:
+    """Corners of a mesh in its own units, (k, 3); none if the file cannot be read."""
+    return _corners(path, _date(path))
+
+
+def _date(path: Path) -> int:
+    """Time at which a file was written [ns]: one that has changed is read again."""
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
+@lru_cache(maxsize=16)
+def _read(path: Path, date: int) -> trimesh.Trimesh | None:
     try:
         if path.suffix.lower() == ".dae":
             mesh = trimesh.load(io.BytesIO(_shapes(path)), file_type="dae", force="mesh")
@@ -49,7 +63,6 @@ def _shapes(path: Path) -> bytes:
 
 
 @lru_cache(maxsize=64)
-def mesh_points(path: Path) -> np.ndarray:
-    """Corners of a mesh in its own units, (k, 3); none if the file cannot be read."""
-    mesh = read_mesh(path)
+def _corners(path: Path, date: int) -> np.ndarray:
+    mesh = _read(path, date)
     return np.zeros((0, 3)) if mesh is None else np.unique(np.asarray(mesh.vertices, float), axis=0)
