@@ -115,6 +115,7 @@ def test_an_inertia_that_is_not_positive_is_mended(tmp_path, wrong, kind):
     made = tidied(tmp_path, joint, BODY.replace(right, wrong))
     tensor = [float(made.link("arm").find("inertial/inertia").get(key)) for key in TENSOR]
     assert not any(tensor) if kind == "fixed" and "0.2" not in wrong else not inertia_fault(tensor)
+    assert "inertia" in " ".join(made.notes) and "arm" in " ".join(made.notes)
 
 
 def test_possible_tensors_keep_their_axes_and_largest_moment():

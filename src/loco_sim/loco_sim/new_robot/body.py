@@ -8,6 +8,7 @@ import numpy as np
 from ..bolted import tree as trees
 from ..robot.description import Description
 from ..robot.equipment import GRAVITY
+from ..robot.urdf_check import TENSOR, inertia_matrix
 
 BASE = -1
 
@@ -191,8 +192,7 @@ def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np
         at, facing = frame.place + frame.turn @ offset, frame.turn @ turn
         tensor = inertial.find("inertia")
         values = {} if tensor is None else tensor.attrib
-        ixx, ixy, ixz, iyy, iyz, izz = (float(values.get(key, 0.0)) for key in trees.TENSOR)
-        local = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        local = inertia_matrix([float(values.get(key, 0.0)) for key in TENSOR])
         if mass:
             mass, com, inertia = trees.add_point_mass(mass, com, inertia, own, at)
         else:

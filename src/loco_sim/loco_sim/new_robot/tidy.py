@@ -24,6 +24,7 @@ from ..robot.urdf_check import (
     SIZES,
     TENSOR,
     inertia_fault,
+    inertia_matrix,
     mass_of,
     mesh_path,
     parse,
@@ -208,11 +209,12 @@ class Tidied:
                 continue
             if not all(map(math.isfinite, values)):
                 continue
-            if np.linalg.eigvalsh(_matrix(values))[2] < POINT * mass:
-                if name in fixed:
-                    _set_tensor(tensor, np.zeros((3, 3)))
-                else:
+            if np.linalg.eigvalsh(inertia_matrix(values))[2] < POINT * mass:
+                if name not in fixed:
                     self._solid(name, link, mass, tensor)
+                elif any(values):
+                    _set_tensor(tensor, np.zeros((3, 3)))
+                    self._note("inertia left out, as no body is so small", name)
             elif inertia_fault(values):
                 _set_tensor(tensor, possible(values))
                 self._note("inertia raised to what a body can have", name)
@@ -257,15 +259,9 @@ class Tidied:
                 _turn_origin(place, rotation)
 
 
-def _matrix(values: list[float]) -> list[list[float]]:
-    """Tensor of ixx, ixy, ixz, iyy, iyz, izz."""
-    ixx, ixy, ixz, iyy, iyz, izz = values
-    return [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]
-
-
 def possible(values: list[float]) -> np.ndarray:
     """Tensor whose smaller moments are raised until a body can have them, (3, 3)."""
-    moments, axes = np.linalg.eigh(_matrix(values))
+    moments, axes = np.linalg.eigh(inertia_matrix(values))
     moments = np.maximum(moments, 0.0)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1]) + 1e-4 * moments[2]
     return axes @ np.diag(moments) @ axes.T

@@ -13,7 +13,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 
 from ..geometry import added
 from .frames import fixed_axes
-from .urdf_check import TENSOR, mass_of, mesh_path, parse
+from .urdf_check import TENSOR, inertia_matrix, mass_of, mesh_path, parse
 
 
 def add_point_mass(
@@ -309,8 +309,7 @@ class Description:
             ParameterError: The link has no inertia.
         """
         _, tensor, _ = self._inertial(link)
-        ixx, ixy, ixz, iyy, iyz, izz = (float(tensor.get(k, 0.0)) for k in TENSOR)
-        return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        return inertia_matrix([float(tensor.get(key, 0.0)) for key in TENSOR])
 
     def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
         """Move the centre of mass of a link [m]; the inertia about it stays.

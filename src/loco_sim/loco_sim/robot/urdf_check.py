@@ -12,7 +12,7 @@ import math
 import os
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -252,14 +252,19 @@ def mass_of(link: ET.Element) -> float:
     return mass if math.isfinite(mass) else 0.0
 
 
+def inertia_matrix(tensor: Sequence[float]) -> np.ndarray:
+    """Symmetric matrix (3, 3) of the six values that `TENSOR` names."""
+    ixx, ixy, ixz, iyy, iyz, izz = tensor
+    return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+
+
 def inertia_fault(tensor: list[float]) -> str:
     """The reason that keeps a tensor from being that of a body, "" if there is none.
 
     Args:
         tensor: ixx, ixy, ixz, iyy, iyz, izz [kg·m²].
     """
-    ixx, ixy, ixz, iyy, iyz, izz = tensor
-    moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    moments = np.linalg.eigvalsh(inertia_matrix(tensor))
     if not moments[2] > 0.0:
         return "it has mass but no inertia" if moments[0] == 0.0 else "its inertia is negative"
     if moments[0] < -ROUNDING * moments[2]:
