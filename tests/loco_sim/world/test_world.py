@@ -26,49 +26,45 @@ PENDULUM = """<robot name="bench"><link name="stand"><inertial><mass value="1"/>
 <axis xyz="0 1 0"/></joint></robot>"""
 
 
+def bench(folder, engine, urdf=PENDULUM, base="fixed_base: true"):
+    """World of a bench, not built yet."""
+    (folder / "bench.urdf").write_text(urdf)
+    (folder / "robot.yaml").write_text(f"urdf: bench.urdf\njoints: [pivot]\n{base}\nheight: 2.0\n")
+    return make_world(robot.load(folder), SimParams(engine=engine), 0.0005)
+
+
+def colliding(origin, shape):
+    """The pendulum with a shape on its rod that collides, at a height in its frame."""
+    part = f"""<collision><origin xyz="0 0 {origin}"/><geometry>{shape}</geometry></collision>"""
+    return PENDULUM.replace("</link>\n<joint", f"{part}</link>\n<joint")
+
+
 @pytest.fixture
 def pendulum(tmp_path, engine):
     """A physical pendulum bolted to the world: no feet, no trunk, one joint."""
-    (tmp_path / "bench.urdf").write_text(PENDULUM)
-    (tmp_path / "robot.yaml").write_text(
-        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 2.0\n"
-    )
-    made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
-    made.rebuild([0.1], height=2.0)
-    yield made
-    made.close()
+    with closing(bench(tmp_path, engine)) as made:
+        made.rebuild([0.1], height=2.0)
+        yield made
 
 
 @pytest.mark.parametrize("suffix", MESHES)
 def test_every_kind_of_mesh_has_its_place_and_scale(tmp_path, engine, suffix):
     corners = trimesh.creation.box(bounds=[[0.0, 0.0, -3.0], [1.0, 2.0, 0.5]])
     corners.export(tmp_path / f"part{suffix}")
-    shape = f"""<collision><origin xyz="0 0 -0.25"/><geometry>
-<mesh filename="part{suffix}" scale="0.1 0.1 0.5"/></geometry></collision></link>\n<joint"""
-    (tmp_path / "bench.urdf").write_text(PENDULUM.replace("</link>\n<joint", shape))
-    (tmp_path / "robot.yaml").write_text(
-        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 4.0\n"
-    )
-    made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
-    made.rebuild([0.0], height=4.0)
-    assert made.lowest_points()["rod"][2] == pytest.approx(
-        4.0 - 0.25 - 0.5 * 3.0, abs=1.1e-3
-    )  # PyBullet puts 1 mm around meshes
-    made.close()
+    urdf = colliding(-0.25, f'<mesh filename="part{suffix}" scale="0.1 0.1 0.5"/>')
+    around = 1e-3 if engine == "pybullet" else 0.0  # what PyBullet puts around meshes [m]
+    with closing(bench(tmp_path, engine, urdf)) as made:
+        made.rebuild([0.0], height=4.0)
+        lowest = made.lowest_points()["rod"][2]
+        assert lowest == pytest.approx(4.0 - 0.25 - 0.5 * 3.0 - around, abs=1e-6)
 
 
 @pytest.mark.parametrize("middle", [0.0, -0.3, 0.02])
 def test_a_round_foot_begins_on_the_ground_wherever_it_is_on_its_link(tmp_path, engine, middle):
-    shape = f"""<collision><origin xyz="0 0 {middle}"/><geometry><sphere radius="0.1"/></geometry>
-</collision></link>\n<joint"""
-    (tmp_path / "bench.urdf").write_text(PENDULUM.replace("</link>\n<joint", shape))
-    (tmp_path / "robot.yaml").write_text(
-        "urdf: bench.urdf\njoints: [pivot]\nfeet: [rod]\nheight: 1.0\n"
-    )
-    made = make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)
-    made.rebuild([0.0])
-    assert made.base().position[2] == pytest.approx(0.1 - middle, abs=1e-4)
-    made.close()
+    urdf = colliding(middle, '<sphere radius="0.1"/>')
+    with closing(bench(tmp_path, engine, urdf, base="feet: [rod]")) as made:
+        made.rebuild([0.0])
+        assert made.base().position[2] == pytest.approx(0.1 - middle, abs=1e-4)
 
 
 def test_more_links_than_an_engine_has_room_for_are_one_line(tmp_path, engine):
@@ -78,13 +74,8 @@ def test_more_links_than_an_engine_has_room_for_are_one_line(tmp_path, engine):
         + f'<joint name="fix{i}" type="fixed"><parent link="stand"/><child link="part{i}"/></joint>'
         for i in range(250)
     )
-    (tmp_path / "bench.urdf").write_text(
-        PENDULUM.replace('<joint name="pivot"', more + '<joint name="pivot"')
-    )
-    (tmp_path / "robot.yaml").write_text(
-        "urdf: bench.urdf\njoints: [pivot]\nfixed_base: true\nheight: 2.0\n"
-    )
-    with closing(make_world(robot.load(tmp_path), SimParams(engine=engine), 0.0005)) as made:
+    urdf = PENDULUM.replace('<joint name="pivot"', more + '<joint name="pivot"')
+    with closing(bench(tmp_path, engine, urdf)) as made:
         if engine == "mujoco":
             made.rebuild([0.1], height=2.0)
             assert made.joint_states()[0][0] == pytest.approx(0.1)

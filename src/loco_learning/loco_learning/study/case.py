@@ -62,7 +62,10 @@ class CaseResult:
 
 
 class _Compiling(event.Listener):
-    """Processor time that goes into compiling kernels [s], as in the first run after set-up."""
+    """Processor time that goes into compiling kernels [s], as in the first run after set-up.
+
+    Numba's own `TimingListener` tells wall time, in which other processes have a share.
+    """
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._began = 0.0, 0, 0.0

@@ -215,7 +215,8 @@ class Client:
         self._handle: Any = None
         self._answer: Any = None
         self._cancelled = False
-        self._told, self._until = 0, (float("inf"), 0.0)  # gaps when it ended, end of patience [s]
+        self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
+        self._patient_until = 0.0  # wall time before which it does not give up [s]
         self._models = 0  # that the model robot became
 
     def __enter__(self) -> Client:
@@ -259,7 +260,7 @@ class Client:
             return bool(self.status)
         rows = self.progress.gaps[self._told :]
         shown = sum(1 for row in rows if row.model == self._models and not row.mixed)
-        late = self.progress.sim_time >= self._until[0] and time.monotonic() >= self._until[1]
+        late = self.progress.sim_time >= self._until and time.monotonic() >= self._patient_until
         return shown >= self._live.after or late
 
     def _heard(self) -> bool:
@@ -311,8 +312,8 @@ class Client:
         self.status, self.result = names.get(answer.status, "failed"), answer.result
         self.progress.phase = self.status
         self._told = len(self.progress.gaps)
-        periods = (3 * self._live.after + 5) * self._period
-        self._until = self.progress.sim_time + periods, time.monotonic() + PATIENCE
+        self._until = self.progress.sim_time + (3 * self._live.after + 5) * self._period
+        self._patient_until = time.monotonic() + PATIENCE
 
     def outcome(self, run: Outcome) -> LiveOutcome:
         """The end of the calibration; the calibrated model is written beside the bag."""
