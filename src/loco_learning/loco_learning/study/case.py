@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba.core import event
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import to_dict
@@ -61,26 +60,6 @@ class CaseResult:
         return cls(**meta, curves=curves)
 
 
-class _Compiling(event.Listener):
-    """Processor time that goes into compiling kernels [s], as in the first run after set-up.
-
-    Numba's own `TimingListener` tells wall time, in which other processes have a share.
-    """
-
-    def __init__(self) -> None:
-        self.seconds, self._depth, self._began = 0.0, 0, 0.0
-
-    def on_start(self, event: event.Event) -> None:
-        if self._depth == 0:
-            self._began = time.process_time()
-        self._depth += 1  # a kernel has those compiled that it calls
-
-    def on_end(self, event: event.Event) -> None:
-        self._depth -= 1
-        if self._depth == 0:
-            self.seconds += time.process_time() - self._began
-
-
 def run_case(
     name: str,
     variant: str,
@@ -106,18 +85,19 @@ def run_case(
         timed: Keep `CLOCKED`, too.
     """
     from ..runs.rollout import rollout  # loads physics, in the worker
+    from .compiling import compiling  # and a compiler
 
-    started, compiling = time.process_time(), _Compiling()
+    started = time.process_time()
     experiment = override(base, settings) if settings else base
     try:
-        with event.install_listener("numba:compile", compiling):
+        with compiling() as compiled:
             result = reduce(rollout(experiment, seed), name, variant, curves, timed)
     except ParameterError as error:  # a corner of the grid that cannot be run
         if not settings:
             raise
         verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
         result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {})
-    seconds = time.process_time() - started - compiling.seconds
+    seconds = time.process_time() - started - compiled.seconds
     return replace(result, at=at, key=key, seconds=seconds)
 
 
