@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long the kernels of a run took to compile."""
+"""Tells how long the kernels of a run took to compile."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Listener(event.Listener):
 
 @contextmanager
 def compiling() -> Iterator[_Listener]:
-    """What is done inside is listened to; `seconds` of the result grows with each kernel."""
+    """Measure what kernels take to compile in the block; it grows in `seconds` of the result."""
     listener = _Listener()
     with event.install_listener("numba:compile", listener):
         yield listener
