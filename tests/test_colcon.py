@@ -71,9 +71,17 @@ def workspace(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def environment(venv: Path) -> dict[str, str]:
-    """Variables that ./loco sets before it starts colcon."""
+    """Variables that ./loco sets before it starts colcon.
+
+    Those of coverage are dropped, too: it would trace the generators of messages, which takes as
+    long again as the build, and what runs from the workspace is a copy that is not counted.
+    """
     dropped = ("PYTHONPATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH")
-    kept = {name: value for name, value in os.environ.items() if name not in dropped}
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in dropped and not name.startswith("COVERAGE_")
+    }
     path = f"{venv}/bin:{os.environ['PATH']}"
     return kept | {"VIRTUAL_ENV": str(venv), "AMENT_PREFIX_PATH": str(venv), "PATH": path}
 
