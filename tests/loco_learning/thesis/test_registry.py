@@ -34,7 +34,7 @@ def test_a_claim_has_a_measure_a_rule_and_runs(number):
         assert all(low <= high for low, high in claim.rule.values())
 
 
-@pytest.mark.parametrize("plan", ["quick", "medium", "full"])
+@pytest.mark.parametrize("plan", ["quick", "medium", "full", "mujoco"])
 def test_every_study_of_a_plan_reads_and_serves_a_claim(plan):
     used = {name for claim in CLAIMS.values() for name in claim.evidence}
     for name, entry in evidence.plan(plan).items():

@@ -71,6 +71,19 @@ def test_feet_stand_on_the_heights(engine):
     assert np.all(np.array(gaps)[:, 3] > -1e-3)
 
 
+@pytest.mark.parametrize("engine", installed())
+def test_the_lowest_points_of_a_robot_do_not_depend_on_the_ground(engine):
+    hyq, found = robot.load("hyq", {"sim.engine": engine}), []
+    for listed in ([], [effects.make("terrain", roughness=0.1, flat=0.0)]):
+        with Simulation(effects=listed, robot=hyq) as sim:
+            sim._world.pose((3.0, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0), hyq.standing)
+            found.append(sim._world.lowest_points())
+    flat, rough = found
+    assert flat.keys() == rough.keys() >= set(hyq.feet)
+    for link, point in flat.items():
+        assert rough[link][2] == pytest.approx(point[2], abs=1e-9)
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.8])
 def test_patches_cover_their_share_and_not_the_start(share):
     patches = Patches(share, 0.3, 2, 0.8)

@@ -12,7 +12,7 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 
 from ..geometry import added
-from .frames import fixed_axes
+from .frames import fixed_axes, numbers
 from .urdf_check import TENSOR, inertia_matrix, mass_of, mesh_path, parse
 
 
@@ -191,6 +191,19 @@ class Description:
                 f"{self.limits(joint)[1]:g}, got {lower:g}"
             )
         self._find("joint", joint).find("limit").set("lower", repr(float(lower)))
+
+    def balls(self, link: str) -> list[tuple[list[float], float]]:
+        """Centres [m], in the frame of the link, and radii [m] of the spheres that it touches with.
+
+        Raises:
+            NameUnknownError: There is no such link.
+        """
+        shapes = self._find("link", link).findall("collision")
+        return [
+            (numbers(shape.find("origin"), "xyz", "0 0 0").tolist(), float(ball.get("radius")))
+            for shape in shapes
+            for ball in shape.findall("geometry/sphere")
+        ]
 
     def grow_ball(self, link: str, by: float) -> None:
         """Make the ball at the end of a link larger in radius [m], or smaller.

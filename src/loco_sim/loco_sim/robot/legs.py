@@ -36,7 +36,7 @@ from loco_control.names import JOINT_KINDS, LEGS
 
 from ..geometry import added
 from .description import Description
-from .frames import numbers, zero_frames
+from .frames import zero_frames
 
 TILT = 0.02  # largest angle between a joint and its axis of the base [rad]: drawing errors pass
 SHORTEST = 0.01  # length of thigh and shank at least [m]
@@ -175,10 +175,9 @@ def _along(leg: str, joint: str, axis: np.ndarray, wanted: int) -> float:
 def _foot(description: Description, frames: Mapping, link: str) -> np.ndarray:
     """Centre of a foot in the base frame [m], (3,): of its sphere if it has one."""
     rotation, origin = frames[link]
-    element = next(e for e in description.elements("link") if e.get("name") == link)
-    spheres = [c for c in element.findall("collision") if c.find("geometry/sphere") is not None]
-    if len(spheres) == 1:
-        return origin + rotation @ numbers(spheres[0].find("origin"), "xyz", "0 0 0")
+    balls = description.balls(link)
+    if len(balls) == 1:
+        return origin + rotation @ balls[0][0]
     return origin
 
 

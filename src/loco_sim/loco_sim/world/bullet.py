@@ -51,7 +51,6 @@ def _import_pybullet():
 
 pybullet = _import_pybullet()
 
-ROUNDING = 1e-4  # closest points are as exact as this at least [m]
 FAR = 1e4  # the ground is near enough to be asked for [m]
 DEPTH_SHARE = 0.0  # of the depth of a rigid contact that is given back per step
 HARD = 1e12  # damping of a contact that shall be rigid again [N·s/m]
@@ -89,15 +88,15 @@ class World(world.World):
     # ---- building ----------------------------------------------------------------
 
     def _lowest_foot(self) -> float:
-        heights, points = [], self.lowest_points()
+        heights = []
         for foot in self.robot.feet:
-            link = self.place(foot)[2]
-            shape = self._client.getCollisionShapeData(self._body, self._links[foot])
-            lowest = points[foot][2] if shape else link
-            if shape and shape[0][2] == pybullet.GEOM_SPHERE:
-                exact = link - shape[0][3][0]  # of a sphere around the origin of its link
-                lowest = exact if abs(lowest - exact) < ROUNDING else lowest
-            heights.append(lowest)
+            shapes = self._client.getCollisionShapeData(self._body, self._links[foot])
+            balls = self.description.balls(foot)
+            if len(balls) == len(shapes):  # exact, and asked for in each run of most robots
+                ends = [self.place(foot, centre)[2] - radius for centre, radius in balls]
+                heights.append(min(ends, default=self.place(foot)[2]))
+            else:
+                heights.append(self.lowest_points()[foot][2])
         return min(heights)
 
     def _load(self, height: float) -> None:
@@ -389,12 +388,15 @@ class World(world.World):
 
     def lowest_points(self) -> dict[str, Triple]:
         """Lowest point of each link that can collide, in world [m]; of convex hulls, for meshes."""
+        c = self._client
         names = {index: name for name, index in self._links.items()}
         found: dict[str, Triple] = {}
-        for near in self._client.getClosestPoints(self._body, self._ground, FAR):
+        plane = c.createMultiBody(0, c.createCollisionShape(pybullet.GEOM_PLANE))
+        for near in c.getClosestPoints(self._body, plane, FAR):
             name, point = names[near[3]], near[5]
             if name not in found or point[2] < found[name][2]:
                 found[name] = point
+        c.removeBody(plane)
         return found
 
     def energy(self) -> tuple[float, float]:

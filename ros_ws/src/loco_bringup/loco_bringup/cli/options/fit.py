@@ -161,7 +161,11 @@ The rules stand in loco_learning/thesis/claims.yaml, what each plan runs in plan
 Stop it and start it again: it goes on."""
     p.add_argument("what", help="tigrillo, msd, hyq, clock or all")
     p.add_argument("--quick", action="store_true", help="the plan quick: a few minutes")
-    p.add_argument("--plan", default="full", help="quick, medium, full (default), or a YAML file")
+    p.add_argument(
+        "--plan",
+        default="full",
+        help="quick, medium, full (default), mujoco (chapters 7 to 9 of full), or a YAML file",
+    )
     p.add_argument("--cost", action="store_true",
                    help="time three cases of each study, tell its core-hours, stop")  # fmt: skip
     p.add_argument("--preset", default="thesis", help="msd alone: thesis or author_code")
