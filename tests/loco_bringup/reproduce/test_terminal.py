@@ -26,7 +26,7 @@ def call(*arguments: str) -> int:
         (["msb"], "no thing to reproduce named 'msb' (did you mean 'msd'?)"),
         (["msd", "--preset", "code"], "available: author_code, thesis"),
         (["msd", "--workers", "0"], "workers must be at least 1, got 0"),
-        (["hyq", "--plan", "fast"], "no plan named 'fast'; available: full, medium, quick"),
+        (["hyq", "--plan", "fast"], "no plan named 'fast'; available: full, medium, mujoco, quick"),
     ],
 )
 def test_mistakes_are_one_line(arguments, text, capsys):
