@@ -88,15 +88,18 @@ class World(world.World):
     # ---- building ----------------------------------------------------------------
 
     def _lowest_foot(self) -> float:
-        heights = []
+        heights, others = [], []
         for foot in self.robot.feet:
             shapes = self._client.getCollisionShapeData(self._body, self._links[foot])
             balls = self.description.balls(foot)
-            if len(balls) == len(shapes):  # exact, and asked for in each run of most robots
+            if len(balls) == len(shapes):  # spheres alone, or no shape
                 ends = [self.place(foot, centre)[2] - radius for centre, radius in balls]
                 heights.append(min(ends, default=self.place(foot)[2]))
             else:
-                heights.append(self.lowest_points()[foot][2])
+                others.append(foot)
+        if others:
+            points = self.lowest_points()
+            heights += [points[foot][2] for foot in others]
         return min(heights)
 
     def _load(self, height: float) -> None:
@@ -134,7 +137,7 @@ class World(world.World):
         """Plane or terrain; PyBullet puts the middle between lowest and highest at its origin."""
         c, terrain = self._client, self.terrain
         if terrain is None:
-            return c.createMultiBody(0, c.createCollisionShape(pybullet.GEOM_PLANE))
+            return self._make_plane()
         heights = terrain.heights
         shape = c.createCollisionShape(
             pybullet.GEOM_HEIGHTFIELD, meshScale=[CELL, CELL, 1.0],
@@ -143,6 +146,11 @@ class World(world.World):
         )  # fmt: skip
         middle = 0.5 * float(heights.min() + heights.max())
         return c.createMultiBody(0, shape, basePosition=[*terrain.centre, middle])
+
+    def _make_plane(self) -> int:
+        return self._client.createMultiBody(
+            0, self._client.createCollisionShape(pybullet.GEOM_PLANE)
+        )
 
     def _index(self) -> None:
         """Look up joints and links by name; switch PyBullet's own joint motors off."""
@@ -391,12 +399,14 @@ class World(world.World):
         c = self._client
         names = {index: name for name, index in self._links.items()}
         found: dict[str, Triple] = {}
-        plane = c.createMultiBody(0, c.createCollisionShape(pybullet.GEOM_PLANE))
+        # What is near to a height field is not what is low, and each of its triangles is tried.
+        plane = self._ground if self.terrain is None else self._make_plane()
         for near in c.getClosestPoints(self._body, plane, FAR):
             name, point = names[near[3]], near[5]
             if name not in found or point[2] < found[name][2]:
                 found[name] = point
-        c.removeBody(plane)
+        if plane != self._ground:
+            c.removeBody(plane)
         return found
 
     def energy(self) -> tuple[float, float]:
