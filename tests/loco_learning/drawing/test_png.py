@@ -27,3 +27,21 @@ def test_every_shape_leaves_its_colour_and_bytes_are_the_same(tmp_path):
     for color in (*colors, heat.STEPS[0], heat.STEPS[-1]):
         wanted = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
         assert (np.abs(seen - wanted).max(axis=1) < 6).sum() > 20, color
+
+
+def test_the_legend_shows_the_mark_that_lies_on_top(tmp_path):
+    pale, full, empty = "#ffddaa", "#aa0000", "#0000aa"
+    layers = [
+        dots("region", [1.0, 2.0], [1.0, 1.0], pale, size=6.0),
+        dots("region", [2.0], [1.0], full, size=6.0),
+        dots("region", [], [], empty, size=6.0),
+    ]
+    chart = Chart([Frame(Axis("x", limits=(0.0, 9.0)), Axis("y"), layers)])
+    seen = np.asarray(Image.open(png.write(chart, tmp_path / "a.png")).convert("RGB"))
+    legend = seen[:, int(0.75 * seen.shape[1]) :].reshape(-1, 3)
+
+    def shown(color):
+        wanted = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
+        return bool((np.abs(legend - wanted).max(axis=1) < 6).any())
+
+    assert (shown(pale), shown(full), shown(empty)) == (False, True, False)

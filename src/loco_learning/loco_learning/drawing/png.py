@@ -53,7 +53,9 @@ def _frame(ax: Axes, frame: Frame, known: dict[str, Any]) -> None:
     for axis, horizontal in ((frame.x, True), (frame.y, False)):
         _axis(ax, axis, limits(frame, horizontal), horizontal)
     for order, layer in enumerate(frame.layers):
-        known.setdefault(layer.name, _layer(ax, layer, order))
+        handle = _layer(ax, layer, order)
+        if len(layer.x) or layer.name not in known:  # of a dark mark on a pale one the mark
+            known[layer.name] = handle
     ax.set_title(frame.title, fontsize=9)
     if frame.equal:
         ax.set_aspect("equal", adjustable="datalim")
