@@ -407,3 +407,11 @@ def test_tests_of_a_group_stay_together(request):
     if not getattr(request.config.option, "loadgroup", False):
         pytest.skip("one process, or tests are spread one by one")
     assert request.node.nodeid.endswith("@itself")
+
+
+def test_tests_without_coverage_are_there():
+    lines = (ROOT / "tests/untraced.txt").read_text().splitlines()
+    names = [line.split("::") for line in lines if not line.startswith("#")]
+    assert names == sorted(names)
+    for path, name in names:
+        assert f"\ndef {name}(" in (ROOT / "tests" / path).read_text(), (path, name)
