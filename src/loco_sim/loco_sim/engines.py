@@ -7,6 +7,8 @@ import functools
 import importlib.util
 import os
 
+from loco_control.exceptions import ParameterError
+
 ENGINES = ("pybullet", "mujoco")
 
 
@@ -14,6 +16,15 @@ ENGINES = ("pybullet", "mujoco")
 def installed() -> tuple[str, ...]:
     """Names of the engines that are installed, in the order of `ENGINES`."""
     return tuple(name for name in ENGINES if importlib.util.find_spec(name))
+
+
+def require(engine: str) -> None:
+    """Raise `ParameterError` when an engine of `ENGINES` is not installed."""
+    if engine not in installed():
+        there = " and ".join(installed())
+        raise ParameterError(
+            f"sim.engine is {engine!r}, which is not installed; installed: {there or 'none'}"
+        )
 
 
 def default_engine() -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 from .engines import ENGINES, default_engine
@@ -60,6 +61,14 @@ class SimParams(Params):
     safety: bool = parameter(
         True, "keep the last good command when one is not finite (and count it), else raise"
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.engine == "mujoco" and self.restitution > 0.0:
+            raise ParameterError(
+                f"sim.restitution is {self.restitution:g}, which MuJoCo's contacts do not have: "
+                "leave it at 0, or take --engine pybullet"
+            )
 
 
 @dataclass(frozen=True)

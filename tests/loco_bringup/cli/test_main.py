@@ -20,6 +20,7 @@ from loco_bringup.workshop.bench import bench
 from loco_bringup.workshop.bench.damage import sample
 from loco_control.exceptions import MissingPackageError
 from loco_learning.schemas import KINDS
+from loco_sim import engines
 
 
 def loco(*arguments, capsys=None):
@@ -31,7 +32,8 @@ def loco(*arguments, capsys=None):
 
 
 @pytest.fixture
-def run(capsys):
+def run(capsys, monkeypatch):
+    monkeypatch.setenv("LOCO_ENGINE", "")  # `--engine` sets it; here it is put back
     return lambda *arguments: loco(*arguments, capsys=capsys)
 
 
@@ -104,6 +106,8 @@ MISTAKES = [
     (("run", "hyq_short", "--layout", "threads"), "composed, processes"),
     (("run", "hyq_short", "--set", "effects=[{name: pussh}]"), "push"),
     (("run", "hyq_short", "--clock", "sundial"), "lockstep"),
+    (("run", "hyq_short", "--engine", "bullet"), "choose from 'pybullet', 'mujoco'"),
+    (("run", "hyq_short", "--engine", "mujoco", "--set", "sim.restitution=0.5"), "leave it at 0"),
     (("run", "hyq_short", "--tick", "late=never"), "hold, safe-stop"),
     (("run", "hyq_short", "--tick", "clock=asap"), "take --clock"),
     (("run", "hyq_short", "--realtime", "fifo=100"), r"\[0, 99\]"),
@@ -144,6 +148,15 @@ def test_a_mistake_is_one_line_and_code_2(run, arguments, message, tmp_path, mon
     assert "Traceback" not in err
     assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())  # nothing half-written
+
+
+@pytest.mark.parametrize("layout", ["composed", "processes", "rollout"])
+def test_an_engine_that_is_not_there_is_said_before_a_run(run, layout, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(engines, "installed", lambda: ("mujoco",))
+    code, _, err = run("run", "hyq_short", "--engine", "pybullet", "--layout", layout)
+    message = "loco: sim.engine is 'pybullet', which is not installed; installed: mujoco\n"
+    assert (code, err, list(tmp_path.iterdir())) == (2, message, [])
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from loco_control.exceptions import ParameterError
 from loco_control.reading import within
 from loco_learning.runs.experiment import Experiment
 
@@ -65,6 +66,12 @@ def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
     """
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     return within(root, f"{experiment.name}_{stamp}", "name of an experiment")
+
+
+def check_new(folder: Path) -> None:
+    """Raise `ParameterError` when a folder for a bag holds one already."""
+    if any(Path(folder).glob("*.mcap")):
+        raise ParameterError(f"{folder} holds a bag already; choose another folder")
 
 
 def duration_of(experiment: Experiment) -> float:

@@ -63,11 +63,6 @@ class World(world.World):
         return True
 
     def _load(self, height: float) -> None:
-        if self.params.restitution > 0.0:
-            raise ParameterError(
-                f"sim.restitution is {self.params.restitution:g}, which MuJoCo's contacts do not "
-                "have: leave it at 0, or take --engine pybullet"
-            )
         text = self._text()
         root = "" if self.robot.fixed_base else self.description.root_link()
         self._asked = (

@@ -16,9 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from loco_control.exceptions import ParameterError
-
-from ..engines import installed
+from ..engines import require
 from ..geometry import Triple
 from ..params import SimParams
 from ..robot.description import Description
@@ -40,11 +38,7 @@ def make_world(robot: Robot, params: SimParams, dt: float) -> World:
     Raises:
         ParameterError: The engine is not installed.
     """
-    if params.engine not in installed():
-        there = " and ".join(installed())
-        raise ParameterError(
-            f"sim.engine is {params.engine!r}, which is not installed; installed: {there or 'none'}"
-        )
+    require(params.engine)
     return importlib.import_module(MODULES[params.engine], __package__).World(robot, params, dt)
 
 

@@ -8,7 +8,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -19,19 +19,15 @@ from loco_control.params import Params, from_dict, to_dict
 from loco_control.realtime import RealtimeParams
 from loco_control.ros.fault_node import abilities
 from loco_learning.runs.experiment import Experiment
+from loco_sim.engines import require
 from loco_sim.params import TickParams
 
 from ..bag.writer import Limits
-from ..outcome import Outcome, Progress, default_folder, describe, duration_of, processor
+from ..outcome import Outcome, Progress, check_new, default_folder, describe, duration_of, processor
 from . import node_set
 from .hardware import driven
 from .processes import NEVER, RECORDER, Guard, Process, Restart
 from .watch import Watch
-
-if TYPE_CHECKING:
-    from loco_learning.runs.experiment import Experiment
-
-    AnyExperiment = Experiment
 
 __all__ = [
     "LAYOUTS", "Helper", "Outcome", "Progress", "default_folder", "describe", "duration_of",
@@ -53,7 +49,7 @@ class Helper(NamedTuple):
 
 
 def run(
-    experiment: AnyExperiment,
+    experiment: Experiment,
     folder: Path,
     layout: str = "composed",
     clock: str = "lockstep",
@@ -90,7 +86,7 @@ def run(
 
 
 def run_robots(
-    robots: Mapping[str, AnyExperiment],
+    robots: Mapping[str, Experiment],
     folder: Path,
     layout: str = "composed",
     clock: str = "lockstep",
@@ -125,12 +121,15 @@ def run_robots(
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run has the domain.
-        ParameterError: The layout is unknown, the folder holds a bag, or a fault is none.
+        ParameterError: The layout is unknown, the folder holds a bag, an engine is not installed,
+            or a fault is none.
     """
     if layout not in LAYOUTS:
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
-    if any(Path(folder).glob("*.mcap")):
-        raise ParameterError(f"{folder} holds a bag already; choose another folder")
+    check_new(folder)
+    for experiment in () if hardware else robots.values():
+        if "engine" in getattr(experiment, "sim", ()):  # a network of masses needs none
+            require(experiment.sim["engine"])
     with _domain_lock(robots):
         folder = Path(folder).resolve()
         window = max(2, TickParams().flow_window // max(1, len(robots)))
@@ -169,7 +168,7 @@ class _Plan:
 
     def __init__(
         self,
-        robots: Mapping[str, AnyExperiment],
+        robots: Mapping[str, Experiment],
         folder: Path,
         layout: str,
         tick: dict[str, Any],

@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from loco_control.exceptions import ParameterError
+from loco_control.files import check_writable, whole_folder
 from loco_control.params import to_dict
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.convert import Converter
@@ -26,7 +27,7 @@ from loco_sim.plant.simulation import ending
 from loco_sim.ros.encoders import encoders
 
 from ..bag.writer import BagWriter, Limits
-from ..outcome import Outcome, Progress, describe, duration_of
+from ..outcome import Outcome, Progress, check_new, describe, duration_of
 from .bag_log import TOPIC_OF, TRUTH
 
 Encode = Callable[[dict[str, Any]], bytes]  # from the messages of a tick
@@ -45,8 +46,11 @@ def run_rollout(
     """Run an experiment in this process, without nodes, into a bag with these limits of files.
 
     Raises:
-        ParameterError: It is of a network of masses and springs, which only runs as nodes.
+        ParameterError: It is of a network of masses and springs, which only runs as nodes, or the
+            folder holds a bag or cannot be written.
     """
+    check_new(folder)
+    check_writable(folder)
     if experiment.node_set == "msd":
         raise ParameterError(
             f"{experiment.name} runs as nodes: --layout composed or processes; without ROS its "
@@ -61,10 +65,9 @@ def run_rollout(
             progress.real_time_factor = progress.sim_time / (time.perf_counter() - began)
             on_progress(progress)
 
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    weights = str(Path(folder) / "weights.npz")
-    log = rollout(experiment, on_tick=on_tick, save_weights=weights)
-    write_log(log, folder, limits)
+    with whole_folder(folder) as place:
+        log = rollout(experiment, on_tick=on_tick, save_weights=place / "weights.npz")
+        write_log(log, place, limits)
     outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_ending(log))
     outcome.real_time_factor = len(log) * experiment.dt / log.wall_time
     return outcome
