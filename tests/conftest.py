@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from loco_bringup.testing import isolate
 from loco_control.exceptions import MissingPackageError, ParameterError
 from loco_sim.engines import installed
+from loco_sim.world.world import MODULES
 
 from . import quadrupeds
 
@@ -51,6 +53,13 @@ def quadruped(tmp_path):
     return lambda name, **more: quadrupeds.write(tmp_path, name, **more)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _engines():
+    """Engines are loaded when they are needed: do it here, where coverage sees it."""
+    for name in installed():
+        importlib.import_module(MODULES[name], "loco_sim.world")
+
+
 @pytest.fixture(autouse=True)
 def untraced(request, monkeypatch):
     """The processes of a test without coverage are not traced either."""
@@ -60,10 +69,9 @@ def untraced(request, monkeypatch):
 
 def pytest_collection_modifyitems(items):
     """Trace no tests of `UNTRACED`; skip those that compare with PyBullet where there is none."""
-    untraced = set(UNTRACED.read_text().splitlines())
+    untraced = {f"{UNTRACED.parent}/{line}" for line in UNTRACED.read_text().splitlines()}
     for item in items:
-        name = f"{item.path.relative_to(UNTRACED.parent)}::{getattr(item, 'originalname', '')}"
-        if name in untraced:
+        if f"{item.path}::{getattr(item, 'originalname', '')}" in untraced:
             item.add_marker(pytest.mark.no_cover)
         if "pybullet" not in installed() and item.get_closest_marker("pybullet"):
             item.add_marker(pytest.mark.skip(reason="compares with PyBullet"))
