@@ -46,6 +46,16 @@ def test_a_flat_map_has_one_colour_and_an_unknown_one_none():
     assert heat.cells(np.full((2, 3), np.nan), "m") == []
 
 
+def test_maps_of_one_scale_have_one_colour_for_one_value():
+    both = np.concatenate([VALUES.ravel(), 1e-3 * VALUES.ravel()])
+    one, less = (heat.cells(values, "W", scale=both) for values in (VALUES, 1e-3 * VALUES))
+    names = [{layer.name: layer.color for layer in layers} for layers in (one, less)]
+    assert all(names[0][name] == names[1][name] for name in names[0].keys() & names[1].keys())
+    assert [layer.color for layer in one] == list(heat.STEPS)  # in the legend of both
+    assert len(one[-1].x) > 0 == len(less[-1].x)
+    assert heat.cells(np.full((2, 2), np.nan), "W", scale=both) == []
+
+
 def test_an_outline_runs_where_the_mask_changes():
     mask = np.random.default_rng(5).random((6, 8)) < 0.4
     edge = heat.outline(mask, "edge", "#000000")

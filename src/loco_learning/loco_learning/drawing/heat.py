@@ -13,12 +13,16 @@ from .chart import BOXES, DOTS, LINE, Layer, array
 # Nine colours of viridis, which colour-blind readers and grey prints keep in order.
 STEPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
          "#fde725")  # fmt: skip
-WIDE = 30.0  # largest over smallest value from which on steps are logarithmic
+WIDE = 20.0  # largest over smallest value from which on steps are logarithmic
 ENDS = (2.0, 98.0)  # percentiles of the values between which the steps lie
 
 
 def cells(
-    values: np.ndarray, unit: str, links: Sequence[Sequence[str]] = (), name: str = ""
+    values: np.ndarray,
+    unit: str,
+    links: Sequence[Sequence[str]] = (),
+    name: str = "",
+    scale: np.ndarray | None = None,
 ) -> list[Layer]:
     """Layers of a map, one for each step of colour; the cell (i, j) lies around x = j, y = i.
 
@@ -27,11 +31,14 @@ def cells(
         unit: Unit of the values; ``-`` for none.
         links: Address that a click on a cell opens, (ny, nx) or nothing.
         name: Name of what is shown, which the values begin with under the pointer.
+        scale: Values between whose ends the steps lie: those of all maps that are compared; None
+            for `values`.
     """
     known, unit = np.isfinite(values), unit.removeprefix("-")
     if not known.any():
         return []
-    low, high = np.percentile(values[known], ENDS)
+    every = values if scale is None else scale
+    low, high = np.percentile(every[np.isfinite(every)], ENDS)
     wide = low > 0.0 and high > WIDE * low
     count = len(STEPS) if high > low else 1
     edges = (np.geomspace if wide else np.linspace)(low, high, count + 1)
@@ -39,8 +46,8 @@ def cells(
     made = []
     for k in range(count):
         mask = known & (step == k)
-        if not mask.any():
-            continue
+        if scale is None and not mask.any():
+            continue  # of a common scale the legend shows each step, in order
         ends = f"{edges[k]:.3g} to {edges[k + 1]:.3g}" if count > 1 else f"{low:.3g}"
         texts = [f"{name} {value:.4g} {unit}".strip() for value in values[mask]]
         made.append(marked(mask, f"{ends} {unit}".strip(), STEPS[k], links, texts))

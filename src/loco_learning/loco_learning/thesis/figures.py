@@ -49,9 +49,10 @@ def figure_7_6(evidence: Evidence) -> Chart:
 def figure_7_7(evidence: Evidence) -> Chart:
     """Accuracy over memory and neurons, empty where it fell: on soft legs it should grow."""
     study, cases = evidence.study("complexity")
-    frames = []
-    for sheet in maps.sheets(study, cases)[:2]:
-        layers = heat.cells(sheet.columns["accuracy"], "-", name="accuracy")
+    sheets, frames = maps.sheets(study, cases)[:2], []
+    every = np.concatenate([sheet.columns["accuracy"].ravel() for sheet in sheets])
+    for sheet in sheets:
+        layers = heat.cells(sheet.columns["accuracy"], "-", name="accuracy", scale=every)
         x, y = ([f"{value:g}" for value in axis.values] for axis in (sheet.x, sheet.y))
         axes = Axis("memory M [ticks]", names=x), Axis("neurons N [-]", names=y)
         frames.append(Frame(*axes, layers, sheet.title))
