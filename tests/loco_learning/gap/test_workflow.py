@@ -54,6 +54,16 @@ def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parame
     assert gap["model"]["effects"][0]["name"] == effect
 
 
+def test_of_two_effects_both_are_named(found):
+    planted = {"viscous_friction": ("damping", 20.0), "sensor_bias": ("q", 0.002)}
+    gap = found([{"name": name, key: value} for name, (key, value) in planted.items()])
+    assert (gap["verdict"], sorted(gap["names"])) == ("named", sorted(planted))
+    for term in gap["terms"]:
+        key, value = planted[term["effect"]]
+        assert term["parameters"][key]["value"] == pytest.approx(value, rel=0.1)
+    assert gap["gap"]["closed"] > 0.9
+
+
 UNSURE = {"uncertain.bodies.*.mass": "3%", "uncertain.drives.*.k[pd]": "3%"}
 OFF = {"bodies.carriage.mass": 1.04, "drives.slide.kp": 1960.0}  # the drive has 2000 N/m
 
