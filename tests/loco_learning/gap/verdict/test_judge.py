@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a model does not stand, what is established in it, or a rival that cannot be excluded."""
+
+from types import SimpleNamespace as Some
+
+import pytest
+
+from loco_learning.gap.verdict import judge
+from loco_learning.gap.verdict.decide import LIMITS, NAMED, UNKNOWN
+
+
+class Judgement(judge._Judgement):
+    """Models are tuples of effects; a verdict is given for each, unknown for all others."""
+
+    def __init__(self, **named):
+        self.named = {tuple(key): verdict for key, verdict in named.items()}
+        self.judged = []
+
+    def _judged(self, best, limits):
+        self.judged.append(best)
+        verdict = self.named.get(tuple(getattr(best, "key", best)), UNKNOWN)
+        return Some(decision=Some(verdict=verdict), best=best)
+
+    def _finished(self, models):
+        return list(models)
+
+    def _without(self, best, index):
+        return best[:index] + best[index + 1 :]
+
+
+def weighed(*verdicts):
+    """A model of effects a, b, c ... of which each has its own verdict."""
+    rulings = tuple(Some(verdict=v) for v in verdicts)
+    return Some(decision=Some(verdict=UNKNOWN, rulings=rulings), best=tuple("abc"[: len(rulings)]))
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "left"),
+    [((NAMED, UNKNOWN, UNKNOWN), "a"), ((UNKNOWN, NAMED, UNKNOWN), "b"),
+     ((NAMED, UNKNOWN, NAMED), "ac")],
+)  # fmt: skip
+def test_what_is_established_stands_without_the_rest(verdicts, left):
+    found = Judgement(**{left: NAMED})._established(weighed(*verdicts), LIMITS)
+    assert found.best == tuple(left) and found.decision.verdict == NAMED
+
+
+def test_what_does_not_stand_without_the_rest_stays_unknown():
+    before = weighed(NAMED, UNKNOWN)
+    assert Judgement()._established(before, LIMITS) is before
+
+
+@pytest.mark.parametrize("verdicts", [(UNKNOWN, UNKNOWN), (NAMED, NAMED), (UNKNOWN,)])
+def test_where_all_or_nothing_is_established_nothing_is_left_out(verdicts):
+    judging, before = Judgement(a=NAMED, b=NAMED), weighed(*verdicts)
+    assert judging._established(before, LIMITS) is before and not judging.judged
+
+
+@pytest.fixture
+def rivals(monkeypatch):
+    """Rivals (key, odds against it, its rms over the best), and a judgement of them."""
+    monkeypatch.setattr(judge, "ratio", lambda model, best: model.worse)
+    monkeypatch.setattr(judge, "sharp", lambda limits, best: limits)
+
+    def instead(rows, out=(), **named):
+        pairs = [(Some(key=key, worse=worse), Some(odds=odds)) for key, odds, worse in rows]
+        judging = Judgement(**named)
+        before = Some(rivals=pairs, best="x")
+        found = judging._instead(before, set(out), LIMITS)
+        return None if found is before else found.best.key, [m.key for m in judging.judged]
+
+    return instead
+
+
+def test_the_first_rival_that_is_established_takes_the_place(rivals):
+    rows = [("a", 1.0, 1.0), ("b", 2.0, 1.1), ("c", 3.0, 1.2)]
+    assert rivals(rows, b=NAMED, c=NAMED) == ("b", ["a", "b"])
+    assert rivals(rows[:2]) == (None, ["a", "b"])
+
+
+def test_a_rival_that_is_excluded_or_was_imitated_takes_no_place(rivals):
+    rows = [("a", 2.0 * LIMITS.odds, 1.0), ("b", 1.0, 2.0 * LIMITS.worse), ("c", 1.0, 1.0)]
+    named = dict.fromkeys("abc", NAMED)
+    assert rivals(rows, **named) == ("c", ["c"])
+    assert rivals(rows, out="c", **named) == (None, [])
+
+
+def test_only_a_few_rivals_are_tried(rivals):
+    rows = [(key, 1.0, 1.0) for key in "abcdefghijkl"]
+    found, tried = rivals(rows, l=NAMED)
+    assert found is None and len(tried) == judge.RIVAL_PLACES
