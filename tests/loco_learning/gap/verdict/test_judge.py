@@ -87,4 +87,4 @@ def test_a_rival_that_is_excluded_or_was_imitated_takes_no_place(rivals):
 def test_only_a_few_rivals_are_tried(rivals):
     rows = [(key, 1.0, 1.0) for key in "abcdefghijkl"]
     found, tried = rivals(rows, l=NAMED)
-    assert found is None and len(tried) == judge.RIVAL_PLACES
+    assert found is None and len(tried) == judge.INSTEAD

@@ -35,7 +35,6 @@ from .decide import (
 )
 from .rivals import (
     RIVAL_NAMES,
-    RIVAL_PLACES,
     elsewhere,
     few,
     leading,
@@ -48,6 +47,7 @@ from .rivals import (
 from .sensitivity import sensitivities
 from .traded import LeftOut, Nominal, little_off, strayed
 
+INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
 ODDS, INTERVAL = 1, 2  # keys of random streams
@@ -185,7 +185,7 @@ class _Judgement:
             and ratio(m, judged.best) <= sharp(limits, judged.best).worse
             and m.key not in out
         ]
-        for model in near[:RIVAL_PLACES]:
+        for model in near[:INSTEAD]:
             other = self._judged(model, limits)
             if other.decision.verdict != UNKNOWN:
                 return other
