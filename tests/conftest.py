@@ -54,9 +54,9 @@ def quadruped(tmp_path):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _engines():
-    """Engines are loaded when they are needed: do it here, where coverage sees it."""
-    for name in installed():
+def _engines(request):
+    """Under coverage engines are loaded here: their first test may be one without it."""
+    for name in installed() if request.config.pluginmanager.hasplugin("_cov") else ():
         importlib.import_module(MODULES[name], "loco_sim.world")
 
 
@@ -69,9 +69,9 @@ def untraced(request, monkeypatch):
 
 def pytest_collection_modifyitems(items):
     """Trace no tests of `UNTRACED`; skip those that compare with PyBullet where there is none."""
-    untraced = {f"{UNTRACED.parent}/{line}" for line in UNTRACED.read_text().splitlines()}
+    without = {f"{UNTRACED.parent}/{line}" for line in UNTRACED.read_text().splitlines()}
     for item in items:
-        if f"{item.path}::{getattr(item, 'originalname', '')}" in untraced:
+        if f"{item.path}::{getattr(item, 'originalname', '')}" in without:
             item.add_marker(pytest.mark.no_cover)
         if "pybullet" not in installed() and item.get_closest_marker("pybullet"):
             item.add_marker(pytest.mark.skip(reason="compares with PyBullet"))

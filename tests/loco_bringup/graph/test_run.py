@@ -169,7 +169,7 @@ def test_a_foreign_node_on_the_domain_is_named(tmp_path):
 def test_a_folder_with_a_bag_is_not_written_over(outcomes, short):
     for folder, start in (("composed", runner.run), ("rollout", run_rollout)):
         with pytest.raises(ParameterError, match="holds a bag already"):
-            start(short, outcomes[folder].folder, "composed")
+            start(short, outcomes[folder].folder, on_progress=lambda progress: None)
 
 
 def test_unknown_layout_clock_and_node_set_name_the_choices(short, tmp_path):
