@@ -207,6 +207,10 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
         size = final.size(q)
     loads = body.weight_torque(q, [], np.zeros((0, 3)))
     draft.guessed_limits = limits.guess(draft.root, body, loads, {}, size, rng)
+    effort, pace = limits.efforts(draft.root, body.joints), 2.0 * np.pi * trial.SWING
+    q, amplitude, notes = limits.held(body, q, amplitude, effort, pace)
+    draft.notes += notes
+    _mimic(draft, body, q, amplitude)
     height = _clear(draft, body, rng)
     for stiffer in STIFFER:
         chosen = gain.choose(body, q, np.zeros((0, 3)), [], [], True, stiffer)
@@ -243,7 +247,7 @@ def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> No
         factor, offset = (float(follows.get(k, d)) for k, d in (("multiplier", 1), ("offset", 0)))
         q[i] = np.clip(factor * q[lead] + offset, body.low[i], body.high[i])
         amplitude[i] = factor * amplitude[lead]
-        draft.mimics.append(name)
+        draft.mimics = list(dict.fromkeys([*draft.mimics, name]))
 
 
 def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:

@@ -53,20 +53,28 @@ def test_a_trifle_is_told_only_where_sizes_compare():
 
 def test_intervals_are_in_the_unit_and_may_pass_zero():
     strength, shape = sensitivity.estimates(
-        STRIBECK, [1.0, 0.0], np.array([2.0, 0.98]), np.array([0.2, 0.2])
+        STRIBECK, [1.0, 0.0], np.array([2.0, 0.98]), np.array([0.2, 0.2]), np.array([2.0, np.nan])
     )
     assert strength.value == pytest.approx(0.05)
     assert strength.low == pytest.approx(0.05 - 2.0 * 0.05)
     assert not strength.excludes_absent
-    surer, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], np.array([0.5, 0.98]), np.zeros(2))
+    surer, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], np.array([0.5, 0.98]), *np.zeros((2, 2)))
     assert surer.low == pytest.approx(0.5 * 0.05) and surer.excludes_absent
     assert (strength.absent, strength.sign) == (0.0, 1)
     assert strength.spread == pytest.approx(0.01)
     assert shape.absent is None
     assert shape.low == pytest.approx(0.1 * np.exp(-0.98))
     wide = np.array([np.inf, 1.0])
-    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2))
-    assert (unknown.low, unknown.high) == (-np.inf, np.inf)
+    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), wide)
+    assert (unknown.low, unknown.high) == (-np.inf, np.inf) and not unknown.excludes_absent
+
+
+def test_an_effect_of_which_size_and_shape_show_together_is_there():
+    """A cable's stiffness and free length may show as one force: no interval of the one by itself."""
+    wide, sure = np.array([9.0, 9.0]), np.array([0.1, np.nan])
+    strength, shape = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), sure)
+    assert strength.low < 0.0 < strength.high
+    assert strength.excludes_absent and not shape.excludes_absent
 
 
 def test_halves_follow_flat():

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,11 @@ class Fitted:
     seen: int | None = None
     loose: dict[str, float] = field(default_factory=dict)
     pull: float = 0.0
+
+    @cached_property
+    def score(self) -> evidence.Score:
+        """Score of what it leaves on all data."""
+        return evidence.score(self.whole)
 
     @property
     def settled(self) -> dict[str, Any]:

@@ -24,6 +24,8 @@ class Estimate:
         absent: Value at which the effect is not there; None for a shape such as a velocity scale.
         sign: +1 or -1 where only this sign is physical, 0 where both are.
         spread: Deviation of the value between parts of the data that errors do not explain.
+        with_shapes: Half of the interval with all shapes as they are; None where that was not asked.
+            A cable's stiffness and free length may show as one force alone: the cable is there.
     """
 
     name: str
@@ -36,11 +38,16 @@ class Estimate:
     absent: float | None = 0.0
     sign: int = 0
     spread: float = 0.0
+    with_shapes: float | None = None
 
     @property
     def excludes_absent(self) -> bool:
         """A size of nothing is outside of the interval; False for a shape."""
-        return self.absent is not None and not self.low <= self.absent <= self.high
+        if self.absent is None:
+            return False
+        if self.with_shapes is not None:
+            return abs(self.value - self.absent) > self.with_shapes
+        return not self.low <= self.absent <= self.high
 
 
 @dataclass(frozen=True)

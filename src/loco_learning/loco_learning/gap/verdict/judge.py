@@ -147,7 +147,6 @@ class _Judgement:
         self.case, self.search, self.found = case, search, found
         self.seed = search.params.seed
         self.done: dict[str, Fitted] = {}
-        self.scores: dict[str, evidence.Score] = {}  # of finished models
         self.nominal = nominal
         size = np.nanstd(np.concatenate(case.forward.measured), axis=0) / case.floor
         self.enough = search.params.accuracy * size
@@ -309,7 +308,7 @@ class _Judgement:
     def _weighed(self, without: Fitted, model: Fitted) -> tuple[evidence.Score, evidence.Score]:
         """Both on the data that judge; on all where the first leaves nothing in them."""
         pair = without, model
-        return tuple(self._score(m) if elsewhere(without) else m.held for m in pair)
+        return tuple(m.score if elsewhere(without) else m.held for m in pair)
 
     def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
         """Evidence on the data that judge, and share of the gap of the second that is closed.
@@ -327,16 +326,11 @@ class _Judgement:
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
         rng = np.random.default_rng([self.seed, ODDS])
-        return evidence.compare(self._score(a), self._score(b), rng, price=occam(a, b))
+        return evidence.compare(a.score, b.score, rng, price=occam(a, b))
 
     def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
         """Evidence on all data for a model over the same without an effect, parameters paid."""
         return paid(self._odds(a, b), occam(a, b))
-
-    def _score(self, model: Fitted) -> evidence.Score:
-        if model.key not in self.scores:
-            self.scores[model.key] = evidence.score(model.whole)
-        return self.scores[model.key]
 
     def _candidate(
         self,

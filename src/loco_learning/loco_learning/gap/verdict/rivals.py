@@ -24,10 +24,10 @@ NO_RIVAL = 2.0  # rms over that of a model that leaves noise alone from which on
 def occam(a: Fitted, b: Fitted) -> float:
     """Price of the first model for parameters that the second lacks, and for odd ones [nat].
 
-    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion,
-    and what the priors of shapes say, both within limits.
+    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion over
+    all data, on which rivals are compared, and what the priors of shapes say, both within limits.
     """
-    price = 0.5 * math.log(max(min(a.held.n_eff, b.held.n_eff), 1.0))
+    price = 0.5 * math.log(max(min(a.score.n_eff, b.score.n_eff), 1.0))
     most = math.log(MOST_PRICE)
     both = price * (a.paid - b.paid), a.strain - b.strain
     return sum(min(max(nat, -most), most) for nat in both)

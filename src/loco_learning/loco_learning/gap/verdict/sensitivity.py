@@ -46,22 +46,37 @@ def sensitivities(
     here = kept.whitened(model.specs, settled)
     moves = [(specs, {**settled, **overrides}, step) for specs, overrides, step in moves]
     matrix = np.stack([_column(kept, here, *move) for move in moves], axis=1)
-    score = evidence.score(model.whole)
-    weight = identify.weights(score)
+    weight = identify.weights(evidence.score(model.whole))
     known = identify.analyse(matrix, names, list(model.overrides), weight)
-    steady = identify.stability(matrix, identify.flat(model.whole), halves(model.whole), weight)
-    errors = np.sqrt(known.errors**2 + steady.spread**2 / len(steady.shifts))
-    spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
-    doubts, at = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
-    groups = robust.clusters(model.whole)
-    half = robust.half_widths(matrix, doubts, identify.flat(model.whole), groups, weight, at)
-    half = np.maximum(half, NORMAL * errors)
-    found, at = {}, 0
+    doubts = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
+    half, spread = _half_widths(matrix, model, weight, doubts)
+    sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
+    with_shapes[sizes] = _half_widths(matrix[:, sizes], model, weight, doubts)[0]
+    found, start = {}, 0
     for hypothesis, x in model.parts:
-        rows = slice(at, at + len(x))
-        found[hypothesis.key] = estimates(hypothesis, x, half[rows], spread[rows])
-        at += len(x)
+        rows = slice(start, start + len(x))
+        each = half[rows], spread[rows], with_shapes[rows]
+        found[hypothesis.key] = estimates(hypothesis, x, *each)
+        start += len(x)
     return found, known
+
+
+def _half_widths(
+    matrix: np.ndarray,
+    model: Fitted,
+    weight: np.ndarray,
+    doubts: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Half of the 95 % interval of each column's parameter, and where parts of the data differ."""
+    left, names = identify.flat(model.whole), [str(k) for k in range(matrix.shape[1])]
+    steady = identify.stability(matrix, left, halves(model.whole), weight)
+    errors = identify.analyse(matrix, names, (), weight).errors
+    errors = np.sqrt(errors**2 + steady.spread**2 / len(steady.shifts))
+    columns, at = doubts
+    groups = robust.clusters(model.whole)
+    half = robust.half_widths(matrix, columns, left, groups, weight, at)
+    spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
+    return np.maximum(half, NORMAL * errors), spread
 
 
 def estimates(
@@ -69,6 +84,7 @@ def estimates(
     x: Sequence[float],
     half: np.ndarray,
     spread: np.ndarray,
+    with_shapes: np.ndarray,
 ) -> tuple[Estimate, ...]:
     """Parameters of one effect with 95 % intervals, in their units.
 
@@ -77,16 +93,16 @@ def estimates(
         x: Coordinates of the hypothesis.
         half: Half of their 95 % intervals.
         spread: Their deviation between parts of the data.
+        with_shapes: Half of the intervals with all shapes as they are.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     found = []
-    for c, at, far, wide in zip(hypothesis.coordinates, x, half, spread, strict=True):
+    columns = hypothesis.coordinates, x, half, spread, with_shapes
+    for c, at, far, wide, sure in zip(*columns, strict=True):
         ends = sorted(_unbounded(c, at + side * far) for side in (-1.0, 1.0))
         sign = 1 if passive and c.strength and c.one_sided else 0
-        wide = abs(wide * c.size) if c.strength else 0.0
-        absent = 0.0 if c.strength else None
-        bounds = (c.low, c.high)
-        found.append(Estimate(c.label, c.value(at), *ends, c.unit, *bounds, absent, sign, wide))
+        size = (0.0, sign, abs(wide * c.size), abs(sure * c.size)) if c.strength else (None,)
+        found.append(Estimate(c.label, c.value(at), *ends, c.unit, c.low, c.high, *size))
     return tuple(found)
 
 
@@ -97,6 +113,12 @@ def halves(whole: Sequence[np.ndarray]) -> np.ndarray:
         for i, r in enumerate(whole)
     ]
     return np.concatenate(groups)
+
+
+def _shapes(model: Fitted, count: int) -> np.ndarray:
+    """Flag of each of so many coordinates of `_moves` that is the shape of an effect, (P,)."""
+    flags = [not c.strength for hypothesis, _ in model.parts for c in hypothesis.coordinates]
+    return np.array(flags + [False] * (count - len(flags)))
 
 
 def _moves(model: Fitted) -> tuple[list[str], list[tuple[list, dict, float]]]:
