@@ -50,18 +50,33 @@ def test_what_cannot_explain_anything_does_not(bench):
     assert found.share < IDLE
 
 
-def test_a_size_that_is_far_too_loud_and_turns_round_does_not_end_the_search():
-    """A drive that rounds its encoder does at a fifth of sag the contrary of at a fortieth."""
+def alone(effect, does, size):
+    """What an effect of one strength explains, if a size does so much of a wave."""
     wave = np.sin(np.arange(200.0))
 
     def vector(specs, overrides, only, coarse):
-        sag = sum(spec["sag"] for spec in specs)
-        return wave * ((sag if sag < 0.1 else -sag) - 0.025)
+        return wave * (does(sum(next(iter(strengths(s)), 0.0) for s in specs)) - does(size))
+
+    def strengths(spec):
+        return (spec[c.name] for c in hypothesis.coordinates if c.name in spec)
 
     case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
     hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
     offered = offer(robot.load("servo_pendulum"), ("q",), hints)
-    (hypothesis,) = [h for h in offered if h.effect == "supply_sag"]
+    (hypothesis,) = [h for h in offered if h.effect == effect]
     (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], vector([], {}, [0], 1))
-    assert found.share > 0.9
-    assert hypothesis.term(found.x).params["sag"] == pytest.approx(0.025, rel=0.3)
+    return found.share, next(strengths(hypothesis.term(found.x).params))
+
+
+def test_a_size_that_is_far_too_loud_and_turns_round_does_not_end_the_search():
+    """A drive that rounds its encoder does at a fifth of sag the contrary of at a fortieth."""
+    share, sag = alone("supply_sag", lambda sag: sag if sag < 0.1 else -sag, 0.025)
+    assert share > 0.9
+    assert sag == pytest.approx(0.025, rel=0.3)
+
+
+def test_a_limit_that_is_reached_late_is_found_between_nothing_and_all_there_is():
+    """At 60 % a limit does nothing, at 100 % the robot falls: linear steps went round in circles."""
+    share, missing = alone("torque_limit", lambda x: max(x - 0.75, 0.0) ** 2, 0.8)
+    assert share > 0.5
+    assert missing == pytest.approx(0.8, abs=0.02)

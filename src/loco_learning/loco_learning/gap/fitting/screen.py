@@ -25,7 +25,7 @@ GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
 BACK = 1e-3  # smallest part of a size to which it goes back
 RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
 TOO_LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
-NEXT_SIZE = 1.1  # factor between two sizes that need none between them
+NEXT_SIZE = 1.03  # factor between two sizes that need none between them
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,7 @@ class _Trial:
         self.left = project(residual, tangent)
         self.whole = max(float(self.left @ self.left), 1e-300)
         self.tried: list[tuple[float, tuple[float, ...]]] = []
+        self.promised: list[tuple[float, tuple[float, ...]]] = []  # by a linear step
         self.cost, self.wrong, self.alive, self.done = 0, 0.0, False, False
 
     def begin(self, x: Sequence[float]) -> None:
@@ -150,12 +151,16 @@ class _Trial:
             columns = np.where(self.rows[:, None], columns, 0.0)
         if columns.shape[1] == 1:
             (at,) = self.hypothesis.strengths
+            self.promised = []  # it is simulated now
             self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
         if self.rungs:
             self.alive |= self.levels[self.x[at]] >= DEAD
             self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
         else:
             self._step(columns)
+            if any(self.x[at] in self.levels for at in self.hypothesis.strengths):
+                # a limit that is not reached, then all there is: linear steps go round in circles
+                self.done, self.promised = True, []
         if self.done or self.rungs:
             self.done = not self._climb()
 
@@ -176,7 +181,8 @@ class _Trial:
         self.x = _scaled(self.hypothesis, self.x, factors)
         if share <= 0.0 or self.x == before or np.allclose(factors, 1.0, atol=0.3):
             self.done = True
-        self._note(share * (0.9 if len(size) > 1 else 0.5))
+        promise = share * (0.9 if len(size) > 1 else 0.5)
+        self.promised.append((float(promise), tuple(self.x)))
 
     def _climb(self) -> bool:
         """Set the next size of a strength that explained nothing so far; False if there is none.
@@ -187,7 +193,7 @@ class _Trial:
         """
         sizes = [x for x in self.levels if x]
         quiet = [x for x in sizes if self.levels[x] < TOO_LOUD]
-        best = max((share for share, _ in self.tried), default=0.0)
+        best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
         if not sizes or best >= IDLE or self.rungs == self.most:
             return False
         (at,) = self.hypothesis.strengths
@@ -237,7 +243,7 @@ class _Trial:
     def screened(self) -> Screened:
         """The result of all sizes that were tried."""
         start = (0.0, tuple(self.hypothesis.starts()[0]))
-        share, x = max(self.tried, default=start)
+        share, x = max((*self.tried, *self.promised), default=start)
         return Screened(self.hypothesis, share, x, not self.alive, self.wrong, self.cost)
 
 
