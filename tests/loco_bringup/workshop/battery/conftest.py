@@ -15,5 +15,7 @@ def short(monkeypatch):
     monkeypatch.setattr(excitation, "DURATION", 1.0)
     monkeypatch.setattr(plant, "SETTLE", 0.2)
     sizes.reference.cache_clear()
+    sizes.doubts.cache_clear()
     yield
     sizes.reference.cache_clear()
+    sizes.doubts.cache_clear()

@@ -11,6 +11,7 @@ import pytest
 
 from loco_bringup.workshop.battery import cases, sizes
 from loco_bringup.workshop.battery.physics import kinds, machines
+from loco_bringup.workshop.battery.physics.hidden import Hidden
 from loco_control.exceptions import NameUnknownError
 
 pytestmark = pytest.mark.usefixtures("short")
@@ -55,6 +56,17 @@ def test_a_size_shows_as_much_as_it_says(size):
 
 def test_nothing_hidden_shows_nothing():
     assert sizes.visibility("linear_axis", (), 7) < 1.3
+
+
+def test_what_a_model_that_is_a_little_off_can_make_does_not_show():
+    """A carriage of 1.5 kg: its weight does nothing on a level rail, its motor and mass all."""
+    for error, least in ((0.01, 1.0), (0.2, 5.0)):
+        stronger = Hidden("torque_constant_error", "slide", "error", {"error": error})
+        assert least <= sizes.visibility("linear_axis", [stronger], 7) < 8.0 * least
+    rubs = Hidden("coulomb_friction", "slide", "torque", {"torque": 1.0})
+    moved = sizes._moved(machines.get("linear_axis"), [rubs], "linear_axis", 7)
+    raw = np.sqrt(1.0 + np.max(np.mean(np.square(moved), axis=0)))
+    assert 0.3 * raw < sizes.visibility("linear_axis", [rubs], 7) <= raw
 
 
 def test_a_filled_case_is_reproduced_and_survives_its_truth_file():

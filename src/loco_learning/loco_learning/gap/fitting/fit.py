@@ -23,6 +23,7 @@ FACTOR, PART = 0.9, 0.2  # stride of a logarithm, and of a range
 SHORT_STRIDE = 0.35  # a short stride over a long one
 FREE_RANGE = 3.0  # most that the logarithm of a nominal value may change
 AGAIN = 6  # simulations of a fit from another start, and one per parameter
+DEVIATIONS, TURNS = 4.0, 4  # of a value in one unit; simulations per number of a joint fit (taste)
 
 
 @dataclass(frozen=True)
@@ -280,7 +281,33 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
         free = model.overrides or setting.free
         again = fit(exact, model.parts, replace(setting, params=few, free=free))
         model = min((again, model), key=_left)
-    return min((model, beyond(exact, model, setting)), key=_left)
+    model = min((model, beyond(exact, model, setting)), key=_left)
+    return jointly(exact, model, setting)
+
+
+def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
+    """Effects and what nobody knows exactly of the robot, fitted together by simulation.
+
+    Where straight lines about the robot as it came tell the truth, the fit has done that.
+    """
+    if not model.loose or case.straight(model.specs, model.overrides):
+        return model
+    params, free = setting.params, model.overrides or setting.free
+    problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
+    start = case.at(model.loose).loose.at / DEVIATIONS
+    count, most = len(start), np.full(len(start), case.loose.most / DEVIATIONS)
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        problem.case = case.at(DEVIATIONS * z[:count])
+        return problem(z[count:])
+
+    bounds = [np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)]
+    limit = TURNS * (count + len(problem.start)) + AGAIN
+    found = minimise(residual, np.r_[start, problem.start], bounds, JACOBIAN_STEP, limit)
+    parts, overrides = problem.split(found.z[count:])
+    known = case.loose.values(DEVIATIONS * found.z[:count])
+    again = weigh(case, parts, overrides, found.cost, known=known)
+    return min((model, again), key=_left)
 
 
 def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
@@ -343,10 +370,14 @@ def weigh(
     overrides: Mapping[str, Any],
     cost: float = 0.0,
     given: bool = False,
+    known: Mapping[str, float] | None = None,
 ) -> Fitted:
-    """Residuals of a model on everything; `given` is the user's own, with nothing refitted."""
+    """Residuals of a model on everything; `given` is the user's own, with nothing refitted.
+
+    `known` are values of the robot from which those that suit the model are sought, too.
+    """
     specs = specs_of(parts)
-    whole, loose, pull = (case.kept() if given else case).suited(specs, overrides)
+    whole, loose, pull = (case.kept() if given else case).suited(specs, overrides, known)
     every = range(len(case.records))
     held = evidence.score(case.masked(whole, every, held=True))
     rms = evidence.rms(case.masked(whole, every, held=False))

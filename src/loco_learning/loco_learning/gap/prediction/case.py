@@ -20,7 +20,7 @@ from . import horizon, loose, nominal
 from .loose import Loose
 
 REST = 0.05  # of the numerical error over all records that is there at any time
-ASTRAY = 1.12  # times what straight lines promise (1.05 makes one test ambiguous, friction by 6 : 1)
+ASTRAY = 1.12  # times what straight lines promise, or less by that (1.05: one test is ambiguous)
 ROUNDS = 3  # simulations per value that is refitted without them (taste)
 AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
@@ -135,7 +135,10 @@ class Case:
         return {**_about(self.loose), **(overrides or {})}
 
     def suited(
-        self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any],
+        known: Mapping[str, float] | None = None,
     ) -> tuple[list[np.ndarray], dict[str, float], float]:
         """Residuals as of `whitened` of all records; what was refitted for them; its price.
 
@@ -143,6 +146,11 @@ class Case:
         a joint sticks or a drive rounds its encoder, values are sought by simulation, from there or
         from the robot as it came. For the model without effects, which all others have to beat, they
         always are.
+
+        Args:
+            specs: Effects of the model.
+            overrides: Values of the robot that it has.
+            known: Values from which they are sought, too.
 
         Returns:
             Residuals, (T, C) each; values by dotted name, none without any that are refitted;
@@ -154,13 +162,38 @@ class Case:
             return left, {}, _price(by)
         if np.isfinite(self.loose.most) and by[0].any():
             bent = self._fixed(specs, overrides, by[0])
-            if not specs or self._cost(*bent) > ASTRAY * self._cost(left, by):
-                plain = self._fixed(specs, overrides, 0.0 * by[0])
-                left, by = min(bent, plain, key=lambda each: self._cost(*each))
+            if not specs or not self._told(left, by, *bent):
+                starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
+                if known:
+                    starts.append(self._fixed(specs, overrides, self.at(known).loose.at))
+                left, by = min(starts, key=lambda each: self._cost(*each))
                 found = self._sought(specs, overrides, by[0])
                 if self._cost(*found) < self._cost(left, by) - FEW:
                     left, by = found
         return left, self.loose.values(by[0]), _price(by)
+
+    def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
+        """Whether simulating what was refitted for a model gives what straight lines promised."""
+        if self.loose is None or self.loose.held or not np.isfinite(self.loose.most):
+            return True
+        every = list(range(len(self.records)))
+        left, by = self._refitted(specs, overrides, every, exact=True)
+        return self._told(left, by, *self._fixed(specs, overrides, by[0]))
+
+    def _told(
+        self, left: list, by: Sequence[np.ndarray], there: list, at: Sequence[np.ndarray]
+    ) -> bool:
+        """A simulation costs what straight lines promised, about."""
+        return 1.0 / ASTRAY < self._cost(there, at) / max(self._cost(left, by), 1e-9) < ASTRAY
+
+    def at(self, values: Mapping[str, float] | np.ndarray) -> Case:
+        """The case with values of the robot, or deviations, that stay; starts are refitted."""
+        near = self.loose
+        if isinstance(values, Mapping):
+            first = [int(np.argmax(near.of == k)) for k in range(len(near.at))]
+            by = [(values[near.names[i]] - near.nominal[i]) / near.spread[i] for i in first]
+            values = np.array(by)
+        return replace(self, loose=replace(near, at=values, held=True))
 
     def _sought(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], start: np.ndarray

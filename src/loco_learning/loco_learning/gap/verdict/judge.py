@@ -259,23 +259,32 @@ class _Judgement:
         return len(a.parts) <= len(b.parts) or not plain
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
-        """Models fitted with their own step error; the better of before and after."""
-        new = {m.key: m for m in models if m.key not in self.done}
+        """Models fitted with their own step error; the better of before and after.
+
+        One that was finished before is finished again where it comes back from a better place.
+        """
+        new = {m.key: m for m in models if m.key not in self.done or self._better(m)}
         tasks = [(m, self.search.setting) for m in new.values()]
         for key, polished in zip(new, self.search.each(finish, tasks), strict=True):
             self.done[key] = polished
         return [self.done[m.key] for m in models]
 
+    def _better(self, model: Fitted) -> bool:
+        """A model leaves less than the finished one of the same effects."""
+        return self.search.energy(model) < self.search.energy(self.done[model.key])
+
     def _without(self, best: Fitted, index: int) -> Fitted:
-        """The model without one effect, the others refitted."""
+        """The model without one effect, the others refitted from where they are.
+
+        A search that fitted these others alone may have ended elsewhere, and the effect would get
+        what belongs to that: the better of both is what it has to beat.
+        """
         left = [part for i, part in enumerate(best.parts) if i != index]
         if not left:
             return self.found.base
-        key = " + ".join(sorted(h.key for h, _ in left))
-        for model in self.found.models:
-            if model.key == key:
-                return model
-        return next(iter(self.search.each(fit, [(left, self.search.setting)])))
+        again = next(iter(self.search.each(fit, [(left, self.search.setting)])))
+        known = [model for model in self.found.models if model.key == again.key]
+        return min((*known, again), key=self.search.energy)
 
     def _swaps(self, best: Fitted, index: int) -> list[Fitted]:
         """The model with another effect, or the same elsewhere, in the place of one."""

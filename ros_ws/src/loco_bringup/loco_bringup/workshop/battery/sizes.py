@@ -2,7 +2,9 @@
 """The strengths at which a hidden effect is small, medium or large.
 
 Size is what shows: the largest deviation of any sensor from the machine without the effect,
-rms over a record, in units of what sensors and integration alone leave.
+rms over all records, in units of what sensors and integration alone leave. What masses, inertias and
+motors can make that are off by as little as nobody knows them does not count: a robot with a payload
+of one percent and one that is a percent heavier are one robot.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
-from .physics import excitation, kinds, machines, plant
+from .physics import conditions, excitation, kinds, machines, plant
 from .physics.hidden import Hidden
 from .physics.machines import Machine
 
@@ -20,6 +23,7 @@ TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
 TOLERANCE, TRIES = 0.25, 7
 CHANCE = 2.5  # floors that integration alone may change
 SEEN = 0.75  # share of the target that a size must reach to count
+DEVIATION, MOST = (0.02, 0.04, 0.02), 2.5  # of masses, inertias and motors; how many of it at most
 
 
 @lru_cache(maxsize=8)
@@ -50,27 +54,55 @@ def columns(reading: plant.Reading) -> np.ndarray:
     return reading.q if reading.tau is None else np.hstack((reading.q, reading.tau))
 
 
-def visibility(robot: str, effects: Sequence[Hidden], seed: int, least: float = 0.0) -> float:
+def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
     """Whitened rms of the sensor that shows most, 1 for nothing; inf if it diverges.
 
     Args:
         robot: Machine.
         effects: Hidden effects.
         seed: Seed of the excitation.
-        least: Stop looking at records when this much shows already.
     """
-    machine = _quick(robot)
+    moved = _moved(_quick(robot), effects, robot, seed)
+    if moved is None:
+        return float("inf")
+    known, factor = doubts(robot, seed)
+    side = known.T @ moved.ravel()
+    by = lsq_linear(factor.T, -np.linalg.solve(factor, side), (-MOST, MOST)).x
+    left = (moved.ravel() + known @ by).reshape(moved.shape)
+    return float(np.sqrt(1.0 + np.max(np.mean(np.square(left), axis=0))))
+
+
+def _moved(
+    machine: Machine, effects: Sequence[Hidden], robot: str, seed: int
+) -> np.ndarray | None:
+    """Change of all records by effects or another machine [floors], (T, C); None if it diverges."""
     bare, floor = reference(robot, seed)
-    square, rows = np.zeros(len(floor)), 0
+    rows = []
     for kind, base in zip(excitation.FIT, bare, strict=True):
         moved = excitation.command(machine, kind, seed)
         now = columns(plant.record(machine, effects, moved, 1, kind))
         if not np.all(np.isfinite(now)) or np.max(np.abs(now)) > 1e4:
-            return float("inf")
-        square, rows = square + np.sum(((now - base) / floor) ** 2, axis=0), rows + len(now)
-        if least and np.sqrt(np.max(square) / (3 * len(now))) > least:
-            break
-    return float(np.sqrt(1.0 + np.max(square) / (len(bare) * len(bare[0]))))
+            return None
+        rows.append((now - base) / floor)
+    return np.concatenate(rows)
+
+
+@lru_cache(maxsize=2)
+def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """What each mass, inertia and motor makes per deviation [floors], (T C, K).
+
+    Beside it the Cholesky factor of its Gram matrix with their priors, (K, K).
+    """
+    machine, known = _quick(robot), []
+    n = len(machine.joints)
+    for which, deviation in enumerate(DEVIATION):
+        for joint in range(n):
+            factors = np.ones((3, n))
+            factors[which, joint] += deviation
+            moved = _moved(conditions.altered(machine, *factors), (), robot, seed)
+            known.append(moved.ravel())
+    known = np.stack(known, axis=1)
+    return known, np.linalg.cholesky(known.T @ known + np.eye(3 * n))
 
 
 def sized(
@@ -89,7 +121,7 @@ def sized(
     at = 0.5 * (bounds[0] + bounds[1])
     for _ in range(TRIES):
         effect = effect.scaled(float(np.exp(at)))
-        shows = visibility(robot, (effect,), seed, 4.0 * target)
+        shows = visibility(robot, (effect,), seed)
         if np.isfinite(shows) and abs(shows - target) < abs(found[1] - target):
             found = (effect, shows)
         if abs(np.log(shows / target)) < TOLERANCE:

@@ -58,12 +58,26 @@ def machine_of(machine: Machine, condition: Condition, seed: int) -> Machine:
 
 def _off(machine: Machine, seed: int) -> Machine:
     rng = np.random.default_rng([seed, 9])
-    body, drives = copy.deepcopy(machine.body), machine.drives.copy()
     n = len(machine.joints)
     heavier = 1.0 + rng.uniform(-MASS, MASS, n)
+    rounder = 1.0 + rng.uniform(-INERTIA, INERTIA, n)
+    return altered(machine, heavier, rounder, 1.0 + rng.uniform(-MOTOR, MOTOR, n))
+
+
+def altered(
+    machine: Machine, heavier: np.ndarray, rounder: np.ndarray, stronger: np.ndarray
+) -> Machine:
+    """The machine with other bodies and motors.
+
+    Args:
+        machine: A machine of n joints.
+        heavier: Factor on each mass, (n,).
+        rounder: Factor on each inertia beside that of its mass, (n,).
+        stronger: Factor on the torque of each drive, (n,).
+    """
+    body, drives = copy.deepcopy(machine.body), machine.drives.copy()
     body.mass *= heavier
-    body.inertia *= (heavier * (1.0 + rng.uniform(-INERTIA, INERTIA, n)))[:, None, None]
-    stronger = 1.0 + rng.uniform(-MOTOR, MOTOR, n)
+    body.inertia *= (heavier * rounder)[:, None, None]
     servo = drives[:, 0] == slots.SERVO
     drives[servo, 1] *= stronger[servo]
     drives[servo, 2] *= stronger[servo] ** 2
