@@ -130,3 +130,31 @@ def bench():
         return case, {h.effect: Bundle((h,), (None,)) for h in offered}
 
     return make
+
+
+SERVO = {"drives.pivot.stall_torque": 2.6 * 0.981, "drives.pivot.no_load_speed": 13.2 / 0.981}
+
+
+@pytest.fixture(scope="session")
+def servo():
+    """Function that makes a case by effects: a drive that rounds its encoder, a little weak.
+
+    What the drive really is stands in its attribute `truth`.
+    """
+
+    def make(effects=()):
+        t, step = np.arange(400) / 100.0, 0.00506
+        motions = {
+            "steps": 0.9 * np.sign(np.sin(4.0 * t)) * (t > 0.2),
+            "chirp": 0.6 * np.sin(2.0 * np.pi * (0.2 + 0.35 * t) * t),
+        }
+        made = []
+        for name, q in motions.items():
+            told = {"position": q[:, None]}, ("pivot",), {"q": q[:, None]}, ("pivot",)
+            empty = Record(name, t, *told)
+            (seen,) = Forward(Model("servo_pendulum"), [empty])(effects, SERVO, step=1 / 8)
+            made.append(replace(empty, signals={"q": step * np.round(seen / step)}))
+        return cases.prepare(Forward(Model("servo_pendulum"), made), made, [])
+
+    make.truth = SERVO
+    return make

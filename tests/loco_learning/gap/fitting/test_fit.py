@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits leave the minimum next to their start for a deeper one."""
 
+import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.fit import Setting, beyond, fit, weigh
+from loco_learning.gap.fitting.fit import Setting, beyond, fit, jointly, weigh
+from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
+from loco_sim.effects.offers import Hints
 
 STRIBECK = {"name": "stribeck_friction", "torque": 4.3, "velocity": 0.085}
 
@@ -49,3 +52,27 @@ def test_unusual_shapes_strain_a_model(bench):
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     usual, odd = (weigh(case, [at(hypothesis, torque=1.0, velocity=v)], {}) for v in (0.1, 40.0))
     assert usual.strain < 0.5 < 5.0 < odd.strain
+
+
+def test_a_stop_and_a_weak_drive_are_fitted_together(servo):
+    """A stop by itself ended at a rod 5 % too heavy, and a payload got a name for the rest."""
+    stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
+    case = servo([stop])
+    robot = case.forward.robot(0)
+    offered = offer(robot, case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
+    apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {})
+    together = jointly(case, apart, setting())
+    assert together.fit_rms < 1.1 < 1.4 < apart.fit_rms
+    (spec,) = together.specs
+    assert spec["angle"] == pytest.approx(0.55, rel=0.02)
+    assert spec["stiffness"] == pytest.approx(0.5, rel=0.1)
+    for name, value in servo.truth.items():
+        assert together.loose[name] == pytest.approx(value, rel=0.01)
+
+
+def test_where_straight_lines_are_true_nothing_is_fitted_again(bench):
+    case, offered = bench([STRIBECK])
+    (hypothesis,) = offered["stribeck_friction"].hypotheses
+    model = weigh(case, [at(hypothesis, torque=4.3, velocity=0.085)], {})
+    assert jointly(case, model, setting()) is model

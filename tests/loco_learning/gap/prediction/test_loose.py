@@ -70,20 +70,11 @@ def test_deviations_stay_within_what_is_believed():
         assert np.all(slope[~inside] * x[~inside] <= 1e-6)  # pushes outwards
 
 
-def test_what_no_straight_line_tells_is_sought_by_simulation():
+def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
     """A drive that rounds its encoder: straight lines ended at a mass and an inertia far too large."""
-    t = np.arange(400) / 100.0
-    steps = 0.9 * np.sign(np.sin(4.0 * t)) * (t > 0.2)
-    chirp = 0.6 * np.sin(2.0 * np.pi * (0.2 + 0.35 * t) * t)
-    truth = {"drives.pivot.stall_torque": 2.6 * 0.981, "drives.pivot.no_load_speed": 13.2 / 0.981}
-    records = []
-    for name, q in (("steps", steps), ("chirp", chirp)):
-        told = {"position": q[:, None]}, ("pivot",), {"q": q[:, None]}, ("pivot",)
-        empty, step = Record(name, t, *told), 0.00506
-        (seen,) = Forward(Model("servo_pendulum"), [empty])((), truth, step=1 / 8)
-        records.append(replace(empty, signals={"q": step * np.round(seen / step)}))
-    case = cases.prepare(Forward(Model("servo_pendulum"), records), records, [])
+    case = servo()
     straight, _ = case._refitted([], {}, [0, 1], exact=True)
     left, values, _ = case.suited([], {})
     assert evidence.rms(left) < 0.9 * evidence.rms(straight)
-    assert [values[name] / value for name, value in truth.items()] == pytest.approx([1, 1], abs=0.01)
+    found = [values[name] / value for name, value in servo.truth.items()]
+    assert found == pytest.approx([1.0, 1.0], abs=0.01)
