@@ -253,6 +253,22 @@ def test_a_floating_joint_to_the_world_is_a_base_that_floats(tmp_path):
     assert len(robots.load(result.folder).feet) == 4
 
 
+def test_an_arm_that_cannot_hold_itself_out_hangs(tmp_path):
+    """As on Baxter and PR2, whose springs no URDF tells: 2 kg at 0.4 m on a joint of 5 N·m."""
+    heavy = BALL.replace('"0.5"', '"2"').replace("<inertial>", '<inertial><origin xyz="0.4 0 0"/>')
+    urdf = (
+        f"<robot name='arm'><link name='world'/><link name='upper'>{heavy}</link>"
+        "<joint name='shoulder' type='revolute'><parent link='world'/><child link='upper'/>"
+        "<axis xyz='0 1 0'/><limit lower='-2' upper='2' effort='5' velocity='5'/></joint></robot>"
+    )
+    result = make(written(tmp_path, urdf), tmp_path / "out")
+    robot = robots.load(result.folder)
+    assert not result.stands
+    weight = 2.0 * GRAVITY * 0.4
+    assert weight > 5.0 > weight * abs(np.cos(robot.standing[0]))
+    assert any("'shoulder' would need" in note for note in result.notes)
+
+
 def test_a_refusal_of_the_trial_leaves_nothing_behind(tmp_path):
     """Joints that are too weak for the robot's weight: bolted it cannot swing either."""
     weak = GOOD.replace('effort="3"', 'effort="1e-6"')

@@ -115,8 +115,8 @@ def held(
     first, at = asked(body, q, amplitude, pace) / effort, q
     if (first <= HOLDS).all():
         return q, amplitude, []
-    low = np.where(np.isfinite(body.low), body.low, -np.pi) + np.abs(amplitude)
-    high = np.where(np.isfinite(body.high), body.high, np.pi) - np.abs(amplitude)
+    low = np.maximum(body.low, -np.pi) + np.abs(amplitude)  # a turn more is the same posture
+    high = np.minimum(body.high, np.pi) - np.abs(amplitude)
     for _ in range(TURNS):
         tried = [at]
         for joint in range(len(q)):
