@@ -23,7 +23,7 @@ REST = 0.05  # of the numerical error over all records that is there at any time
 ASTRAY = 1.12  # times what straight lines promise, or less by that (1.05: one test is ambiguous)
 ROUNDS = 3  # simulations per value that is refitted without them (taste)
 AGAIN = 3  # runs about what suits a model, until that is near (taste)
-LITTLE = 0.2  # rms [floors] of a change in the step error that does not matter
+LITTLE = 0.2  # rms [floors] of a change in the step error, or from straight lines, that is none
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
 
 
@@ -144,8 +144,8 @@ class Case:
 
         What was refitted is simulated once more. Where that is not what straight lines promised, as
         a joint sticks or a drive rounds its encoder, values are sought by simulation, from there or
-        from the robot as it came. For the model without effects, which all others have to beat, they
-        always are.
+        from the robot as it came. The model without effects, which all others have to beat, is held
+        to more: there any difference that shows will do.
 
         Args:
             specs: Effects of the model.
@@ -162,7 +162,8 @@ class Case:
             return left, {}, _price(by)
         if np.isfinite(self.loose.most) and by[0].any():
             bent = self._fixed(specs, overrides, by[0])
-            if not specs or not self._told(left, by, *bent):
+            plain = not specs and self._apart(left, bent[0]) > LITTLE
+            if plain or not self._told(left, by, *bent):
                 starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
                 if known:
                     starts.append(self._fixed(specs, overrides, self.at(known).loose.at))
@@ -185,6 +186,11 @@ class Case:
     ) -> bool:
         """A simulation costs what straight lines promised, about."""
         return 1.0 / ASTRAY < self._cost(there, at) / max(self._cost(left, by), 1e-9) < ASTRAY
+
+    def _apart(self, left: Sequence[np.ndarray], there: Sequence[np.ndarray]) -> float:
+        """Rms of what a simulation leaves beside what straight lines promised [floors]."""
+        apart = [a - b for a, b in zip(left, there, strict=True)]
+        return evidence.rms(self.masked(apart, range(len(left)), held=False))
 
     def at(self, values: Mapping[str, float] | np.ndarray) -> Case:
         """The case with values of the robot, or deviations, that stay; starts are refitted."""
