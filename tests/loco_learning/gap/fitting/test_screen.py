@@ -76,7 +76,7 @@ def test_a_size_that_is_far_too_loud_and_turns_round_does_not_end_the_search():
 
 
 def test_a_limit_that_is_reached_late_is_found_between_nothing_and_all_there_is():
-    """At 60 % a limit does nothing, at 100 % the robot falls: linear steps went round in circles."""
+    """At 60 % a limit does nothing, at 100 % the robot falls: linear steps went in circles."""
     share, missing = alone("torque_limit", lambda x: max(x - 0.75, 0.0) ** 2, 0.8)
     assert share > 0.5
     assert missing == pytest.approx(0.8, abs=0.02)

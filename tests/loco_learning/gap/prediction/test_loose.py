@@ -71,7 +71,7 @@ def test_deviations_stay_within_what_is_believed():
 
 
 def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
-    """A drive that rounds its encoder: straight lines ended at a mass and an inertia far too large."""
+    """A drive that rounds its encoder: straight lines ended at a rod far too heavy."""
     case = servo()
     straight, _ = case._refitted([], {}, [0, 1], exact=True)
     left, values, _ = case.suited([], {})

@@ -70,7 +70,7 @@ def test_intervals_are_in_the_unit_and_may_pass_zero():
 
 
 def test_an_effect_of_which_size_and_shape_show_together_is_there():
-    """A cable's stiffness and free length may show as one force: no interval of the one by itself."""
+    """A cable's stiffness and free length may show as one force: neither is known by itself."""
     wide, sure = np.array([9.0, 9.0]), np.array([0.1, np.nan])
     strength, shape = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), sure)
     assert strength.low < 0.0 < strength.high

@@ -301,7 +301,9 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
         problem.case = case.at(DEVIATIONS * z[:count])
         return problem(z[count:])
 
-    bounds = [np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)]
+    bounds = [
+        np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)
+    ]
     limit = TURNS * (count + len(problem.start)) + AGAIN
     found = minimise(residual, np.r_[start, problem.start], bounds, JACOBIAN_STEP, limit)
     parts, overrides = problem.split(found.z[count:])

@@ -24,7 +24,7 @@ class Estimate:
         absent: Value at which the effect is not there; None for a shape such as a velocity scale.
         sign: +1 or -1 where only this sign is physical, 0 where both are.
         spread: Deviation of the value between parts of the data that errors do not explain.
-        with_shapes: Half of the interval with all shapes as they are; None where that was not asked.
+        with_shapes: Half of the interval with all shapes as they are; None where nobody asked.
             A cable's stiffness and free length may show as one force alone: the cable is there.
     """
 

@@ -2,9 +2,9 @@
 """The strengths at which a hidden effect is small, medium or large.
 
 Size is what shows: the largest deviation of any sensor from the machine without the effect,
-rms over all records, in units of what sensors and integration alone leave. What masses, inertias and
-motors can make that are off by as little as nobody knows them does not count: a robot with a payload
-of one percent and one that is a percent heavier are one robot.
+rms over all records, in units of what sensors and integration alone leave. What masses, inertias
+and motors can make that are off by as little as nobody knows them does not count: a robot with a
+payload of one percent and one that is a percent heavier are one robot.
 """
 
 from __future__ import annotations
@@ -72,9 +72,7 @@ def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
     return float(np.sqrt(1.0 + np.max(np.mean(np.square(left), axis=0))))
 
 
-def _moved(
-    machine: Machine, effects: Sequence[Hidden], robot: str, seed: int
-) -> np.ndarray | None:
+def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -> np.ndarray | None:
     """Change of all records by effects or another machine [floors], (T, C); None if it diverges."""
     bare, floor = reference(robot, seed)
     rows = []
@@ -89,9 +87,9 @@ def _moved(
 
 @lru_cache(maxsize=2)
 def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """What each mass, inertia and motor makes per deviation [floors], (T C, K).
+    """Effects of each mass, inertia and motor per deviation [floors], (T C, K).
 
-    Beside it the Cholesky factor of its Gram matrix with their priors, (K, K).
+    Beside them stands the Cholesky factor of their Gram matrix with the priors, (K, K).
     """
     machine, known = _quick(robot), []
     n = len(machine.joints)
