@@ -162,8 +162,8 @@ class Case:
             return left, {}, _price(by)
         if np.isfinite(self.loose.most) and by[0].any():
             bent = self._fixed(specs, overrides, by[0])
-            plain = not specs and self._apart(left, bent[0]) > LITTLE
-            if plain or not self._told(left, by, *bent):
+            differs = not specs and self._apart(left, bent[0]) > LITTLE
+            if differs or not self._told(left, by, *bent):
                 starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
                 if known:
                     starts.append(self._fixed(specs, overrides, self.at(known).loose.at))
