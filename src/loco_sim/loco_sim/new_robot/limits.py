@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -51,7 +50,7 @@ def guess(
     high = np.where(np.isfinite(body.high), body.high, np.pi)
     for _ in range(POSES):
         q = low + (high - low) * rng.random(len(low))
-        effort = np.maximum(effort, np.abs(body.weight_torque(q, [], np.zeros((0, 3)))))
+        effort = np.maximum(effort, np.abs(body.weight_torque(q, [], NO_FEET)))
     effort = RESERVE * np.maximum(effort, 0.02 * effort.max(initial=0.0))
     held = np.diag(body.inertia(body.nominal(), bolted=True))
     effort = np.maximum(effort, SPEEDS_UP * held)
@@ -68,12 +67,6 @@ def guess(
                 limit.set(key, f"{value:.3g}")
                 guessed.append(name)
     return list(dict.fromkeys(guessed))
-
-
-def efforts(root: ET.Element, joints: Sequence[str]) -> np.ndarray:
-    """Effort limits of a URDF in which every joint has one [N·m or N], (n,)."""
-    elements = {j.get("name"): j for j in root.findall("joint")}
-    return np.array([float(elements[name].find("limit").get("effort")) for name in joints])
 
 
 def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.ndarray:
@@ -118,12 +111,14 @@ def held(
     low = np.maximum(body.low, -np.pi) + np.abs(amplitude)  # a turn more is the same posture
     high = np.minimum(body.high, np.pi) - np.abs(amplitude)
     for _ in range(TURNS):
+        if excess(at) == 0.0:
+            break
         tried = [at]
         for joint in range(len(q)):
             for value in np.linspace(low[joint], high[joint], PLACES):
                 tried.append(np.where(np.arange(len(q)) == joint, value, at))
         best = min(tried, key=excess)
-        if best is at or excess(at) == 0.0:
+        if best is at:
             break
         at = best
     part = 1.0

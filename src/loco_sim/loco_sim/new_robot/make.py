@@ -205,15 +205,16 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     _mimic(draft, body, q, amplitude)
     with probe(draft.text(), draft.folder) as final:
         size = final.size(q)
-    loads = body.weight_torque(q, [], np.zeros((0, 3)))
+    loads = body.weight_torque(q, [], limits.NO_FEET)
     draft.guessed_limits = limits.guess(draft.root, body, loads, {}, size, rng)
-    effort, pace = limits.efforts(draft.root, body.joints), 2.0 * np.pi * trial.SWING
+    effort, pace = draft.description().efforts(), 2.0 * np.pi * trial.SWING
+    effort = np.array([effort[joint] for joint in body.joints])
     q, amplitude, notes = limits.held(body, q, amplitude, effort, pace)
     draft.notes += notes
     _mimic(draft, body, q, amplitude)
     height = _clear(draft, body, rng)
     for stiffer in STIFFER:
-        chosen = gain.choose(body, q, np.zeros((0, 3)), [], [], True, stiffer)
+        chosen = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer)
         with written(draft, out, body, q, chosen, [], height, amplitude) as folder:
             robot = folder.robot()
             order = [body.joints.index(joint) for joint in robot.joints]
@@ -247,7 +248,8 @@ def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> No
         factor, offset = (float(follows.get(k, d)) for k, d in (("multiplier", 1), ("offset", 0)))
         q[i] = np.clip(factor * q[lead] + offset, body.low[i], body.high[i])
         amplitude[i] = factor * amplitude[lead]
-        draft.mimics = list(dict.fromkeys([*draft.mimics, name]))
+        if name not in draft.mimics:
+            draft.mimics.append(name)
 
 
 def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:

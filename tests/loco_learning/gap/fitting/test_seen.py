@@ -55,6 +55,7 @@ def test_only_what_is_seen_is_paid(case):
     noise = (np.random.default_rng(0).normal(size=(1000, 1)),)
     offset, slope = (replace(m, whole=noise, pull=0.0) for m in made)
     blind = rivals.occam(offset, slope)
-    assert blind == pytest.approx(0.5 * np.log(1000.0), rel=0.1)  # 30 : 1 for three against two
+    assert blind == pytest.approx(0.5 * np.log(offset.score.n_eff))  # 30 : 1 for three against two
+    assert offset.score.n_eff == pytest.approx(1000.0, rel=0.1)
     assert rivals.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
     assert rivals.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)

@@ -294,7 +294,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return model
     params, free = setting.params, model.overrides or setting.free
     problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
-    start = case.at(model.loose).loose.at / DEVIATIONS
+    start = case.loose.deviations(model.loose) / DEVIATIONS
     count, most = len(start), np.full(len(start), case.loose.most / DEVIATIONS)
 
     def residual(z: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..prediction.case import Case
-from ..statistics import evidence, identify
+from ..statistics import identify
 from .fit import Fitted, Setting, polish
 
 MOVED = 0.05  # part of a typical change that is simulated; the rest is taken as linear
@@ -36,7 +36,7 @@ def seen(case: Case, model: Fitted) -> int:
     """
     case = case.kept()  # what the values of the robot can make up for is another question
     here = identify.flat(case.whitened(model.specs, model.settled))
-    weight = np.sqrt(identify.weights(evidence.score(model.whole)))
+    weight = np.sqrt(identify.weights(model.score))
     count = 0
     for i, (hypothesis, x) in enumerate(model.parts):
         for j, c in enumerate(hypothesis.coordinates):

@@ -92,7 +92,7 @@ class Case:
         """The case with nothing refitted but the states in which records begin."""
         if self.loose is None:
             return self
-        return replace(self, loose=replace(self.loose, held=True, at=0.0 * self.loose.at))
+        return self.at(0.0 * self.loose.at)
 
     def _refitted(
         self,
@@ -156,30 +156,34 @@ class Case:
             Residuals, (T, C) each; values by dotted name, none without any that are refitted;
             half of the squares of all deviations [nat].
         """
-        every = list(range(len(self.records)))
-        left, by = self._refitted(specs, overrides, every, exact=True)
-        if self.loose is None or self.loose.held:
-            return left, {}, _price(by)
-        if np.isfinite(self.loose.most) and by[0].any():
-            bent = self._fixed(specs, overrides, by[0])
+        left, by, bent = self._promised(specs, overrides)
+        if bent is not None:
             differs = not specs and self._apart(left, bent[0]) > LITTLE
             if differs or not self._told(left, by, *bent):
                 starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
                 if known:
-                    starts.append(self._fixed(specs, overrides, self.at(known).loose.at))
+                    starts.append(self._fixed(specs, overrides, self.loose.deviations(known)))
                 left, by = min(starts, key=lambda each: self._cost(*each))
                 found = self._sought(specs, overrides, by[0])
                 if self._cost(*found) < self._cost(left, by) - FEW:
                     left, by = found
-        return left, self.loose.values(by[0]), _price(by)
+        stays = self.loose is None or self.loose.held
+        return left, {} if stays else self.loose.values(by[0]), _price(by)
 
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
         """Whether simulating what was refitted for a model gives what straight lines promised."""
-        if self.loose is None or self.loose.held or not np.isfinite(self.loose.most):
-            return True
-        every = list(range(len(self.records)))
+        left, by, bent = self._promised(specs, overrides)
+        return bent is None or self._told(left, by, *bent)
+
+    def _promised(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
+    ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[list, list] | None]:
+        """Residuals and deviations by straight lines; both by simulation, where that may differ."""
+        every, near = list(range(len(self.records))), self.loose
         left, by = self._refitted(specs, overrides, every, exact=True)
-        return self._told(left, by, *self._fixed(specs, overrides, by[0]))
+        if near is None or near.held or not np.isfinite(near.most) or not by[0].any():
+            return left, by, None
+        return left, by, self._fixed(specs, overrides, by[0])
 
     def _told(
         self, left: list, by: Sequence[np.ndarray], there: list, at: Sequence[np.ndarray]
@@ -192,14 +196,9 @@ class Case:
         apart = [a - b for a, b in zip(left, there, strict=True)]
         return evidence.rms(self.masked(apart, range(len(left)), held=False))
 
-    def at(self, values: Mapping[str, float] | np.ndarray) -> Case:
-        """The case with values of the robot, or deviations, that stay; starts are refitted."""
-        near = self.loose
-        if isinstance(values, Mapping):
-            first = [int(np.argmax(near.of == k)) for k in range(len(near.at))]
-            by = [(values[near.names[i]] - near.nominal[i]) / near.spread[i] for i in first]
-            values = np.array(by)
-        return replace(self, loose=replace(near, at=values, held=True))
+    def at(self, deviations: np.ndarray) -> Case:
+        """The case with values at these deviations, which stay; starts are refitted."""
+        return replace(self, loose=replace(self.loose, at=deviations, held=True))
 
     def _sought(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], start: np.ndarray
@@ -220,7 +219,7 @@ class Case:
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The same with values at these deviations, and starts that suit the model best."""
-        every, near = list(range(len(self.records))), replace(self.loose, at=at, held=True)
+        every, near = list(range(len(self.records))), self.at(at).loose
         residuals, by = self._solved(near, specs, overrides, every)
         return near.left(residuals, every, by), by
 

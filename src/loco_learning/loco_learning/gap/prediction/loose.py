@@ -143,6 +143,12 @@ class Loose:
             for i, r, start in zip(only, residuals, by[1:], strict=True)
         ]
 
+    def deviations(self, values: Mapping[str, float]) -> np.ndarray:
+        """Deviations of values of ``robot.yaml``, (V,): the inverse of `values`."""
+        first = [int(np.argmax(self.of == k)) for k in range(len(self.at))]
+        by = [(values[self.names[i]] - self.nominal[i]) / self.spread[i] for i in first]
+        return np.array(by)
+
     def values(self, at: np.ndarray) -> dict[str, float]:
         """Values of ``robot.yaml`` at deviations, none beyond what is legal."""
         found = self.nominal + self.spread * at[self.of]

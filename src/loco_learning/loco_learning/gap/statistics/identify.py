@@ -101,10 +101,8 @@ def analyse(
     j = _weighted(columns, weight)
     lengths = np.linalg.norm(j, axis=0)
     alive = lengths > DEAD
-    errors, errors_alone = np.full(len(names), np.inf), np.full(len(names), np.inf)
+    errors, errors_alone = standard_errors(columns, weight), np.full(len(names), np.inf)
     errors_alone[alive] = 1.0 / lengths[alive]
-    if alive.any():
-        errors[alive] = np.sqrt(np.diag(_covariance(j[:, alive])))
     kept = [name for name, lives in zip(names, alive, strict=True) if lives]
     worst, worst_error, condition = _worst(j[:, alive], kept)
     free = [i for i, name in enumerate(names) if name not in set(nuisance)]
@@ -123,6 +121,20 @@ def analyse(
         condition,
         {names[i]: imitated(j[:, i], j[:, others]) for i in free},
     )
+
+
+def standard_errors(columns: np.ndarray, weight: np.ndarray | float = 1.0) -> np.ndarray:
+    """Standard error of each parameter with all others free, (P,); inf where not determined.
+
+    Args:
+        columns: (N, P) [floors per typical size]; rows with NaN are left out.
+        weight: Information per row (`weights`), (N,) or one for all.
+    """
+    j = _weighted(columns, weight)
+    alive, errors = np.linalg.norm(j, axis=0) > DEAD, np.full(j.shape[1], np.inf)
+    if alive.any():
+        errors[alive] = np.sqrt(np.diag(_covariance(j[:, alive])))
+    return errors
 
 
 def stability(

@@ -22,7 +22,7 @@ from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..prediction.nominal import parted, torques
-from ..statistics import evidence, identify
+from ..statistics import identify
 
 SCALE_STEP = 0.1  # on the logarithm of a scale
 STRENGTH = 0.05  # of a strength
@@ -77,7 +77,7 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
         return []
     kept = case.kept()
     here = kept.whitened(model.specs, model.settled)
-    weight = np.sqrt(identify.weights(evidence.score(model.whole)))
+    weight = np.sqrt(identify.weights(model.score))
 
     def column(specs: Sequence[Mapping], overrides: Mapping[str, float]) -> np.ndarray:
         moved = kept.whitened(specs, {**model.settled, **overrides})

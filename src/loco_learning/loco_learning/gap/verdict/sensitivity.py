@@ -13,7 +13,7 @@ from loco_sim.effects.base import EFFECTS
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..statistics import evidence, identify, robust
+from ..statistics import identify, robust
 from . import doubt
 from .candidates import Estimate
 
@@ -46,12 +46,12 @@ def sensitivities(
     here = kept.whitened(model.specs, settled)
     moves = [(specs, {**settled, **overrides}, step) for specs, overrides, step in moves]
     matrix = np.stack([_column(kept, here, *move) for move in moves], axis=1)
-    weight = identify.weights(evidence.score(model.whole))
+    weight = identify.weights(model.score)
     known = identify.analyse(matrix, names, list(model.overrides), weight)
     doubts = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
     half, spread = _half_widths(matrix, model, weight, doubts)
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
-    with_shapes[sizes] = _half_widths(matrix[:, sizes], model, weight, doubts)[0]
+    with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, doubts)
     found, start = {}, 0
     for hypothesis, x in model.parts:
         rows = slice(start, start + len(x))
@@ -68,9 +68,9 @@ def _half_widths(
     doubts: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Half of the 95 % interval of each column's parameter, and where parts of the data differ."""
-    left, names = identify.flat(model.whole), [str(k) for k in range(matrix.shape[1])]
+    left = identify.flat(model.whole)
     steady = identify.stability(matrix, left, halves(model.whole), weight)
-    errors = identify.analyse(matrix, names, (), weight).errors
+    errors = identify.standard_errors(matrix, weight)
     errors = np.sqrt(errors**2 + steady.spread**2 / len(steady.shifts))
     columns, at = doubts
     groups = robust.clusters(model.whole)
