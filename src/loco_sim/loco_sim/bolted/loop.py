@@ -91,13 +91,14 @@ class Bolted:
         self.physics_dt = self.dt / self._steps
 
     def _configure(self) -> None:
+        urdf, joints = self.robot.urdf, self.robot.joints
         setting = Setting(self.robot, self.robot.sim, self.dt / self._steps)
         for effect in self._effects:
             if overrides(effect, "configure"):
                 effect.configure(setting)
-        described = tree.build(setting.description, self.robot.joints)
-        self._tree, self._order, self._frames = described
-        self._gravity, self._description = np.array(setting.gravity), setting.description
+        described = _read(setting.description, joints) if setting.described else _file(urdf, joints)
+        self._tree, self._order, self._frames, self._damping = described
+        self._gravity = np.array(setting.gravity)
 
     def _substeps(self) -> int:
         """Parts of a physics step until damping held over one is harmless: `stability.substeps`.
@@ -105,9 +106,7 @@ class Bolted:
         Here no damping is solved, as with `SimParams.implicit_damping` off.
         """
         robot, dt = self.robot, self.dt / self._steps
-        damping = np.array([self._description.damping(joint) for joint in robot.joints])
-        inertia = self.inertia(robot.standing)
-        return substeps(robot.damping + damping, inertia, dt, robot.sim)
+        return substeps(robot.damping + self._damping, self.inertia(robot.standing), dt, robot.sim)
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Inertia that the joints feel [kg·m²], (n, n), in the robot's order."""
@@ -162,7 +161,7 @@ class Bolted:
         for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
             slow[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
         measures = [
-            (*span(effect, self.physics_dt), effect.measure)
+            (*span(effect, self.physics_dt), effect)
             for effect in self._effects
             if isinstance(effect, Measuring) and not effect.absent()
         ]
@@ -208,7 +207,7 @@ class Bolted:
         """Readings of what happened, (T, 3, n)."""
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
         for first, stop in pieces if self.robot.sensors else ():
-            q[first:stop], dq[first:stop] = self._read(q[first:stop])
+            q[first:stop], dq[first:stop] = self._sensed(q[first:stop])
         if not measures:
             return Run(q, dq, tau)
         at = Layout(len(self._order), len(self.robot.feet))
@@ -217,14 +216,20 @@ class Bolted:
         values[:, at["linear_acceleration"]] = -self._gravity
         for name, column in (("q", q), ("dq", dq), ("tau", tau)):
             values[:, at[name]] = column
-        for row in np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2))):
-            change.memory[:] = memories[row]
-            for first, last, measure in measures:
-                if first <= row * self._steps < last:
-                    measure(values[row], at, row * self.dt)
+        live = np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2)))
+        for first, last, effect in measures:
+            some = live[(first <= live * self._steps) & (live * self._steps < last)]
+            if effect.by_itself:
+                readings = values[some]
+                effect.measure(readings, at, 0.0)
+                values[some] = readings
+                continue
+            for row in some:
+                change.memory[:] = memories[row]
+                effect.measure(values[row], at, row * self.dt)
         return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))
 
-    def _read(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _sensed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities as `Sensors` that are exact form them, (T, n) each."""
         sensors, q = self.robot.sensors, q.copy()
         for i, joint in enumerate(self.robot.joints):
@@ -249,6 +254,18 @@ def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
     if reason := behind_springs(acting):
         return reason
     return _touches(robot.urdf, robot.joints, robot.height, robot.folder)
+
+
+def _read(description: Description, joints: tuple[str, ...]) -> tuple[Any, ...]:
+    """Tree, order and frames of a robot (`tree.build`), and joint damping [N·m·s/rad], (n,)."""
+    damping = np.array([description.damping(joint) for joint in joints])
+    return *tree.build(description, joints), damping
+
+
+@lru_cache(maxsize=64)
+def _file(urdf: str, joints: tuple[str, ...]) -> tuple[Any, ...]:
+    """Tree, order, frames and damping of a URDF that no effect changes; not to be changed."""
+    return _read(Description(urdf), joints)
 
 
 @lru_cache(maxsize=64)

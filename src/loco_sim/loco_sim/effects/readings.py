@@ -8,7 +8,7 @@ state is made of it: that costs less than what most effects do to it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -85,7 +85,14 @@ class Readings:
 
 
 class Measuring:
-    """Part of an effect that changes what the sensors say."""
+    """Part of an effect that changes what the sensors say.
+
+    Attributes:
+        by_itself: A reading hangs on nothing but what is there at its time, so that `measure`
+            takes those of many times at once, (T, at.size).
+    """
+
+    by_itself: ClassVar[bool] = False
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         """Change what the sensors say, in place.

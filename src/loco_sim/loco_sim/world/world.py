@@ -86,7 +86,6 @@ class Setting:
     """The plant that effects may change before a run.
 
     Attributes:
-        description: The URDF.
         friction: Friction of single links; others have the world's.
         contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
             have the world's.
@@ -103,12 +102,28 @@ class Setting:
 
     def _clear(self) -> None:
         """The plant as the robot's files have it, before effects change it."""
-        self.description = Description(self.robot.urdf)
+        self._description: Description | None = None
         self.friction: dict[str, float] = dict(self.robot.friction)
         self.contact: dict[str, tuple[float, float]] = dict(self.robot.contact)
         self.gravity: Triple = (0.0, 0.0, -self.params.gravity)
         self.terrain: Terrain | None = None
         self.hinges: dict[str, tuple[float, float]] = {}
+
+    @property
+    def description(self) -> Description:
+        """The URDF; read when somebody asks for it, and from then on perhaps changed.
+
+        Raises:
+            ParameterError: The text is not XML or not a robot.
+        """
+        if self._description is None:
+            self._description = Description(self.robot.urdf)
+        return self._description
+
+    @property
+    def described(self) -> bool:
+        """Whether somebody asked for the URDF, so that it may be changed."""
+        return self._description is not None
 
     def joint_index(self, pattern: str) -> np.ndarray:
         """Indices of the robot's joints that a name or fnmatch pattern names.

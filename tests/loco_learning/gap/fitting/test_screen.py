@@ -65,18 +65,32 @@ def alone(effect, does, size):
     offered = offer(robot.load("servo_pendulum"), ("q",), hints)
     (hypothesis,) = [h for h in offered if h.effect == effect]
     (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], vector([], {}, [0], 1))
-    return found.share, next(strengths(hypothesis.term(found.x).params))
+    return found, next(strengths(hypothesis.term(found.x).params))
 
 
 def test_a_size_that_is_far_too_loud_and_turns_round_does_not_end_the_search():
     """A drive that rounds its encoder does at a fifth of sag the contrary of at a fortieth."""
-    share, sag = alone("supply_sag", lambda sag: sag if sag < 0.1 else -sag, 0.025)
-    assert share > 0.9
+    found, sag = alone("supply_sag", lambda sag: sag if sag < 0.1 else -sag, 0.025)
+    assert found.share > 0.9
     assert sag == pytest.approx(0.025, rel=0.3)
 
 
 def test_a_limit_that_is_reached_late_is_found_between_nothing_and_all_there_is():
     """At 60 % a limit does nothing, at 100 % the robot falls: linear steps went in circles."""
-    share, missing = alone("torque_limit", lambda x: max(x - 0.75, 0.0) ** 2, 0.8)
-    assert share > 0.5
+    found, missing = alone("torque_limit", lambda x: max(x - 0.75, 0.0) ** 2, 0.8)
+    assert found.share > 0.5
     assert missing == pytest.approx(0.8, abs=0.02)
+
+
+def test_what_is_nothing_at_one_size_and_too_much_at_the_next_is_found_between():
+    """On 12 joints a torque-speed line of 0.1 s/rad limits nothing at 0.09, and all at 0.12."""
+    found, slope = alone("torque_speed_line", lambda x: max(x - 0.09, 0.0) ** 2, 0.104)
+    assert found.share > 0.3
+    assert slope == pytest.approx(0.104, rel=0.1)
+
+
+def test_a_size_that_does_nothing_of_its_own_is_not_made_smaller_for_ever():
+    """A drive with backlash of no width still has its rotor: what is left does not get less."""
+    found, _ = alone("backlash", lambda x: {0.0: 0.0, 1e-3: 1.0}.get(x, -1.2), 1e-3)
+    assert found.share < IDLE
+    assert found.cost <= 12  # three starts of the rotor

@@ -78,3 +78,19 @@ def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
     assert evidence.rms(left) < 0.9 * evidence.rms(straight)
     found = [values[name] / value for name, value in servo.truth.items()]
     assert found == pytest.approx([1.0, 1.0], abs=0.01)
+
+
+def test_what_is_left_is_known_without_going_through_the_records_again(slide):
+    case = of(slide, [FRICTION])
+    near, every = case.loose, list(range(len(case.records)))
+    for record in every:  # as where a part of each judges, and the rest is fitted
+        near.rows[record][len(near.rows[record]) // 2 :] = False
+        near.judges[record][:] = ~near.rows[record]
+    near = replace(near, grams={})
+    residuals = case.bare([], near.values(near.at))
+    seen = [near._products(i, r) for i, r in zip(every, residuals, strict=True)]
+    by = near._solved(seen, every, near.weight)
+    left = near.left(residuals, every, by)
+    squares = np.sum([np.nansum(np.square(r), axis=0) for r in left], axis=0)
+    assert near._power(seen, every, by) == pytest.approx(squares, rel=1e-9)
+    assert np.any(by[0] != 0.0)

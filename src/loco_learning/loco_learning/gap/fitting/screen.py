@@ -25,6 +25,8 @@ GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
 BACK = 1e-3  # smallest part of a size to which it goes back
 RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
 TOO_LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
+ALL = 1.0  # response over residual of what explains all of it
+SAME = 0.01  # part of a response by which another one differs that is the same (taste)
 NEXT_SIZE = 1.03  # factor between two sizes that need none between them
 
 
@@ -112,12 +114,10 @@ def try_bundle(
     for k in range(1 if any(known) else len(starts)):
         for trial, at in zip(trials, known or [None] * len(trials), strict=True):
             trial.begin(at or trial.hypothesis.starts()[k])
-        for _ in range(TRIES + rungs):
+        while not all(trial.done for trial in trials):
             columns = _responses(case, trials, base, overrides, only, residual)
             for trial in trials:
                 trial.take(columns)
-            if all(trial.done for trial in trials):
-                break
     return [trial.screened() for trial in trials]
 
 
@@ -140,7 +140,8 @@ class _Trial:
         self.x, self.done = list(x), False
         self.good: tuple[float, list[float]] | None = None  # best of this start
         self.levels: dict[float, float] = {}  # response over residual by size
-        self.rungs = 0
+        self.last: np.ndarray | None = None  # response to the size before
+        self.steps = self.rungs = 0
 
     def take(self, columns: np.ndarray) -> None:
         """Judge the response to each strength at the present sizes, and choose the next."""
@@ -158,11 +159,18 @@ class _Trial:
             self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
         else:
             self._step(columns)
+            self.steps += 1
             if any(self.x[at] in self.levels for at in self.hypothesis.strengths):
                 # a limit that is not reached, then all there is: linear steps go round in circles
                 self.done, self.promised = True, []
+            self.done |= self._settled(columns) or self.steps == TRIES
         if self.done or self.rungs:
             self.done = not self._climb()
+
+    def _settled(self, columns: np.ndarray) -> bool:
+        """The size before did just that: what is left of an effect without its strength."""
+        last, self.last = self.last, columns
+        return last is not None and _square(columns - last) <= SAME**2 * _square(columns)
 
     def _step(self, columns: np.ndarray) -> None:
         """Choose the next sizes as if responses were linear."""
@@ -179,7 +187,8 @@ class _Trial:
         if len(size) == 1 and self._overshot(1.0 - _square(self.left + bare[:, 0]) / self.whole):
             return
         self.x = _scaled(self.hypothesis, self.x, factors)
-        if share <= 0.0 or self.x == before or np.allclose(factors, 1.0, atol=0.3):
+        live = factors[size > 0.0]
+        if share <= 0.0 or self.x == before or np.allclose(live, 1.0, atol=0.3):
             self.done = True
         promise = share * (0.9 if len(size) > 1 else 0.5)
         self.promised.append((float(promise), tuple(self.x)))
@@ -187,24 +196,29 @@ class _Trial:
     def _climb(self) -> bool:
         """Set the next size of a strength that explained nothing so far; False if there is none.
 
-        A limit does nothing until it is reached, and friction that stops a joint is not a
-        large part of one that slows it. Where even the least is too loud, a drive that rounds
-        its encoder does something else at each size: what a tenth does says nothing of a third.
+        A limit does nothing until it is reached, and all there is a tenth later; friction that
+        stops a joint is not a large part of one that slows it. The right size does as much as
+        was amiss: beyond that there is nothing to seek. Where even the least is too loud, a drive
+        that rounds its encoder does something else at each size: what a tenth does says nothing
+        of a third.
         """
         sizes = [x for x in self.levels if x]
         quiet = [x for x in sizes if self.levels[x] < TOO_LOUD]
         best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
-        if not sizes or best >= IDLE or self.rungs == self.most:
+        reached = any(ALL <= self.levels[x] for x in quiet)
+        if not sizes or best >= IDLE or reached or not self.most:
             return False
         (at,) = self.hypothesis.strengths
-        if quiet:
-            x = max(quiet, key=abs)
+        x, loud = max(quiet, key=abs, default=0.0), []
+        if x:
             loud = [
                 abs(y) for y, level in self.levels.items() if level >= TOO_LOUD and abs(y) > abs(x)
             ]
             factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
         else:
             x, factor = min(sizes, key=abs), 1.0 / RUNG
+        if self.rungs >= self.most and not loud:
+            return False
         self.rungs += 1
         self.x[at] = self.hypothesis.coordinates[at].clipped(x * factor)
         return max(factor, 1.0 / factor) > NEXT_SIZE and self.x[at] not in self.levels
@@ -248,7 +262,7 @@ class _Trial:
 
 
 def _square(values: np.ndarray) -> float:
-    return float(values @ values)
+    return float(np.vdot(values, values))
 
 
 def project(values: np.ndarray, tangent: np.ndarray | None) -> np.ndarray:

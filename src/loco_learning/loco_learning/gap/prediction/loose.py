@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,14 @@ TIMES, NEAR = 4, 0.5  # that changes are simulated, at most; deviations that nee
 MOST = 2.5  # deviations that a value may be off where a motion is compared: beyond is an effect
 LEVELS, SAME = 8, 0.9  # rounds of what is left in each channel, until that falls by less (taste)
 CHANGES = 20  # of what lies on a bound, at most
+
+
+class Products(NamedTuple):
+    """Sums over time of a residual, for each channel."""
+
+    square: np.ndarray  # of its squares, at all times, (C,)
+    moment: np.ndarray  # with what each value and start does, where it is used, (C, K)
+    every: np.ndarray  # the same at all times, (C, K)
 
 
 @dataclass(frozen=True)
@@ -49,6 +57,8 @@ class Loose:
         stated: Flags of the V that robot.yaml calls uncertain: these may be large, (V,).
         held: Values stay as they are, and the starts alone are refitted.
         level: A channel in which more is left counts less, as in a motion.
+        grams: Products of the columns in each channel, where they are used and at all times,
+            (C, K, K), by record.
     """
 
     names: tuple[str, ...]
@@ -64,7 +74,9 @@ class Loose:
     stated: np.ndarray
     held: bool = False
     level: bool = False
-    grams: dict[int, np.ndarray] = field(default_factory=dict, compare=False, repr=False)
+    grams: dict[int, tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> list[np.ndarray]:
         """Deviations that suit a model best: of the values, (V,), and of each start, (S,) each.
@@ -73,39 +85,60 @@ class Loose:
             residuals: Residuals of the model [floors], (T, C) each, simulated at `at`.
             only: Their records.
         """
+        seen = [self._products(i, r) for i, r in zip(only, residuals, strict=True)]
         if not self.level:
-            return self._solved(residuals, only, self.weight)
+            return self._solved(seen, only, self.weight)
         by, before = self._none(only), np.inf
         count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
         for _ in range(LEVELS):
-            left = self.left(residuals, only, by)
-            power = np.sum([np.nansum(np.square(r), axis=0) for r in left], axis=0) / count
+            power = self._power(seen, only, by) / count
             if np.all(power > SAME * before):
                 break
-            by, before = self._solved(residuals, only, self.weight / np.maximum(power, 1.0)), power
+            by, before = self._solved(seen, only, self.weight / np.maximum(power, 1.0)), power
         return by
 
     def _none(self, only: Sequence[int]) -> list[np.ndarray]:
         count = len(self.at)
         return [self.at, *(np.zeros(self.columns[i].shape[2] - count) for i in only)]
 
+    def _products(self, index: int, residual: np.ndarray) -> Products:
+        """All that is asked of the residual of a record, so that it is gone through once."""
+        columns = self.columns[index]
+        known = np.isfinite(residual)
+        rows = self.rows[index] if self.rows[index].any() else self.judges[index]
+        values = np.where(known, residual, 0.0)
+        own, rest = (values * use[:, None] for use in (rows, ~rows))
+        moment = _moment(columns, own)
+        every = moment + _moment(columns, rest) if rest.any() else moment
+        if index not in self.grams:  # what was measured is so for every model
+            used = _gram(columns, known & rows[:, None])
+            whole = used if rows.all() else used + _gram(columns, known & ~rows[:, None])
+            self.grams[index] = used, whole
+        return Products(np.sum(np.square(values), axis=0), moment, every)
+
+    def _power(
+        self, seen: Sequence[Products], only: Sequence[int], by: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        """Squares of what is left in each channel with everything at deviations `by`, (C,)."""
+        power, moved = np.zeros(len(self.weight)), by[0] - self.at
+        for i, products, start in zip(only, seen, by[1:], strict=True):
+            x = np.concatenate([moved, start])
+            square = products.square + (2.0 * products.every + self.grams[i][1] @ x) @ x
+            power += np.maximum(square, 0.0)
+        return power
+
     def _solved(
-        self, residuals: Sequence[np.ndarray], only: Sequence[int], weight: np.ndarray
+        self, seen: Sequence[Products], only: Sequence[int], weight: np.ndarray
     ) -> list[np.ndarray]:
         count = len(self.at)
         sizes = [len(by) for by in self._none(only)]
         ends = np.cumsum(sizes)
         gram, moment = np.eye(ends[-1]), np.zeros(ends[-1])
-        for k, (i, r) in enumerate(zip(only, residuals, strict=True)):
-            fitted = bool(self.rows[i].any())
-            used = np.isfinite(r) & (self.rows[i] if fitted else self.judges[i])[:, None]
+        for k, (i, products) in enumerate(zip(only, seen, strict=True)):
             mine = np.r_[np.arange(count), np.arange(ends[k], ends[k + 1])]
-            some = np.einsum("tck,tc->k", self.columns[i], np.where(used, r, 0.0) * weight)
-            if i not in self.grams:
-                a = self.columns[i] * used[:, :, None]
-                self.grams[i] = np.einsum("tck,tcl->ckl", a, a, optimize=True)
-            whole = np.tensordot(weight, self.grams[i], axes=1)
-            if not fitted:  # what judges says nothing of the robot
+            some = weight @ products.moment
+            whole = np.tensordot(weight, self.grams[i][0], axes=1)
+            if not self.rows[i].any():  # what judges says nothing of the robot
                 whole[:count], whole[:, :count], some[:count] = 0.0, 0.0, 0.0
             gram[np.ix_(mine, mine)] += whole
             moment[mine] -= some
@@ -153,6 +186,17 @@ class Loose:
         """Values of ``robot.yaml`` at deviations, none beyond what is legal."""
         found = self.nominal + self.spread * at[self.of]
         return {n: _legal(n, float(v)) for n, v in zip(self.names, found, strict=True)}
+
+
+def _moment(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sum over time of columns, (T, C, K), times values, (T, C): (C, K)."""
+    return (values.T[:, None, :] @ columns.transpose(1, 0, 2))[:, 0]
+
+
+def _gram(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Sum over the times that are used, (T, C) flags, of columns times columns: (C, K, K)."""
+    own = (columns * used[:, :, None]).transpose(1, 0, 2)
+    return own.transpose(0, 2, 1) @ own
 
 
 def _within(gram: np.ndarray, moment: np.ndarray, most: float) -> np.ndarray:

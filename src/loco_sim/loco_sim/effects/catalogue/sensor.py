@@ -53,6 +53,7 @@ class LinearSensor(JointSensor):
     """An effect that gives every reading a factor and adds something to it."""
 
     reads: ClassVar[Mapping[str, str]] = {}  # its parameter for a signal of a recording
+    by_itself = True
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
@@ -82,7 +83,11 @@ class LinearSensor(JointSensor):
         if self._factor is None:
             self._factor, self._extra = np.ones(at.size), np.zeros(at.size)
             self.lines(at, self._factor, self._extra)
-        reading_laws.scale(values, self._factor, self._extra)
+        if values.ndim == 1:
+            reading_laws.scale(values, self._factor, self._extra)
+        else:
+            values *= self._factor
+            values += self._extra
 
 
 @dataclass
