@@ -14,6 +14,7 @@ from loco_sim import effects
 from loco_sim.bolted.loop import Bolted, Pieces, Run, needs_engine
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
+from loco_sim.world.world import make_world
 
 pytestmark = pytest.mark.pybullet
 
@@ -94,8 +95,23 @@ def test_a_robot_with_an_effect(name, effect):
     if effects.base.overrides(made[0], "on_step") and made[0].pull() is None:
         assert "acts on the world" in needs_engine(plant, made)
         return
+    if effect == "armature" and len(plant.joints) > 1:
+        return  # PyBullet has no rotors: see the test of inertias
     told = commands(plant, 40)
     same(Bolted(plant, made).run(*told), with_engine(plant, listed, told))
+
+
+@pytest.mark.parametrize("name", ["hyq_leg", "tigrillo"])
+def test_a_rotor_is_felt_by_its_joint_alone(name):
+    plant, at = loaded(name), 0.1
+    rotors = effects.from_list([{"name": "armature", "inertia": at, "joint": plant.joints[1]}])
+    wanted = Bolted(plant).inertia(plant.standing)
+    wanted[1, 1] += at
+    found = Bolted(plant, rotors).inertia(plant.standing)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    world = make_world(plant, plant.sim.replace(engine="mujoco"), 1e-3)
+    world.rebuild(plant.standing, [e.configure for e in rotors], plant.height)
+    np.testing.assert_allclose(world.joint_inertia(plant.standing), wanted, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["linear_axis", "hyq_leg", "tigrillo"])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .tree import AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
+from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
 
 STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the engine does
 STOP_DEPTH = 0.04  # but nothing of a way that is longer [rad or m]
@@ -230,6 +230,7 @@ def inwards(tree, links, mass_matrix, bias):
             at, along = vector(links, j, AT), vector(links, j, ALONG)
             mass_matrix[i, j] = mass_matrix[j, i] = lever(kin[j, 1], at, along, push, spun)
             j = kin[j, 0]
+        mass_matrix[i, i] += tree[1][i, ARMATURE]
         p = kin[i, 0]
         if p >= 0:
             for k in range(FORCE, WIDTH):

@@ -98,6 +98,8 @@ class Bolted:
                 effect.configure(setting)
         described = _read(setting.description, joints) if setting.described else _file(urdf, joints)
         self._tree, self._order, self._frames, self._damping = described
+        if setting.armature:
+            self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
         self._gravity = np.array(setting.gravity)
 
     def _substeps(self) -> int:

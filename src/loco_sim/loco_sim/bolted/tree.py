@@ -8,6 +8,7 @@ link at position 0; all vectors of a link are in that frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ MOVES = ("revolute", "continuous", SLIDES)
 PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the link before
 AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # axis of length 1; [kg], [m], about it [kg·m²]
 DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
+ARMATURE = 31  # inertia that the joint alone feels [kg·m²]
 
 # Joints that a free base has with the world, from there outwards: it slides along the axes of the
 # world, then turns about its own. Its pose is kept in the frames of the first and the fourth, so
@@ -41,7 +43,7 @@ class Tree(NamedTuple):
     """
 
     kin: np.ndarray  # index of the joint before it, -1 is the base, and whether it slides, (n, 2)
-    body: np.ndarray  # columns as above, (n, 31)
+    body: np.ndarray  # columns as above, (n, 32)
     fastest: float  # velocities are clipped at this, as by the engine
 
 
@@ -90,10 +92,28 @@ def build(
         walk.com,
         np.reshape(walk.inertia, (-1, 9)),
         [_rubbing(description, name) for name in walk.names],
+        np.zeros((len(walk.names), 1)),
     ]
     kin = np.array([walk.parent, walk.slides], dtype=np.int64).T
     tree = Tree(np.ascontiguousarray(kin), np.hstack(body), description.fastest())
     return tree, order, walk.frames
+
+
+def geared(
+    made: Tree, order: np.ndarray, joints: Sequence[str], armature: Mapping[str, float]
+) -> Tree:
+    """The tree with rotors on some of its joints.
+
+    Args:
+        made: Tree of the robot.
+        order: Index of each of its joints in `joints`, beyond them those of a free base.
+        joints: Names.
+        armature: Inertia that a joint feels and none before it [kg·m²], by name.
+    """
+    body = made.body.copy()
+    for k, i in enumerate(order):
+        body[k, ARMATURE] = armature.get(joints[i], 0.0) if i < len(joints) else 0.0
+    return made._replace(body=body)
 
 
 def _rubbing(description: Description, joint: str) -> tuple[float, float, float]:

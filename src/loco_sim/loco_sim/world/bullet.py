@@ -25,6 +25,7 @@ from loco_control.exceptions import ParameterError
 
 from ..geometry import Rotation, Triple, multiply, rotate, rotate_back, rotation_matrix
 from ..params import SimParams
+from ..robot.description import Description
 from ..robot.robot import Robot
 from . import braking, hinges, world
 from .ahead import Ahead, Contact
@@ -132,6 +133,15 @@ class World(world.World):
                 ) from None
         self._index()
         self._set_contacts()
+
+    def _given(self) -> Description:
+        """The robot with rotors as parts of the links that they drive: the engine has no others."""
+        if not self.armature:
+            return self.description
+        made = Description(self.description.text())
+        for joint, inertia in self.armature.items():
+            made.add_armature(joint, inertia)
+        return made
 
     def _make_ground(self) -> int:
         """Plane or terrain; PyBullet puts the middle between lowest and highest at its origin."""
@@ -264,7 +274,7 @@ class World(world.World):
         n, (wanted, gain, _, passive) = len(tau), law
         if self._ahead is None:
             names = tuple(self._name[j] for j in self._read)
-            self._ahead = Ahead(self.description, names, self.robot.fixed_base, self.gravity)
+            self._ahead = Ahead(self._given(), names, self.robot.fixed_base, self.gravity)
         motion = self.joint_states()
         bent = self._bending()
         laws, held = np.zeros((4, n + len(bent))), np.array([*tau, *bent])

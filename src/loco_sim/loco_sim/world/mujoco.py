@@ -96,6 +96,10 @@ class World(world.World):
         self._root = self._bodies[self.description.root_link()]
         self._fastest = self.description.fastest()
         m.dof_frictionloss[:] = 0.0
+        for joint, inertia in self.armature.items():
+            m.dof_armature[m.jnt_dofadr[by_name[joint]]] = inertia
+        if self.armature:
+            mujoco.mj_setConst(m, self._data)
         m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as a step allows
         m.dof_solimp[:] = m.jnt_solimp[:] = STOP
         self._braked = self._pushed = False

@@ -91,6 +91,7 @@ class Setting:
             have the world's.
         gravity: Acceleration of gravity [m/s²], (3,); a slope is gravity turned.
         terrain: Heights of the ground; None is a plane.
+        armature: Inertia of rotor and gear [kg·m²] that a joint feels, and none before it.
         hinges: Stiffness [N·m/rad] and damping [N·m·s/rad] of the joint that moves a
             link, where that joint is not one of the robot's.
         dt: Physics step [s].
@@ -108,6 +109,7 @@ class Setting:
         self.gravity: Triple = (0.0, 0.0, -self.params.gravity)
         self.terrain: Terrain | None = None
         self.hinges: dict[str, tuple[float, float]] = {}
+        self.armature: dict[str, float] = {}
 
     @property
     def description(self) -> Description:
@@ -162,7 +164,8 @@ class World(Setting, ABC):
         Args:
             q: Joint positions [rad], (n,).
             configure: Functions that get this world before the robot is loaded and may edit
-                `description`, `friction`, `contact`, `gravity`, `terrain` and `hinges`.
+                `description`, `friction`, `contact`, `gravity`, `terrain`, `hinges` and
+                `armature`.
             height: Height of the base [m]; None puts the lowest foot on the ground.
 
         Raises:
@@ -200,11 +203,15 @@ class World(Setting, ABC):
         mass, own, base, bent = self._mass_matrix(q)
         return hinges.felt(mass, own, [*base, *bent])
 
+    def _given(self) -> Description:
+        """The robot as the engine is given it."""
+        return self.description
+
     def _text(self) -> str:
         """URDF for the engine."""
         if not self.damped:
-            return self.description.text(self.robot.folder)
-        undamped = Description(self.description.text())
+            return self._given().text(self.robot.folder)
+        undamped = Description(self._given().text())
         for joint in self.robot.joints:
             undamped.set_damping(joint, 0.0)
         return undamped.text(self.robot.folder)

@@ -209,3 +209,23 @@ def test_what_closes_most_of_the_gap_is_named_while_more_is_missing():
     assert verdict(unsure, after=score(4.0)).verdict == AMBIGUOUS
     weak = dataclasses.replace(GOOD, closed=0.2)
     assert verdict(GOOD, weak, after=score(4.0)).verdict == UNKNOWN
+
+
+def test_noise_in_a_small_gap_takes_no_name_away():
+    """A channel of one record is a little above its floor, 1.4 floors fell to 1.0 in all."""
+    rng = np.random.default_rng(1)
+    noise = rng.normal(size=(2, 800, 2))
+    sizes = np.array([[1.1, 1.9], [1.2, 3.6]]), np.array([[1.0, 1.0], [1.0, 1.5]])
+    old, new = ([part * size for part, size in zip(noise, each, strict=True)] for each in sizes)
+    scores = [evidence.score(each[:1]) for each in (old, new)]
+    found = decide.decide([GOOD], *scores, whole=(old, new))
+    assert evidence.rms(new[:1]) > 0.5 * evidence.rms(old[:1])
+    assert (found.verdict, found.adequate) == (MORE, False)
+
+
+def test_a_value_that_is_known_only_together_with_others_says_so():
+    cable = dataclasses.replace(FRICTION, low=-9.0, high=9.0, with_shapes=0.02)
+    found = verdict(dataclasses.replace(GOOD, estimates=(cable,)))
+    assert found.verdict == NAMED
+    assert "together with its other values: 0.4 ± 0.02 N·m" in found.rulings[0].evidence
+    assert "together" not in verdict(GOOD).rulings[0].evidence

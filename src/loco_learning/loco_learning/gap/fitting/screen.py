@@ -26,6 +26,7 @@ BACK = 1e-3  # smallest part of a size to which it goes back
 RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
 TOO_LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
 ALL = 1.0  # response over residual of what explains all of it
+QUIET = 0.01  # share of the residual beyond noise below which nothing is sought in a branch (taste)
 SAME = 0.01  # part of a response by which another one differs that is the same (taste)
 NEXT_SIZE = 1.03  # factor between two sizes that need none between them
 
@@ -103,17 +104,18 @@ def try_bundle(
         tangent: Orthonormal columns that the model's own parameters span, (N, k); what they
             explain is not counted.
         known: The only coordinates to start from, for hypotheses that were screened before.
+
+    In a branch of the robot that is as quiet as its noise nothing is sought.
     """
     column = case.channel_of(only)
-    rungs = 0 if any(known) else RUNGS
+    starts = known or [None] * len(bundle.hypotheses)
     trials = [
-        _Trial(h, residual, tangent, None if mask is None else mask[column], rungs)
-        for h, mask in zip(bundle.hypotheses, bundle.channels, strict=True)
+        _Trial(h, residual, tangent, None if mask is None else mask[column], at)
+        for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True)
     ]
-    starts = bundle.hypotheses[0].starts()
-    for k in range(1 if any(known) else len(starts)):
-        for trial, at in zip(trials, known or [None] * len(trials), strict=True):
-            trial.begin(at or trial.hypothesis.starts()[k])
+    for k in range(max(len(trial.starts) for trial in trials)):
+        for trial in trials:
+            trial.begin(k)
         while not all(trial.done for trial in trials):
             columns = _responses(case, trials, base, overrides, only, residual)
             for trial in trials:
@@ -125,19 +127,26 @@ class _Trial:
     """One hypothesis while sizes of it are tried."""
 
     def __init__(
-        self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any, rungs: int
+        self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any, known: Any
     ):
-        self.hypothesis, self.rows, self.tangent, self.most = hypothesis, rows, tangent, rungs
+        self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.residual, self.energy = residual, float(residual @ residual)
         self.left = project(residual, tangent)
         self.whole = max(float(self.left @ self.left), 1e-300)
+        quiet = rows is not None and _square(residual[rows]) - rows.sum() < QUIET * self.energy
+        self.starts = [known] if known else [] if quiet else hypothesis.starts()
+        self.most = 0 if known else RUNGS
+        self.x, self.done = list(known or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
         self.promised: list[tuple[float, tuple[float, ...]]] = []  # by a linear step
-        self.cost, self.wrong, self.alive, self.done = 0, 0.0, False, False
+        self.cost, self.wrong, self.alive = 0, 0.0, quiet
 
-    def begin(self, x: Sequence[float]) -> None:
-        """Start from coordinates."""
-        self.x, self.done = list(x), False
+    def begin(self, k: int) -> None:
+        """Start from the k-th coordinates, if there are so many."""
+        self.done = k >= len(self.starts)
+        if self.done:
+            return
+        self.x = list(self.starts[k])
         self.good: tuple[float, list[float]] | None = None  # best of this start
         self.levels: dict[float, float] = {}  # response over residual by size
         self.last: np.ndarray | None = None  # response to the size before
@@ -282,7 +291,7 @@ def _responses(
     columns = []
     for strength in trials[0].hypothesis.strengths:
         specs = list(base)
-        for trial in trials:
+        for trial in (trial for trial in trials if not trial.done):
             coordinates = trial.hypothesis.coordinates
             at = [0.0 if c.strength else v for c, v in zip(coordinates, trial.x, strict=True)]
             at[strength] = trial.x[strength]

@@ -246,7 +246,7 @@ class Search:
         self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
     ) -> list[Screened]:
         """Try every hypothesis on top of a model."""
-        starts = {s.hypothesis.key: s.x for s in before}
+        starts = {s.hypothesis.key: s.x for s in before if s.cost}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
         there = {h.key for h, _ in model.parts}
         wanted = [h for h in hypotheses if h.key not in there]

@@ -52,8 +52,8 @@ class Limits(Params):
         high=1.0,
     )  # fmt: skip
     large: float = parameter(
-        0.5, "share of the held-out rms that established effects must close to be named while more "
-        "is missing", low=0.0, high=1.0
+        0.5, "share of the rms above noise that established effects must close to be named while "
+        "more is missing", low=0.0, high=1.0
     )  # fmt: skip
     aside: float = parameter(
         0.1, "share of the whole gap that may be in channels that the model leaves alone", high=1.0
@@ -299,6 +299,10 @@ def _sentence(
         text += f"; odds {rivals[0].over.odds:.2g} to 1 against the next name, {rivals[0].name}"
     if places:
         text += f"; it may also sit at {', '.join(places)}"
+    for e in c.estimates:
+        if e.excludes_absent and e.low <= e.absent <= e.high:
+            size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
+            text += f"; {e.name} is known only together with its other values: {size} with these"
     return text[0].upper() + text[1:] + "."
 
 
@@ -308,7 +312,7 @@ def large(
     after: Score,
     limits: Limits,
 ) -> bool:
-    """A large share of the rms is closed, on all data and on those that judge.
+    """A large share of what is above noise is closed, on all data and on those that judge.
 
     Args:
         whole: Residuals of what effects have to beat, and of the selected model, on all records.
@@ -316,8 +320,9 @@ def large(
         after: Score of the selected model on it.
         limits: Conditions for a name.
     """
-    pairs = [(evidence.rms(whole[0]), evidence.rms(whole[1])), (before.rms, after.rms)]
-    return all(new <= (1.0 - limits.large) * old for old, new in pairs)
+    least = 1.0 - (1.0 - limits.large) ** 2
+    pairs = whole, (before.residuals, after.residuals)
+    return all(evidence.closed_by(*pair) >= least for pair in pairs)
 
 
 def _overall(rulings: Sequence[Ruling], adequate: bool, much: bool) -> str:

@@ -132,9 +132,9 @@ class ComOffset(Effect, name="com_offset"):
 class Armature(JointEffect, name="armature"):
     """Inertia of rotor and gear that the model leaves out.
 
-    It is added to the link that the joint moves, about the joint's axis, and half of it
-    about the two others, since no body can have less: exact for one joint, and for a chain
-    but for what the joints before it feel.
+    The joint alone feels it, as of a rotor that a gear makes fast. PyBullet has no such inertia:
+    there the link that the joint moves gets it about the joint's axis, and half of it about the
+    two others, since no body can have less, which the joints before it feel, too.
     """
 
     inertia: float = parameter(0.0, "of the rotor, at the joint", "kg·m²", 0.0, 100.0)
@@ -158,7 +158,7 @@ class Armature(JointEffect, name="armature"):
         self.require(world.robot)
         for j in self._chosen(world) if self.inertia > 0.0 else ():
             joint = world.robot.joints[j]
-            world.description.add_armature(joint, self.inertia)
+            world.armature[joint] = world.armature.get(joint, 0.0) + self.inertia
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing to forget."""
