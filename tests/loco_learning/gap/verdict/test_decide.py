@@ -229,3 +229,11 @@ def test_a_value_that_is_known_only_together_with_others_says_so():
     assert found.verdict == NAMED
     assert "together with its other values: 0.4 ± 0.02 N·m" in found.rulings[0].evidence
     assert "together" not in verdict(GOOD).rulings[0].evidence
+
+
+def test_quiet_channels_do_not_make_a_loud_one_a_trifle():
+    noise = np.random.default_rng(2).normal(size=(800, 12))
+    trifle = dataclasses.replace(GOOD, trifle=True)
+    for size, said in ((2.5, NO_GAP), (5.0, NAMED)):
+        before = evidence.score([noise * np.r_[size, np.ones(11)]])
+        assert verdict(trifle, before=before, after=evidence.score([noise])).verdict == said

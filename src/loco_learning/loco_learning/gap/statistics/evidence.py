@@ -105,6 +105,12 @@ def rms(residuals: Sequence[np.ndarray]) -> float:
     return math.sqrt(energy / count) if count else math.nan
 
 
+def loudest(residuals: Sequence[np.ndarray]) -> float:
+    """Root mean square of the channel in which most is left [floors]."""
+    channels = range(residuals[0].shape[1])
+    return float(np.nanmax([rms([r[:, [c]] for r in residuals]) for c in channels]))
+
+
 def closed(before: float, after: float, floor: float = 1.0) -> float:
     """Share of the reducible gap that is closed, 1 = down to the floor, below 0 = worse.
 

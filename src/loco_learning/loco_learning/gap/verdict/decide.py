@@ -70,8 +70,8 @@ class Limits(Params):
         2.0, "deviations of its prior that a nominal value may be from what the robot says", low=0.0
     )
     trifle: float = parameter(
-        3.0, "rms [floors] on all records up to which a gap that something too small to matter "
-        "explains is none", low=1.0
+        3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
+        "too small to matter explains is none", low=1.0
     )  # fmt: skip
     edge: float = parameter(
         0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5
@@ -176,7 +176,7 @@ def decide(
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
     explains = adequate(*residuals, limits, enough)
-    if explains and _trifling(candidates, evidence.rms(residuals[0]), limits):
+    if explains and _trifling(candidates, evidence.loudest(residuals[0]), limits):
         text = (
             f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
             f"{candidates[0].name} too small to matter explains it."
