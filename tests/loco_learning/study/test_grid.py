@@ -204,3 +204,4 @@ def test_a_scheduler_that_is_not_there_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr("loco_learning.jobs.cluster.CONNECT_SECONDS", 0.5)
     with pytest.raises(ParameterError, match="no dask scheduler answers at 'tcp://127.0.0.1:9'"):
         run(load(write(tmp_path)), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()

@@ -221,7 +221,6 @@ def run(
             ones; where it returns False, the study ends there with what it has.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     cases = list(study.cases())
     old = {case.name: _stored(folder, case) for case in cases}
     timed = CLOCKED in study.metrics
@@ -238,6 +237,7 @@ def run(
         run_case, workers=several if several > 1 else 0, scheduler=scheduler if missing else ""
     )
     with place as jobs:
+        folder.mkdir(parents=True, exist_ok=True)
         for batch in (first, rest):
             arguments = [
                 (c.name, c.variant, c.seed, c.base, c.settings, c.at, c.key, curves, timed)
