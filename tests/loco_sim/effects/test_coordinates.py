@@ -3,9 +3,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate, assemble
+from loco_sim.effects.offers import Hints
+from loco_sim.robot import robot
+from loco_sim.robot.description import Description
 
 STRAIGHT = Coordinate("torque", 0.05, (1.0,), 0.0, 200.0, "N·m", strength=True)
 CURVED = Coordinate("time", 0.1, (0.0,), 1e-3, 100.0, "s", logarithmic=True)
@@ -38,3 +43,19 @@ def test_vectors_are_put_together_from_their_axes():
         "torque": 0.05,
     }
     assert [c.label for c in axes] == ["offset.x", "offset.z"]
+
+
+@pytest.mark.parametrize("name", ["hyq", "tigrillo"])
+def test_a_payload_may_sit_anywhere_on_a_base_that_moves(name):
+    loose, held = (robot.load(name, {"fixed_base": b, "height": 1.0}) for b in (False, True))
+    hints = Hints(np.zeros(12), np.zeros(12))
+    (first, *others) = EFFECTS["payload"].offers(loose, ("q",), hints)
+    text = Description(loose.urdf)
+    assert first.place in text.fixed_to(text.root_link())  # once, whatever is fixed together
+    assert not {o.place for o in others} & set(text.fixed_to(text.root_link()))
+    x = [1.0, 0.5, -0.5, 1.0]
+    far = first.coordinates[1].high
+    values = assemble(first.coordinates, x)
+    assert values["position"] == pytest.approx([0.5 * far, -0.5 * far, far])
+    assert far >= text.extent(first.place)
+    assert first.place not in {o.place for o in EFFECTS["payload"].offers(held, ("q",), hints)}

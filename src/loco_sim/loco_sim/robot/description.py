@@ -279,6 +279,12 @@ class Description:
             ]
         return found
 
+    def extent(self, link: str) -> float:
+        """Distance of the furthest joint on a link from its frame [m]; at least 0.01."""
+        joints = [j for j in self._root.findall("joint") if j.find("parent").get("link") == link]
+        places = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in joints]
+        return max([0.01, *(float(np.linalg.norm(place)) for place in places)])
+
     def add_armature(self, joint: str, inertia: float) -> None:
         """Add the inertia [kg·m²] of a rotor and gear about the axis of a joint.
 

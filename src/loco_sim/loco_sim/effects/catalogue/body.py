@@ -19,7 +19,7 @@ from ..base import Effect
 from ..chain import JointEffect
 from ..coordinates import Coordinate
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, logarithmic, strength, vector
+from ..offers import AXES, Hints, Offer, logarithmic, strength, vector
 from ..places import links, turning
 from ..pulls import Pull
 
@@ -36,6 +36,9 @@ def carrier(world: Any, link: str) -> str:
     description = world.description
     fixed = world.robot.fixed_base
     return description.child(world.robot.joints[-1]) if fixed else description.root_link()
+
+
+ROOM = 1.5  # times the distance of the joints on a base, within which a payload sits (taste)
 
 
 def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
@@ -74,10 +77,21 @@ class Payload(Effect, name="payload"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """At the middle of each link; where it sits along a link that turns is free, too."""
-        rows, size = [], max(0.05 * Description(robot.urdf).mass(), 0.01)
+        """At the middle of each link, along one that turns, and anywhere on a base that moves."""
+        text = Description(robot.urdf)
+        rows, size = [], max(0.05 * text.mass(), 0.01)
+        base = [] if robot.fixed_base else text.fixed_to(text.root_link())
         for link, com in links(robot):
             mass = strength(cls, "mass", size)
+            if link in base:
+                if link == max(base, key=text.mass_of):  # what is fixed to it is the same body
+                    far = max(ROOM * text.extent(link), *map(abs, com))
+                    at = (
+                        Coordinate("position", far, (c / far,), -far, far, "m", direction=tuple(a))
+                        for c, a in zip(com, AXES, strict=True)
+                    )
+                    rows.append(Offer(link, (("link", link),), (mass, *at)))
+                continue
             reach = float(np.linalg.norm(com))
             if reach < 1e-3 or not len(turning(robot)):
                 rows.append(Offer(link, (("link", link), ("position", list(com))), (mass,)))
