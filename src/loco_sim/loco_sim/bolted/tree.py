@@ -102,17 +102,16 @@ def build(
 def geared(
     made: Tree, order: np.ndarray, joints: Sequence[str], armature: Mapping[str, float]
 ) -> Tree:
-    """The tree with rotors on some of its joints.
+    """The tree of a bolted robot with rotors on some of its joints.
 
     Args:
         made: Tree of the robot.
-        order: Index of each of its joints in `joints`, beyond them those of a free base.
+        order: Index of each of its joints in `joints`, (n,).
         joints: Names.
         armature: Inertia that a joint feels and none before it [kg·m²], by name.
     """
     body = made.body.copy()
-    for k, i in enumerate(order):
-        body[k, ARMATURE] = armature.get(joints[i], 0.0) if i < len(joints) else 0.0
+    body[:, ARMATURE] = [armature.get(joints[i], 0.0) for i in order]
     return made._replace(body=body)
 
 
