@@ -107,9 +107,9 @@ class Loose:
         known = np.isfinite(residual)
         rows = self.rows[index] if self.rows[index].any() else self.judges[index]
         values = np.where(known, residual, 0.0)
-        own, rest = (values * use[:, None] for use in (rows, ~rows))
+        own = values * rows[:, None]
         moment = _moment(columns, own)
-        every = moment + _moment(columns, rest) if rest.any() else moment
+        every = moment if rows.all() else moment + _moment(columns, values - own)
         if index not in self.grams:  # what was measured is so for every model
             used = _gram(columns, known & rows[:, None])
             whole = used if rows.all() else used + _gram(columns, known & ~rows[:, None])

@@ -105,10 +105,9 @@ def rms(residuals: Sequence[np.ndarray]) -> float:
     return math.sqrt(energy / count) if count else math.nan
 
 
-def loudest(residuals: Sequence[np.ndarray]) -> float:
-    """Root mean square of the channel in which most is left [floors]."""
-    channels = range(residuals[0].shape[1])
-    return float(np.nanmax([rms([r[:, [c]] for r in residuals]) for c in channels]))
+def by_channel(residuals: Sequence[np.ndarray]) -> list[float]:
+    """Root mean square of each channel [floors]; NaN where nothing was measured."""
+    return [rms([r[:, [c]] for r in residuals]) for c in range(residuals[0].shape[1])]
 
 
 def closed(before: float, after: float, floor: float = 1.0) -> float:

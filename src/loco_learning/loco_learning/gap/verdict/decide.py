@@ -176,7 +176,9 @@ def decide(
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
     explains = adequate(*residuals, limits, enough)
-    if explains and _trifling(candidates, evidence.loudest(residuals[0]), limits):
+    if explains and _trifling(
+        candidates, float(np.nanmax(evidence.by_channel(residuals[0]))), limits
+    ):
         text = (
             f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
             f"{candidates[0].name} too small to matter explains it."

@@ -48,7 +48,7 @@ def adequate(
         limits: Conditions that say what is near, most and a small part.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
     """
-    total = [evidence.rms([r[:, [c]] for r in after]) for c in range(after[0].shape[1])]
+    total = evidence.by_channel(after)
     left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
     aside = 0.0
     for old, new in zip(before, after, strict=True):

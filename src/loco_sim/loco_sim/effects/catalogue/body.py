@@ -23,6 +23,7 @@ from ..offers import AXES, Hints, Offer, logarithmic, strength, vector
 from ..places import links, turning
 from ..pulls import Pull
 
+ROOM = 1.5  # times the distance of the joints on a base, within which a payload sits (taste)
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
     "links, Int. J. Robotics Research 5(3)"
@@ -36,9 +37,6 @@ def carrier(world: Any, link: str) -> str:
     description = world.description
     fixed = world.robot.fixed_base
     return description.child(world.robot.joints[-1]) if fixed else description.root_link()
-
-
-ROOM = 1.5  # times the distance of the joints on a base, within which a payload sits (taste)
 
 
 def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
@@ -81,16 +79,17 @@ class Payload(Effect, name="payload"):
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
         base = [] if robot.fixed_base else text.fixed_to(text.root_link())
+        trunk = max(base, key=text.mass_of, default="")  # what is fixed to it is the same body
         for link, com in links(robot):
             mass = strength(cls, "mass", size)
+            if link == trunk:
+                far = max(ROOM * text.extent(link), *map(abs, com))
+                at = (
+                    Coordinate("position", far, (c / far,), -far, far, "m", direction=tuple(a))
+                    for c, a in zip(com, AXES, strict=True)
+                )
+                rows.append(Offer(link, (("link", link),), (mass, *at)))
             if link in base:
-                if link == max(base, key=text.mass_of):  # what is fixed to it is the same body
-                    far = max(ROOM * text.extent(link), *map(abs, com))
-                    at = (
-                        Coordinate("position", far, (c / far,), -far, far, "m", direction=tuple(a))
-                        for c, a in zip(com, AXES, strict=True)
-                    )
-                    rows.append(Offer(link, (("link", link),), (mass, *at)))
                 continue
             reach = float(np.linalg.norm(com))
             if reach < 1e-3 or not len(turning(robot)):
