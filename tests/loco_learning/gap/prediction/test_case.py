@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.prediction import case as cases
-from loco_learning.gap.prediction import floors
+from loco_learning.gap.prediction import floors, running
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.proposals.following import following
 from loco_learning.gap.recordings.record import Record
 from loco_sim.plant.model import Model
+from loco_sim.plant.simulation import Simulation
 
 T = np.arange(300) / 100.0
 STEP = 0.00506  # of the servo's encoder [rad]
@@ -66,6 +67,24 @@ def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
         (residual,) = case.whitened(())
         rms[simulated] = float(np.sqrt(np.nanmean(residual**2)))
     assert rms[0.0] > 3.0 and 0.3 < rms[1e-3] < 1.25
+
+
+def test_steps_of_a_simulation_that_solved_its_damping_are_no_gap():
+    """The model divides its steps for damping that the simulation solved with whole ones."""
+    model = Model("hyq_leg", {"drives.lf_kfe_joint.kd": 60.0})
+    robot, t = model.make_robot(), np.arange(250) / 250.0
+    q = robot.standing + 0.2 * np.sin(8.0 * t)[:, None]
+    told = {"position": q, "velocity": np.gradient(q, t, axis=0)}
+    empty = Record("damped", t, told, robot.joints, {"q": 0.0 * q}, robot.joints, simulated=1e-3)
+    with Simulation(robot=robot, dt=0.004) as plant:
+        assert plant.physics_dt == pytest.approx(1e-3)
+        seen = np.array([state.q for state in plant.follow(running.orders(empty, robot))])
+    seen += 1e-6 * np.random.default_rng(1).standard_normal(seen.shape)
+    record = replace(empty, signals={"q": seen})
+    forward = Forward(model, [record])
+    assert running.step(forward.robot(), 0.004) < 0.5e-3
+    (residual,) = cases.prepare(forward, [record], []).whitened(())
+    assert 0.1 < float(np.sqrt(np.nanmean(residual**2))) < 1.25
 
 
 def test_a_drive_that_does_not_round_does_not_hunt():

@@ -397,11 +397,11 @@ def prepare(
     steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
     fine, ground = errors.finest(forward), any(map(forward.on_ground, range(len(both))))
     signals = [c.signal for c in forward.channels]
-    about = errors.doubts(forward, likely) if ground else errors.step_error(forward, fine)
-    correction, numeric = about
-    if not ground:
-        own = errors.stepped(forward, correction[1.0])
-        numeric = [np.hypot(n, s) for n, s in zip(numeric, own, strict=True)]
+    correction, numeric = errors.step_error(forward, fine)
+    more = [errors.stepped(forward, correction[1.0])]
+    more += [errors.doubts(forward, likely)] if ground else []
+    for about in more:
+        numeric = [np.hypot(n, a) for n, a in zip(numeric, about, strict=True)]
     sensors = noise.floor(forward.measured, steps, signals)
     pooled = errors.pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)

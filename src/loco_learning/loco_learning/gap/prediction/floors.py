@@ -14,7 +14,7 @@ from loco_sim.effects import from_list
 from loco_sim.params import SimParams
 
 from ..recordings.record import Record
-from . import horizon
+from . import horizon, running
 
 FINE = 0.25  # physics step over the model's where no engine is needed
 ABOUT = 0.05  # time within which an error may come [s]
@@ -26,6 +26,7 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Error of what was recorded, where that is a simulation whose own steps are not zero.
 
     A first-order step leaves an error in proportion to its length; that of the model is known.
+    The model may have divided its step for damping that the simulation solved with a whole one.
 
     Args:
         forward: Forward model.
@@ -34,20 +35,16 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
     Returns:
         Rms about each time, (T, C) each.
     """
-    shares = [
-        record.simulated * forward._robot(i, {}, 1.0).sim.physics_rate
-        for i, record in enumerate(forward.records)
-    ]
-    errors = [share * lacks for share, lacks in zip(shares, correction, strict=True)]
+    errors = []
+    for i, (record, lacks) in enumerate(zip(forward.records, correction, strict=True)):
+        model = running.step(forward._robot(i, {}, 1.0), running.period(record))
+        errors.append(record.simulated / model * lacks)
     return _rms(errors, forward.records)
 
 
-def doubts(
-    forward: Any, likely: Sequence[Mapping[str, Any]] = ()
-) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
-    """Step error on the ground: no correction, and the deviation that nobody can know better."""
-    none = [np.zeros(m.shape) for m in forward.measured]
-    return {1.0: none}, _rms(horizon.doubt(forward, likely), forward.records)
+def doubts(forward: Any, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
+    """Deviation about each time, (T, C) each, that nobody can know better on the ground."""
+    return _rms(horizon.doubt(forward, likely), forward.records)
 
 
 def hunting(forward: Any, step: float) -> list[np.ndarray]:

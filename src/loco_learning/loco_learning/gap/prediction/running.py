@@ -42,6 +42,14 @@ def steps_in(dt: float, rate: float) -> int:
     return max(1, math.ceil(dt * rate - 0.01))  # a rounded rate asks for no step more
 
 
+def step(robot: Robot, dt: float) -> float:
+    """Physics step of a run [s], with the parts into which its damping divides it."""
+    if not needs_engine(robot, []):
+        return Bolted(robot, [], 0, dt).physics_dt
+    with Simulation(None, (), 0, dt, robot) as sim:
+        return sim.physics_dt
+
+
 def orders(record: Record, robot: Robot) -> Orders:
     """Commands of a record.
 

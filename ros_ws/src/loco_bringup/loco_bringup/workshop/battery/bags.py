@@ -22,6 +22,7 @@ from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from ...bag.writer import BagWriter
 from . import cases
 from .cases import Case
+from .ground import trots, walkers
 from .physics import machines
 from .physics.plant import Reading
 
@@ -30,14 +31,23 @@ TIMES = "times.csv"  # the only file of a battery that differs from run to run
 NEXT = "next"  # bag of the experiment that an ambiguous verdict proposed
 
 
-def write(folder: Path, case: Case) -> None:
-    """Write the bags of a filled case and its truth; a case that is there already stays."""
+def write(folder: Path, case: Case, robot: str = "") -> None:
+    """Write the bags of a filled case and its truth; a case that is there already stays.
+
+    Args:
+        folder: Folder of the battery.
+        case: The case.
+        robot: Name or file that the workflow knows a walking robot by.
+    """
     if ready(folder, case.name):
         return
     place = folder / BAGS / case.name
     shutil.rmtree(place, ignore_errors=True)
-    for name, reading in cases.readings(case).items():
-        write_bag(place / name, reading, case.robot)
+    if case.robot in walkers.WALKERS:
+        trots.write(place, robot, case.robot, case.effects, case.condition, case.seed)
+    else:
+        for name, reading in cases.readings(case).items():
+            write_bag(place / name, reading, case.robot)
     write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # last: it is complete
 
 

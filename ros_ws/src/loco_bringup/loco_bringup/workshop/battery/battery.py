@@ -19,7 +19,8 @@ from loco_learning.jobs import pool
 
 from ...gap.run import read_json
 from . import bags, cases
-from .trial import unfinished, work
+from .ground.walkers import WALKERS
+from .trial import make, unfinished, work
 
 SETTINGS = "battery.json"
 BASELINES = ("everything", "sparse", "cma")
@@ -29,12 +30,20 @@ def check(a: argparse.Namespace) -> None:
     """Check the options, and fill in all baselines if none are named.
 
     Raises:
-        ParameterError: A number is not above 0, or there is no such baseline.
+        ParameterError: A number is not above 0, there is no such baseline, or it is for robots
+            that are held and one walks.
     """
     for what in ("cases", "workers", "limit"):
         if getattr(a, what) <= 0:
             raise ParameterError(f"--{what} must be above 0, got {getattr(a, what):g}")
-    a.baselines = list(BASELINES) if a.baselines is None else a.baselines
+    walking = [robot for robot in a.robots if robot in WALKERS]
+    if walking and (a.baselines or a.follow):
+        what = "--follow" if a.follow else "--baselines"
+        raise ParameterError(
+            f"{what} is for robots that are held, not for {walking[0]}; leave it out"
+        )
+    if a.baselines is None:
+        a.baselines = [] if walking else list(BASELINES)
     for name in a.baselines:
         if name not in BASELINES:
             raise ParameterError(f"unknown baseline {name!r}; known: {', '.join(BASELINES)}")
@@ -83,12 +92,6 @@ def run(
             kept[case.name] = result
             tell(done, case.name, ", ".join(result["names"]) or result["verdict"])
     return [] if a.bags_only else [kept[c.name] for c in planned]
-
-
-def make(folder: Path, case: cases.Case, effects: tuple[str, ...]) -> None:
-    """Bags and truth of a case."""
-    if not bags.ready(folder, case.name):
-        bags.write(folder, cases.fill(case, effects))
 
 
 def _settle(a: argparse.Namespace, folder: Path) -> None:

@@ -16,6 +16,8 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError
 
 from . import sizes
+from .ground import hidden as ground
+from .ground import walkers
 from .physics import conditions, excitation, hidden, kinds, machines, plant
 from .physics.conditions import Condition
 from .physics.hidden import Hidden
@@ -66,19 +68,19 @@ def plan(
     Args:
         count: Number of cases.
         seed: Seed of the battery.
-        robots: Machines, all by default.
+        robots: Machines and walkers; all machines by default.
         effects: Only these single effects, names or patterns; then there are no other cases.
 
     Raises:
         NameUnknownError: There is no such robot or effect.
     """
     robots = list(robots) or list(machines.MACHINES)
+    known = (*machines.MACHINES, *walkers.WALKERS)
     for robot in robots:
-        if robot not in machines.MACHINES:
-            raise NameUnknownError("robot of the battery", robot, machines.MACHINES)
-    names = [n for n in kinds.KINDS if not effects or any(fnmatchcase(n, p) for p in effects)]
-    if not names:
-        raise NameUnknownError("effect of the battery", ", ".join(effects), kinds.KINDS)
+        if robot not in known:
+            raise NameUnknownError("robot of the battery", robot, known)
+        if not _pool(robot, "single", effects):
+            raise NameUnknownError("effect of the battery", ", ".join(effects), _pool(robot, ""))
     order = [o for o in ORDER if not effects or o[0] == "single"]
     rng = np.random.default_rng([seed, 6])
     decks: dict[str, list[str]] = {}
@@ -86,7 +88,7 @@ def plan(
     for i in range(count):
         kind, size = order[i % len(order)]
         robot = robots[(i + i // len(order)) % len(robots)]
-        pool = list(kinds.OUTSIDERS) if kind == "outsider" else names
+        pool = _pool(robot, kind, effects)
         key = f"{robot} {kind == 'outsider'}"
         deck = []
         for _ in range({"null": 0, "pair": 2}.get(kind, 1)):
@@ -95,8 +97,18 @@ def plan(
             deck.append(decks[key].pop())
         own = seed * 10_000 + i
         how = conditions.draw(i, own)
+        if robot in walkers.WALKERS:  # its bags are those of `loco run`
+            how = replace(how, way="")
         planned.append(Case(f"case_{i:04d}", robot, kind, size, own, tuple(deck), condition=how))
     return planned
+
+
+def _pool(robot: str, kind: str, effects: Sequence[str] = ()) -> list[str]:
+    """Effects that a robot may hide; patterns choose among those of single ones."""
+    all_kinds = ground if robot in walkers.WALKERS else kinds
+    if kind == "outsider":
+        return list(all_kinds.OUTSIDERS)
+    return [n for n in all_kinds.KINDS if not effects or any(fnmatchcase(n, p) for p in effects)]
 
 
 def fill(case: Case, effects: Sequence[str] = ()) -> Case:
@@ -109,6 +121,8 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
         effects: Patterns that single effects must match.
     """
     rng = np.random.default_rng([case.seed, 7])
+    if case.robot in walkers.WALKERS:
+        return _walking(case, rng, effects)
     pool = kinds.OUTSIDERS if case.kind == "outsider" else kinds.KINDS
     names = [n for n in pool if not effects or any(fnmatchcase(n, p) for p in effects)]
     deck = [*case.wanted, *(names[k] for k in rng.permutation(len(names)))]
@@ -126,6 +140,19 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
     return replace(
         case, effects=tuple(e for e, _ in parts), shows=tuple(round(v, 3) for _, v in parts)
     )
+
+
+def _walking(case: Case, rng: np.random.Generator, effects: Sequence[str]) -> Case:
+    """A case on the ground: the first of the deck, of different families."""
+    pool = _pool(case.robot, case.kind, effects)
+    deck = [*case.wanted, *(pool[k] for k in rng.permutation(len(pool)))]
+    chosen: dict[str, str] = {}
+    for name in deck if case.kind != "null" else ():
+        chosen.setdefault(ground.family(name), name)
+    names = list(chosen.values())[: 2 if case.kind == "pair" else 1]
+    walker = walkers.get(case.robot)
+    parts = [sizes.rounded(ground.draw(name, walker, case.size, rng)) for name in names]
+    return replace(case, effects=tuple(parts))
 
 
 def readings(case: Case) -> dict[str, plant.Reading]:

@@ -17,7 +17,8 @@ from loco_learning.gap.verdict.decide import MORE, NAMED
 from loco_learning.gap.verdict.kinds import kind_of
 from loco_sim.effects import EFFECTS
 
-from .physics.machines import get
+from .ground import walkers
+from .physics import machines
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
 LATE = frozenset({"command_delay", "sensor_latency"})  # late stamps are what these say
@@ -49,7 +50,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "options": options, "error": result.get("error", ""),
     }  # fmt: skip
     twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
-    if true == ["sensor_latency"] and get(truth["robot"]).torque_noise:
+    if true == ["sensor_latency"] and _machine(truth["robot"]).torque_noise:
         twin = None  # its torques come in time
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
     cells["named"] = verdict in SURE and bool(names or not result.get("names"))
@@ -118,7 +119,7 @@ def _found(
     terms = {t["effect"]: t for t in result.get("terms", []) if t["verdict"] == "named"}
     if result["verdict"] not in SURE:
         return None, []
-    machine = get(truth["robot"])
+    machine = _machine(truth["robot"])
     places, sizes = [], []
     for effect in truth["effects"]:
         term = terms.get(effect["effect"])
@@ -131,9 +132,14 @@ def _found(
     return (all(places) if places else None), sizes
 
 
+def _machine(robot: str) -> Any:
+    """Machine or walker of a case."""
+    return walkers.get(robot) if robot in walkers.WALKERS else machines.get(robot)
+
+
 def same_place(machine: Any, true: str, said: str) -> bool:
     """Whether two places are the same joints, or the same link."""
-    parts = (*machine.joints, *machine.body.links)
+    parts = (*machine.joints, *machine.links)
 
     def members(place: str) -> list[str]:
         pool = machine.joints if place in ("", "*") else parts

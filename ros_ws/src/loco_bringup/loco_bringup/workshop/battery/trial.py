@@ -27,6 +27,7 @@ from loco_sim.plant.model import Model
 from ...gap.importing import load
 from . import bags, baselines, cases
 from .cases import Case
+from .ground import trots, walkers
 from .physics import machines
 from .physics.machines import Machine
 
@@ -49,8 +50,7 @@ def work(
         baselines: Names of the baselines to run.
         follow: Whether an ambiguous verdict gets the experiment that it proposes.
     """
-    if not bags.ready(folder, case.name):
-        bags.write(folder, cases.fill(case, effects))
+    make(folder, case, effects)
     place = folder / bags.BAGS / case.name
     result = bags.result(folder, case.name)
     if result is None:
@@ -68,6 +68,13 @@ def work(
         result["baselines"] = {**result.get("baselines", {}), **results}
         bags.keep(folder, result)
     return result
+
+
+def make(folder: Path, case: Case, effects: tuple[str, ...]) -> None:
+    """Bags and truth of a case; arguments as of `work`."""
+    if not bags.ready(folder, case.name):
+        robot = model_of(case.robot).robot if case.robot in walkers.WALKERS else ""
+        bags.write(folder, cases.fill(case, effects), robot)
 
 
 def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ...]:
@@ -147,6 +154,8 @@ def compared(place: Path, robot: str, seed: int, names: tuple[str, ...]) -> dict
 
 def model_of(robot: str) -> Any:
     """Model of a robot as it should be, with how it is held."""
+    if robot in walkers.WALKERS:
+        return Model(trots.robot_of(walkers.get(robot), _folder()))
     machine = machines.get(robot)
     place = str(_foreign(machine)) if machine.urdf else machine.robot or robot
     return Model(place, dict(machine.overrides), [dict(e) for e in machine.known])

@@ -91,6 +91,11 @@ class Machine:
         return self.body.joints
 
     @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the bodies."""
+        return self.body.links
+
+    @property
     def driven(self) -> np.ndarray:
         """Indices of the joints with a drive, (m,)."""
         return np.flatnonzero(self.drives[:, 0] != slots.FREE)
