@@ -21,7 +21,7 @@ QUICK = GapParams(effects=("coulomb_friction", "viscous_friction"), most_terms=1
 def records(effects):
     """Two motions of all joints, the second to judge on."""
     robot, rng = HYQ.make_robot(), np.random.default_rng(1)
-    t = np.arange(320) / 250.0
+    t = np.arange(200) / 250.0
     ramp = np.clip(t / 0.2, 0.0, 1.0)[:, None]
     waves = [0.25 * np.sin(2 * np.pi * f * t)[:, None] * np.ones(12) for f in (0.8, 1.6)]
     empty = []

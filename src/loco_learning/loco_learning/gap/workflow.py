@@ -113,7 +113,7 @@ def search(
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
-    case = cases.prepare(forward, records, held_out, refitted=not length, known=nominal)
+    case = cases.prepare(forward, records, held_out, known=nominal)
     offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
     hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
     not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins
@@ -128,13 +128,13 @@ def search(
         report(SEARCH * fraction, stage, best)
 
     try:
-        if case.ground and has_gap(case.whitened([])):
+        if case.ground and has_gap(case.kept().whitened([])):
             report(0.01, "looking for what is likely", "")
             hypotheses, idle, first = likely(case, hypotheses, partial(each, tasks))
             not_tried += idle
             setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
             parts = rough(case, first, setting)[1]
-            case = cases.prepare(forward, records, held_out, specs_of(parts))
+            case = cases.prepare(forward, records, held_out, specs_of(parts), nominal)
             tasks.close()
             tasks = started()
         alone = not forward.fine_steps

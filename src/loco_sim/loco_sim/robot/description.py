@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -373,7 +374,7 @@ class Description:
         elements go: contacts come from ``robot.yaml``, and the friction anchors among them
         hold feet back.
         """
-        root = ET.fromstring(ET.tostring(self._root))
+        root = copy.deepcopy(self._root)
         for link in root.findall("link") if folder else ():
             for contact in link.findall("contact"):
                 link.remove(contact)

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.prediction import case as cases
-from loco_learning.gap.prediction import floors, running
-from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.prediction import floors, horizon, running
+from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_learning.gap.proposals.following import following
 from loco_learning.gap.recordings.record import Record
+from loco_learning.runs import experiment
+from loco_learning.runs.rollout import rollout
 from loco_sim.plant.model import Model
 from loco_sim.plant.simulation import Simulation
 
@@ -119,3 +121,31 @@ def test_experiments_are_ranked_with_delays_as_they_are(bench, slide):
 
     assert best(0.001499, 0.001501) < 1.1
     assert best(0.001499, 0.004) > 100.0
+
+
+def test_a_robot_on_the_ground_that_is_a_little_off_has_no_gap():
+    """Its masses, its trunk among them, and its motors are refitted, as they are in the air."""
+    off = {f"bodies.{link}.mass": by for link, by in (
+        ("base_link", 1.02), ("lf_lowerleg", 1.03), ("rh_upperleg", 0.97), ("lh_lowerleg", 1.03),
+    )}  # fmt: skip
+    values = {"learner.stand": 0.4, "learner.train": 1.0, "gait.speed": 0.25}
+    log = rollout(experiment.load("hyq_trot_open", {**values, "overrides": off}))
+    plant, rng = log.experiment.plant, np.random.default_rng(1)
+    spread = {"q": 4e-5, "dq": 4e-3, "tau": 0.2, "gyro": 2e-3, "acceleration": 0.05}
+    signals = {
+        name: column + spread[name] * rng.standard_normal(column.shape)
+        for name, column in ((name, getattr(log, name)) for name in spread)
+    }
+    signals |= {"orientation": log.imu_orientation}
+    said = {"position": log.command, "velocity": log.command_dq, "torque": log.trunk_tau}
+    stance = dict(zip(plant.feet, log.stance.T.astype(float), strict=True))
+    record = Record(
+        "trot", log.t, said, plant.joints, signals, plant.joints, stance=stance, simulated=1e-3
+    )  # fmt: skip
+    forward = Forward(horizon.quickest(Model("hyq")), [record], ForwardParams(ground=0.3, most=4))
+    case = cases.prepare(forward, [record], [])
+    before, after = (
+        float(np.sqrt(np.nanmean(np.square(rows[0]))))
+        for rows in (case.bare(()), case.whitened(()))
+    )
+    assert before > 1.25 > after

@@ -9,7 +9,6 @@ joints that show no more than the others are tried together with those that are 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ CONSPICUOUS = 0.5  # of the gap of the joint that shows most: a joint is looked 
 MOST_JOINTS = 4  # joints by themselves: more of them are no few
 KEPT = 24  # hypotheses that are left
 PLACES = 1  # of these of one effect, at least
+WORTH = 3.0  # least evidence for it [nat]; a parameter of no use gains half a nat (theory)
 GROW, SHRINK = 30.0, 0.03  # most that a size changes between both tries
 JOINT_SIGNALS = ("q", "dq", "tau")
 
@@ -55,7 +55,7 @@ def likely(
     for effect in {h.effect for h in tried}:
         mine = [i for i in order if tried[i].effect == effect and shares[i] > 0.0]
         kept |= set(mine[:PLACES])
-    left = [h for i, h in enumerate(tried) if i in kept]
+    left = [h for i, h in enumerate(tried) if i in kept and shares[i] > 0.0]
     gone = {h.effect for h in hypotheses} - {h.effect for h in left}
     idle = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(gone)]
     first = order[0] if order and shares[order[0]] > 0.0 else None
@@ -85,7 +85,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
     Returns:
         The share, and the coordinates there.
     """
-    few = replace(case, forward=case.forward.fewer(PIECES))
+    few = case.fewer(PIECES)
     before = few.vector([], coarse=True)
     starts = hypothesis.starts()
     both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]
@@ -93,7 +93,8 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
         tries = [_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
     except LocoError:
         return 0.0, list(starts[0])
-    return max(tries, key=lambda one: one[0])
+    best = max(tries, key=lambda one: one[0])
+    return best if best[0] * _square(before) > 2.0 * WORTH else (0.0, best[1])
 
 
 def _opposite(hypothesis: Hypothesis, x: Sequence[float], first: Sequence[float]) -> bool:

@@ -16,7 +16,7 @@ from ..recordings.record import Record
 from ..statistics import evidence, noise
 from ..statistics.solve import FEW, minimise
 from . import floors as errors
-from . import horizon, loose, nominal
+from . import horizon, loose, nominal, running
 from .loose import Loose
 
 REST = 0.05  # of the numerical error over all records that is there at any time
@@ -87,6 +87,11 @@ class Case:
         """Residual of whole records in floors, (T, C) each; coarse in the model's own steps."""
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
+
+    def fewer(self, most: int) -> Case:
+        """The case with few pieces of each record on the ground."""
+        loose = self.loose and replace(self.loose, grams={})  # they are of what is measured
+        return replace(self, forward=self.forward.fewer(most), loose=loose)
 
     def kept(self) -> Case:
         """The case with nothing refitted but the states in which records begin."""
@@ -255,9 +260,9 @@ class Case:
         specs = nominal.built(specs, drives)
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
-        if len(late) != 1 or self.fine == 1.0:
+        if len(late) != 1:
             return self.forward(specs, overrides, only, step)
-        (index,), period = late, step / self.rate
+        (index,), period = late, step * self.period
         name = names[index]
         below, between = divmod(specs[index][name] / period, 1.0)
         runs, limit = [], EFFECTS[specs[index]["name"]].__dataclass_fields__[name].metadata
@@ -268,9 +273,9 @@ class Case:
         return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
 
     @cached_property
-    def rate(self) -> float:
-        """Physics rate of the model as it came [Hz]."""
-        return float(self.forward._robot(0, {}, 1.0).sim.physics_rate)
+    def period(self) -> float:
+        """Physics step of the model as it came [s]."""
+        return running.step(self.forward._robot(0, {}, 1.0), running.period(self.records[0]))
 
     def step_of(self, specs: Sequence[Mapping]) -> float:
         """Physics step over the model's: fine for what runs without the engine."""
@@ -367,8 +372,8 @@ def prepare(
     records: Sequence[Record],
     held_out: Sequence[Record],
     likely: Sequence[Mapping[str, Any]] = (),
-    refitted: bool = True,
     known: Collection[str] = (),
+    refitted: bool = True,
 ) -> Case:
     """Split what is fitted from what judges, and find the floor of each channel.
 
@@ -379,8 +384,8 @@ def prepare(
         records: Records to fit.
         held_out: Records to judge on.
         likely: Effects with which engines are compared, too, on the ground.
-        refitted: Whether what nobody knows exactly is refitted to every model.
-        known: Values that are not, as they are free.
+        known: Values that are not refitted to every model, as they are free.
+        refitted: Whether what nobody knows exactly is.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []
@@ -411,7 +416,7 @@ def prepare(
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
-    quick = refitted and not ground and errors.compiled(forward) and forward.fine_steps
+    quick = refitted and (ground or errors.compiled(forward)) and forward.fine_steps
     said = {name for record in both for name in record.overrides}
     unsaid = nominal.priors(robot, {*uncertain, *known, *said}) if quick else []
     case.loose = loose.prepare(case, uncertain, robot, not forward.fine_steps, unsaid)

@@ -102,7 +102,7 @@ def torques(robot: Robot, factor: float) -> dict[str, float]:
 
 
 def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
-    """Standard deviations by dotted name: of every moved link and every drive.
+    """Standard deviations by dotted name: of every link that moves and every drive.
 
     Args:
         robot: Robot as its file has it.
@@ -113,6 +113,8 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
     """
     text = Description(robot.urdf)
     moved = dict.fromkeys(text.child(joint) for joint in robot.joints)
+    if not robot.fixed_base:
+        moved[text.root_link()] = None
     links = [m for m in moved if any(text.mass_of(part) > 0.0 for part in text.fixed_to(m))]
     found = [{f"bodies.{link}.mass": MASS} for link in links]
     found += [{f"bodies.{link}.inertia": INERTIA} for link in links]
