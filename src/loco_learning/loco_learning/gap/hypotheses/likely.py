@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hypotheses that are worth a search, where a run of the model costs seconds: on the ground.
 
-Each is tried twice on few pieces of the recordings: at a typical size, and at the size that
-explains most if the model were linear. What an effect in one joint does shows in that joint first:
-joints that show no more than the others are tried together with those that are like them.
+Each is tried on few pieces of the recordings: at a typical size, and at the size that explains
+most if the model were linear, once more where it does not keep that promise. What an effect in
+one joint does shows in that joint first: joints that show no more than the others are tried
+together with those that are like them.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ MOST_JOINTS = 4  # joints by themselves: more of them are no few
 KEPT = 24  # hypotheses that are left
 PLACES = 1  # of these of one effect, at least
 WORTH = 3.0  # least evidence for it [nat]; a parameter of no use gains half a nat (theory)
+ROUNDS, KEEPS = 2, 0.7  # of straight lines; share of their promise that ends them (taste)
 GROW, SHRINK = 30.0, 0.03  # most that a size changes between both tries
 JOINT_SIGNALS = ("q", "dq", "tau")
 
@@ -93,7 +95,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
         tries = [_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
     except LocoError:
         return 0.0, list(starts[0])
-    best = max(tries, key=lambda one: one[0])
+    best = max(tries, key=_first)
     return best if best[0] * _square(before) > 2.0 * WORTH else (0.0, best[1])
 
 
@@ -104,16 +106,25 @@ def _opposite(hypothesis: Hypothesis, x: Sequence[float], first: Sequence[float]
 def _share(
     case: Case, hypothesis: Hypothesis, x: list[float], before: np.ndarray
 ) -> tuple[float, list[float]]:
-    best = 0.0, x
-    for last in (False, True):
+    best, energy = (0.0, x), _square(before)
+    for _ in range(ROUNDS):
         columns = _columns(case, hypothesis, x, before)
-        share = 1.0 - _square(before + columns.sum(axis=1)) / _square(before)
-        best = max(best, (share, x), key=lambda one: one[0])
         factors = _factors(hypothesis, columns, before)
-        if last or np.allclose(factors, 1.0, atol=0.3) or not np.any(factors):
+        promised = 1.0 - _square(before + columns @ factors) / energy
+        if len(factors) == 1:
+            best = max(best, (1.0 - _square(before + columns[:, 0]) / energy, x), key=_first)
+        if not np.any(factors):
             break
         x = _scaled(hypothesis, x, factors)
+        there = case.vector([hypothesis.term(x).spec], coarse=True)
+        best = max(best, (1.0 - _square(there) / energy, x), key=_first)
+        if best[0] > KEEPS * promised:
+            break
     return best
+
+
+def _first(one: tuple[float, list[float]]) -> float:
+    return one[0]
 
 
 def _columns(

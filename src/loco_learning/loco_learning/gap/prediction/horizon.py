@@ -25,7 +25,8 @@ from .forward import Forward, ForwardParams
 LONGEST, SHORTEST = 0.4, 0.08  # pieces [s]
 GROWN = 2.0  # times its first size, or that of the noise: an error that has grown
 FIRST = 0.02  # after a start until what is compared [s]
-DRAWS = 4  # runs from other starts
+DRAWS = 10  # runs from other starts: of few the deviation is as often too small as too large
+CHANCE = 2.0  # deviations by which the mean square over a few pieces may be larger (theory)
 FEW = 12  # pieces that are looked at
 QUICK = "mujoco"  # engine whose runs are compiled
 
@@ -73,7 +74,11 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
     """
     here = forward()
     runs = [here, *(forward.shaken(k)() for k in range(DRAWS))]
-    found = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in zip(*runs, strict=True)]
+    pieces = sum(map(len, forward.starts))
+    most = np.sqrt(
+        1.0 + CHANCE * np.sqrt(2.0 / max(pieces, 1))
+    )  # an error of a start stays for all of its piece
+    found = [most * np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in zip(*runs, strict=True)]
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
     if other is None:
         return found
