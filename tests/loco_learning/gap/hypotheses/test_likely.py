@@ -56,6 +56,33 @@ def test_a_forbidden_sign_explains_nothing_and_an_allowed_one_all():
     assert both > 0.95
 
 
+class Bounded(Linear):
+    """Beside the effect something is refitted, within bounds."""
+
+    def __init__(self, beside, *more):
+        super().__init__(*more)
+        self.beside = beside
+
+    def vector(self, specs, coarse=False):
+        sizes = [(s[k], self.columns[k]) for s in specs for k in self.columns]
+        left = self.base + sum(size * column for size, column in sizes)
+        by = -(left @ self.beside) / (self.beside @ self.beside + 1.0)
+        return left + np.clip(by, -2.5, 2.5) * self.beside
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_sizes_count_together_and_not_one_by_one(seed):
+    """Each alone drives what is refitted beside it to a bound, both together do not."""
+    rng = np.random.default_rng(seed)
+    beside, a, b = 20.0 * rng.standard_normal((3, 200))
+    columns = {"a": a + 3.0 * beside, "b": b - 3.0 * beside}
+    case = Bounded(beside, columns, {"a": 0.010, "b": 0.012}, 0.3)
+    sizes = [Coordinate(k, 1.0, (1.0,), -10.0, 10.0, strength=True) for k in columns]
+    share, x = likely.share(case, Hypothesis("both", "", (), tuple(sizes)))
+    assert share > 0.4
+    assert x == pytest.approx([0.010, 0.012], rel=0.15)
+
+
 def case_with(excess):
     """A case whose joints are so far off [floors]."""
     channels = [SimpleNamespace(signal="q", name=j) for j in JOINTS]

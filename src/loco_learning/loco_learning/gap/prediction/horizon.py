@@ -74,11 +74,10 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
     """
     here = forward()
     runs = [here, *(forward.shaken(k)() for k in range(DRAWS))]
-    pieces = sum(map(len, forward.starts))
-    most = np.sqrt(
-        1.0 + CHANCE * np.sqrt(2.0 / max(pieces, 1))
-    )  # an error of a start stays for all of its piece
-    found = [most * np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in zip(*runs, strict=True)]
+    # An error of a start stays for all of its piece, and pieces are few.
+    chance = np.sqrt(1.0 + CHANCE * np.sqrt(2.0 / max(sum(map(len, forward.starts)), 1)))
+    apart = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
+    found = [chance * np.nan_to_num(each) for each in apart]
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
     if other is None:
         return found
@@ -86,8 +85,8 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
     pairs = [(here, forward((), there))]
     if likely:
         pairs.append((forward(likely), forward(likely, there)))
-    apart = [[np.nan_to_num(a - b) for a, b in zip(*pair, strict=True)] for pair in pairs]
-    most = [np.max(np.abs(each), axis=0) for each in zip(*apart, strict=True)]
+    sides = [[np.nan_to_num(a - b) for a, b in zip(*pair, strict=True)] for pair in pairs]
+    most = [np.max(np.abs(each), axis=0) for each in zip(*sides, strict=True)]
     return [np.hypot(f, a) for f, a in zip(found, most, strict=True)]
 
 

@@ -114,13 +114,15 @@ def battery(p: ArgumentParser) -> None:
     p.add_argument("--cases", type=int, default=20, help="number of cases (default 20)")
     p.add_argument("--seed", type=int, default=1, help="seed of everything drawn (default 1); "
                    "below 1000 for development")  # fmt: skip
-    p.add_argument("--robots", nargs="+", default=[], metavar="NAME", help="default: all it has")
+    p.add_argument("--robots", nargs="+", default=[], metavar="NAME", help="default: all that are "
+                   "held; hyq_trot and a1_trot walk, and take minutes a case")  # fmt: skip
     p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
                    help="only single effects, of these names or patterns")  # fmt: skip
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
     p.add_argument("--baselines", nargs="*", metavar="NAME",
-                   help="everything, sparse, cma (default: all three)")  # fmt: skip
+                   help="everything, sparse, cma (default: all three; none of robots that "
+                   "walk)")  # fmt: skip
     p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
                    "experiment that it proposes on the robot, and look again")  # fmt: skip
     p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")
