@@ -105,6 +105,14 @@ def links(robot: Robot) -> list[tuple[str, tuple[float, ...]]]:
     return found
 
 
+def bodies(robot: Robot) -> list[str]:
+    """Heaviest links of the rigid bodies that can move: what is fixed to a link moves with it."""
+    text, able = Description(robot.urdf), {name for name, _ in links(robot)}
+    firsts = [text.root_link(), *(text.child(joint) for joint in robot.joints)]
+    groups = ([name for name in text.fixed_to(first) if name in able] for first in firsts)
+    return [max(group, key=text.mass_of) for group in groups if group]
+
+
 def centre(robot: Robot, link: str) -> tuple[float, ...]:
     """Centre of mass of a link in its frame [m]."""
     for element in ElementTree.fromstring(robot.urdf).iter("link"):

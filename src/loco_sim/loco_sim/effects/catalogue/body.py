@@ -20,7 +20,7 @@ from ..chain import JointEffect
 from ..coordinates import Coordinate
 from ..identity import Identity, LookAlike, Prior
 from ..offers import AXES, Hints, Offer, logarithmic, strength, vector
-from ..places import links, turning
+from ..places import bodies, links, turning
 from ..pulls import Pull
 
 ROOM = 1.5  # times the distance of the joints on a base, within which a payload sits (taste)
@@ -132,8 +132,8 @@ class ComOffset(Effect, name="com_offset"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """On each link, in all directions."""
-        return [Offer(link, (("link", link),), vector(cls, "offset")) for link, _ in links(robot)]
+        """On each rigid body, in all directions."""
+        return [Offer(link, (("link", link),), vector(cls, "offset")) for link in bodies(robot)]
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
