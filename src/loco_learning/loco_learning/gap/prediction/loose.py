@@ -238,7 +238,8 @@ def prepare(
         spread: Standard deviation of each value that robot.yaml calls uncertain, by dotted name.
         robot: The robot as it came, with drives as its file has them.
         linear: Whether residuals are linear in the values, however large their changes; channels
-            are then weighed by what all of them together leave.
+            are then weighed by what all of them together leave. On the ground they are weighed by
+            how long that hangs together: errors of contacts and engines are no noise.
         likely: Deviations of further values, of those that change together in one mapping.
     """
     groups = [*({n: s} for n, s in spread.items()), *likely]
@@ -259,11 +260,12 @@ def prepare(
     for _ in range(1 if linear else TIMES):
         loose = _about(case, loose, starts)
         here = case.bare([], loose.values(loose.at))
-        for _ in range(ROUNDS if linear else 0):
+        for _ in range(ROUNDS if linear or case.ground else 0):
             left = loose.left(here, every, loose.best(here, every))
             fitted = case.masked(left, every, held=False)
             score = evidence.score([r for r, used in zip(fitted, rows, strict=True) if used.any()])
-            weight = 1.0 / (np.max(score.tau, axis=0) * np.square(score.scale))
+            wide = np.square(score.scale) if linear else 1.0  # else `level` sees to it
+            weight = 1.0 / (np.max(score.tau, axis=0) * wide)
             loose = replace(loose, weight=weight, grams={})
         best = loose.best(here, every)
         if not loose.far(best):
