@@ -123,11 +123,8 @@ def test_experiments_are_ranked_with_delays_as_they_are(bench, slide):
     assert best(0.001499, 0.004) > 100.0
 
 
-def test_a_robot_on_the_ground_that_is_a_little_off_has_no_gap():
-    """Its masses, its trunk among them, and its motors are refitted, as they are in the air."""
-    off = {f"bodies.{link}.mass": by for link, by in (
-        ("base_link", 1.02), ("lf_lowerleg", 1.03), ("rh_upperleg", 0.97), ("lh_lowerleg", 1.03),
-    )}  # fmt: skip
+def trotting(off):
+    """Case of HyQ that trots, with values of its robot.yaml that are off, and what it does."""
     values = {"learner.stand": 0.4, "learner.train": 1.0, "gait.speed": 0.25}
     log = rollout(experiment.load("hyq_trot_open", {**values, "overrides": off}))
     plant, rng = log.experiment.plant, np.random.default_rng(1)
@@ -143,9 +140,26 @@ def test_a_robot_on_the_ground_that_is_a_little_off_has_no_gap():
         "trot", log.t, said, plant.joints, signals, plant.joints, stance=stance, simulated=1e-3
     )  # fmt: skip
     forward = Forward(horizon.quickest(Model("hyq")), [record], ForwardParams(ground=0.3, most=4))
-    case = cases.prepare(forward, [record], [])
+    return cases.prepare(forward, [record], [])
+
+
+def test_a_robot_on_the_ground_that_is_a_little_off_has_no_gap():
+    """Its masses, its trunk among them, and its motors are refitted, as they are in the air."""
+    off = {f"bodies.{link}.mass": by for link, by in (
+        ("base_link", 1.02), ("lf_lowerleg", 1.03), ("rh_upperleg", 0.97), ("lh_lowerleg", 1.03),
+    )}  # fmt: skip
+    case = trotting(off)
     before, after = (
         float(np.sqrt(np.nanmean(np.square(rows[0]))))
         for rows in (case.bare(()), case.whitened(()))
     )
     assert before > 1.25 > after
+
+
+def test_what_engines_differ_by_moves_no_mass_of_an_exact_robot():
+    case = trotting({})
+    _, by = case._refitted((), None, [0])
+    assert np.max(np.abs(by[0])) < 1.5
+    counted = replace(case.loose, weight=np.ones(len(case.loose.weight)), grams={})
+    _, far = replace(case, loose=counted)._refitted((), None, [0])
+    assert np.max(np.abs(far[0])) > 2.0  # as if errors of contacts were noise
