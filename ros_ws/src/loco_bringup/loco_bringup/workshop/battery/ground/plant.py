@@ -65,7 +65,6 @@ class Ground:
         self._effort = np.array([walker.effort()[j] for j in robot.joints])
         strong = hidden.motors(walker, off, seed)
         self._strong = np.array([strong[j] for j in robot.joints])
-        self._leg = np.array([robot.joints.index(j) // 3 for j in robot.joints])
         weak = self._effects.get("torque_constant_error")
         if weak:
             self._strong[robot.joints.index(weak["joint"])] *= 1.0 + weak["error"]
