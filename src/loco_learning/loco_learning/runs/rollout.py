@@ -124,6 +124,7 @@ def build(
     seed: int | None = None,
     motion: Motion | None = None,
     network: type[ReflexNetwork] = ReflexNetwork,
+    plant: Callable[[np.ndarray | None], Any] | None = None,
 ) -> Loop:
     """Plant and controllers of an experiment, reset and ready to step.
 
@@ -132,16 +133,17 @@ def build(
         seed: Seed in place of that of the experiment.
         motion: Motion in place of the oscillators, e.g. a recording.
         network: Class of the network, e.g. one that explores.
+        plant: Maker of another plant in place of `Simulation`, from the joint positions at the
+            start [rad], (n,); None stands for the robot's own.
     """
     e, seed = experiment, experiment.seed if seed is None else seed
     robot, dt, effects = e.plant, e.dt, sim_effects.from_list(e.effects)
+    standing = standing_pose(e.gait.origin, robot.legs) if e.gait else None
+    sim = plant(standing) if plant else Simulation(e.sim_params, effects, seed, dt, robot, standing)
     if e.gait:
-        standing = standing_pose(e.gait.origin, robot.legs)
-        sim = Simulation(e.sim_params, effects, seed, dt, robot, standing)
         senses, target = FootForces(e.learner), TargetGenerator(e.gait, dt, robot.legs)
         stance = StanceController(e.stance, e.trunk, dt, robot.legs)
     else:
-        sim = Simulation(e.sim_params, effects, seed, dt, robot)
         senses = BodySensors(e.learner, sensor_kinds(robot), len(robot.driven))
         target, stance = MotionTarget(motion or e.make_target()), None
     loop = Loop(e, seed, sim, target, network(e.learner, senses, dt, seed), stance)
@@ -156,6 +158,7 @@ def rollout(
     until: float | None = None,
     motion: Motion | None = None,
     save_weights: str | Path = "",
+    plant: Callable[[np.ndarray | None], Any] | None = None,
 ) -> Log:
     """Run an experiment to its end, or until the robot falls or the physics diverges.
 
@@ -166,8 +169,9 @@ def rollout(
         until: Stop at this simulated time [s], if the experiment is longer.
         motion: Motion in place of the oscillators, e.g. a recording.
         save_weights: Path for the trained network, written when the test phase begins.
+        plant: Maker of another plant, see `build`.
     """
-    loop = build(experiment, seed, motion)
+    loop = build(experiment, seed, motion, plant=plant)
     try:
         return run(loop, on_tick, until, save_weights)
     finally:

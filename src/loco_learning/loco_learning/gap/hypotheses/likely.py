@@ -10,6 +10,7 @@ together with those that are like them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
         tries = [_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
     except LocoError:
         return 0.0, list(starts[0])
-    best = max(tries, key=_first)
+    best = max(tries, key=itemgetter(0))
     return best if best[0] * _square(before) > 2.0 * WORTH else (0.0, best[1])
 
 
@@ -112,19 +113,15 @@ def _share(
         factors = _factors(hypothesis, columns, before)
         promised = 1.0 - _square(before + columns @ factors) / energy
         if len(factors) == 1:
-            best = max(best, (1.0 - _square(before + columns[:, 0]) / energy, x), key=_first)
+            best = max(best, (1.0 - _square(before + columns[:, 0]) / energy, x), key=itemgetter(0))
         if not np.any(factors):
             break
         x = _scaled(hypothesis, x, factors)
         there = case.vector([hypothesis.term(x).spec], coarse=True)
-        best = max(best, (1.0 - _square(there) / energy, x), key=_first)
+        best = max(best, (1.0 - _square(there) / energy, x), key=itemgetter(0))
         if best[0] > KEEPS * promised:
             break
     return best
-
-
-def _first(one: tuple[float, list[float]]) -> float:
-    return one[0]
 
 
 def _columns(

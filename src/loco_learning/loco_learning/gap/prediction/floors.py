@@ -37,8 +37,10 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
     """
     errors = []
     for i, (record, lacks) in enumerate(zip(forward.records, correction, strict=True)):
-        model = running.step(forward._robot(i, {}, 1.0), running.period(record))
-        errors.append(record.simulated / model * lacks)
+        share = 0.0
+        if record.simulated:
+            share = record.simulated / running.step(forward.robot(i), running.period(record))
+        errors.append(share * lacks)
     return _rms(errors, forward.records)
 
 

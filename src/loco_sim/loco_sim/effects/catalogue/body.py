@@ -79,7 +79,7 @@ class Payload(Effect, name="payload"):
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
         base = [] if robot.fixed_base else text.fixed_to(text.root_link())
-        trunk = max(base, key=text.mass_of, default="")  # what is fixed to it is the same body
+        trunk = next((body for body in bodies(robot) if body in base), "")
         for link, com in links(robot):
             mass = strength(cls, "mass", size)
             if link == trunk:

@@ -121,18 +121,17 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
         effects: Patterns that single effects must match.
     """
     rng = np.random.default_rng([case.seed, 7])
-    if case.robot in walkers.WALKERS:
-        return _walking(case, rng, effects)
-    pool = kinds.OUTSIDERS if case.kind == "outsider" else kinds.KINDS
-    names = [n for n in pool if not effects or any(fnmatchcase(n, p) for p in effects)]
+    names = _pool(case.robot, case.kind, effects)
     deck = [*case.wanted, *(names[k] for k in rng.permutation(len(names)))]
+    if case.robot in walkers.WALKERS:
+        return _walking(case, deck, rng)
     parts: list[tuple[Hidden, float]] = []
     want = {"null": 0, "pair": 2}.get(case.kind, 1)
     for name in deck[:TRIES]:
         if len(parts) == want:
             break
-        family = pool[name].family or name
-        if any((pool[e.effect].family or e.effect) == family for e, _ in parts):
+        family = kinds.ALL[name].family or name
+        if any((kinds.ALL[e.effect].family or e.effect) == family for e, _ in parts):
             continue
         sized = sizes.sized(name, case.robot, case.size, rng, case.seed)
         if sized is not None:
@@ -142,10 +141,8 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
     )
 
 
-def _walking(case: Case, rng: np.random.Generator, effects: Sequence[str]) -> Case:
+def _walking(case: Case, deck: Sequence[str], rng: np.random.Generator) -> Case:
     """A case on the ground: the first of the deck, of different families."""
-    pool = _pool(case.robot, case.kind, effects)
-    deck = [*case.wanted, *(pool[k] for k in rng.permutation(len(pool)))]
     chosen: dict[str, str] = {}
     for name in deck if case.kind != "null" else ():
         chosen.setdefault(ground.family(name), name)

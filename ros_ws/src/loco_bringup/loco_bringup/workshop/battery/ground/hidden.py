@@ -16,10 +16,10 @@ import numpy as np
 
 from ..physics.conditions import INERTIA, MASS, MOTOR
 from ..physics.hidden import Hidden
+from ..physics.machines import GRAVITY
 from .walkers import Walker
 
 Draw = Callable[[np.random.Generator, Walker, float], tuple[str, dict[str, Any]]]
-GRAVITY = 9.81  # [m/s²]
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,6 @@ class Kind:
     high: float
     draw: Draw
     family: str
-
-
-def _side(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
 
 
 def _slippery(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
@@ -87,7 +83,7 @@ def _rubbing(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[s
 
 def _weak(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
     joint = str(rng.choice(w.joints))
-    return joint, {"joint": joint, "error": _side(rng) * x}
+    return joint, {"joint": joint, "error": float(rng.choice([-1.0, 1.0])) * x}
 
 
 def _late(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
@@ -95,7 +91,8 @@ def _late(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str,
 
 
 def _ripple(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
-    joint = str(rng.choice([j for j in w.joints if w.gains_of(j) is not w.gains_of(w.joints[0])]))
+    first = next(iter(w.gains))  # a hip's, which hardly turns
+    joint = str(rng.choice([j for j in w.joints if not j.endswith(first)]))
     return joint, {"joint": joint, "torque": x * w.effort()[joint],
                    "teeth": float(rng.uniform(40.0, 80.0))}  # fmt: skip
 

@@ -19,6 +19,7 @@ from loco_sim.robot.robot import Robot
 from loco_sim.world.bullet import pybullet as engine  # without its banner
 
 from ..physics.hidden import Hidden
+from ..physics.machines import GRAVITY
 from . import hidden
 from .walkers import Walker
 
@@ -62,8 +63,8 @@ class Ground:
         self._dt = 1.0 / robot.control_rate / walker.steps
         gains = np.array([walker.gains_of(j) for j in robot.joints])
         self._stand, self._swing = gains[:, :2].T, gains[:, 2:].T
-        self._effort = np.array([walker.effort()[j] for j in robot.joints])
-        strong = hidden.motors(walker, off, seed)
+        effort, strong = walker.effort(), hidden.motors(walker, off, seed)
+        self._effort = np.array([effort[j] for j in robot.joints])
         self._strong = np.array([strong[j] for j in robot.joints])
         weak = self._effects.get("torque_constant_error")
         if weak:
@@ -79,7 +80,7 @@ class Ground:
         self._level = Rotation.from_euler("y", -slope["pitch"]) * Rotation.from_euler(
             "x", slope["roll"]
         )
-        self._gravity = self._level.inv().apply([0.0, 0.0, -hidden.GRAVITY])
+        self._gravity = self._level.inv().apply([0.0, 0.0, -GRAVITY])
         engine.setGravity(*self._gravity, physicsClientId=c)
         engine.setPhysicsEngineParameter(
             numSolverIterations=100, solverResidualThreshold=1e-12, enableFileCaching=0,

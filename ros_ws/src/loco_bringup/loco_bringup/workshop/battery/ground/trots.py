@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,8 @@ import yaml
 
 from loco_control.exceptions import LocoError
 from loco_control.files import write_whole
-from loco_control.gait.generator import TargetGenerator, standing_pose
-from loco_control.stance.controller import StanceController
-from loco_learning.reflex.network import ReflexNetwork
-from loco_learning.reflex.senses import FootForces
 from loco_learning.runs import experiment as experiments
-from loco_learning.runs.rollout import Loop
-from loco_learning.runs.rollout import run as run_loop
+from loco_learning.runs.rollout import rollout
 from loco_sim import lazy
 
 from ....logs.rollout_bag import write_log
@@ -77,17 +73,10 @@ def write(
             "gait.speed": round(speed, 3), "sim.physics_rate": 250.0 * walker.steps,
         }  # fmt: skip
         e = experiments.load(GAIT, values)
-        standing = standing_pose(e.gait.origin, e.plant.legs)
-        there = plant.Ground(walker, e.plant, standing, effects, how.noise, how.off, seed)
-        target, senses = TargetGenerator(e.gait, e.dt, e.plant.legs), FootForces(e.learner)
-        stance = StanceController(e.stance, e.trunk, e.dt, e.plant.legs)
-        network = ReflexNetwork(e.learner, senses, e.dt, e.seed)
-        try:
-            loop = Loop(e, e.seed, there, target, network, stance)
-            loop.reset()
-            log = run_loop(loop)
-        finally:
-            there.close()
+        hides = partial(
+            plant.Ground, walker, e.plant, effects=effects, noise=how.noise, off=how.off, seed=seed
+        )
+        log = rollout(e, plant=hides)
         if log.fall:
             raise LocoError(f"{name} falls: {log.fall}")
         write_log(log, place / bag)

@@ -46,7 +46,11 @@ class Walker:
     steps: int = 64
     about: Mapping[str, Any] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=lambda: SIGNALS)
-    torque_noise: float = SIGNALS["tau"]
+
+    @property
+    def torque_noise(self) -> float:
+        """Deviation of the torque sensors [N·m]."""
+        return self.noise["tau"]
 
     @property
     def joints(self) -> tuple[str, ...]:
