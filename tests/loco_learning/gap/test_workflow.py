@@ -145,6 +145,29 @@ def test_a_detail_that_fails_costs_no_search_and_leaves_a_note(found, monkeypatc
     assert gap["where"] and {**gap, **contents.EMPTY, "notes": []} == first
 
 
+@pytest.mark.parametrize("guess", ["joint_offset", "viscous_friction"])
+def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
+    found, monkeypatch, guess
+):
+    """On the ground, the floor is that of the robot as it is, whatever was guessed before."""
+    prepare, compared = workflow.cases.prepare, []
+
+    def on_ground(forward, records, held_out, likely=(), known=()):
+        compared.append([spec["name"] for spec in likely])
+        return replace(prepare(forward, records, held_out, (), known), ground=True)
+
+    def guessed(case, hypotheses, each):
+        first = next(h for h in hypotheses if h.effect == guess)
+        return hypotheses, [], [(first, first.starts()[0])]
+
+    monkeypatch.setattr(workflow.cases, "prepare", on_ground)
+    monkeypatch.setattr(workflow, "likely", guessed)
+    gap = found([{"name": "viscous_friction", "damping": 20.0}])
+    assert gap["names"] == ["viscous_friction"]
+    again = [] if guess == "viscous_friction" else [["viscous_friction"]]
+    assert compared == [[], [guess], *again]
+
+
 def test_what_the_robot_cannot_be_built_with_is_dropped_and_listed(slide, monkeypatch):
     """A failing candidate ends itself, not the search."""
     real = Stribeck.constants

@@ -20,7 +20,7 @@ from ..jobs.base import Jobs
 from ..jobs.kept import Memory
 from . import stages
 from .contents import add, contents, details
-from .fitting.fit import Fitted, Setting, rough, specs_of
+from .fitting.fit import Fitted, Parts, Setting, rough, specs_of
 from .fitting.screen import Screened
 from .fitting.search import Search, call
 from .hypotheses import hints
@@ -124,23 +124,34 @@ def search(
 
     tasks = started()
 
+    def compared(parts: Parts) -> None:
+        """Begin anew with the floor of engines that are compared with these effects, too."""
+        nonlocal case, tasks
+        case = cases.prepare(forward, records, held_out, specs_of(parts), nominal)
+        tasks.close()
+        tasks = started()
+
     def searching(fraction: float, stage: str, best: str) -> None:
         report(SEARCH * fraction, stage, best)
 
     try:
+        guess: tuple = ()
         if case.ground and has_gap(case.kept().whitened([])):
             report(0.01, "looking for what is likely", "")
             hypotheses, idle, first = likely(case, hypotheses, partial(each, tasks))
             not_tried += idle
             setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
-            parts = rough(case, first, setting)[1]
-            case = cases.prepare(forward, records, held_out, specs_of(parts), nominal)
-            tasks.close()
-            tasks = started()
+            guess = rough(case, first, setting)[1]
+            compared(guess)
         alone = not forward.fine_steps
         bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=alone)
         seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
-        found = seeking.run()
+        found = seeking.singles()
+        if guess and found.models and not same(found.best.parts, guess):
+            compared(found.best.parts)
+            seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
+            found = seeking.singles()
+        found = seeking.together(found)
         report(SEARCH, "weighing", " + ".join(found.best.names))
         judged = judge(case, seeking, found)
         not_tried += seeking.failed(found.screened)
@@ -175,6 +186,11 @@ def memory_of(
     robot = model.make_robot()
     inputs = (model, robot, tuple(records), tuple(held_out), params)
     return Memory(path, inputs, (Fitted, Hypothesis, Coordinate, Screened, Score))
+
+
+def same(parts: Parts, others: Parts) -> bool:
+    """The same effects at the same places."""
+    return {h.key for h, _ in parts} == {h.key for h, _ in others}
 
 
 def each(tasks: Jobs, function: Callable, arguments: Sequence[tuple]) -> Iterator[Any]:

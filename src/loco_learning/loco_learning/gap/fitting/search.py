@@ -103,8 +103,8 @@ class Search:
             seconds += self.case.records[i].duration
         return sorted(chosen)
 
-    def run(self) -> Found:
-        """Look for effects, all from the user's own model on.
+    def singles(self) -> Found:
+        """Try effects each by itself, all from the user's own model on.
 
         Refitted nominal values are what effects have to beat, and never where these start: values
         that make up for a missing effect would hide it.
@@ -129,8 +129,14 @@ class Search:
         together = [(one,) for one in families(found.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
         self._tournament([*together, *singles], self.params.finalists)
+        found.models = self._ranked(base)
         self.report(0.6, "fitted single effects", self._best(base))
-        level = self._leading(self._ranked(base))
+        return found
+
+    def together(self, found: Found) -> Found:
+        """Add one effect more at a time to the best models, until nothing is left to explain."""
+        base = found.base
+        level = self._leading(found.models)
         for depth in range(2, self.params.most_terms + 1):
             ranked = self._ranked(base)
             if not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1):
