@@ -203,7 +203,7 @@ def test_late_sensors_of_one_signal_are_told_from_a_late_command():
 def test_what_closes_most_of_the_gap_is_named_while_more_is_missing():
     found = verdict(GOOD, after=score(4.0))
     assert (found.verdict, found.names, found.adequate) == (MORE, ("friction",), False)
-    assert "more is missing: 3.95 are left" in found.evidence
+    assert "(85% closed); more is missing: 3.96 are left where most is" in found.evidence
     assert verdict(GOOD, after=score(6.0)).verdict == UNKNOWN  # too little of it
     unsure = dataclasses.replace(GOOD, rivals=(Rival("backlash", "knee", CLOSE),))
     assert verdict(unsure, after=score(4.0)).verdict == AMBIGUOUS

@@ -121,14 +121,14 @@ class _Search:
         """Damped step inside the bounds; coordinates that it would push out are held."""
         free = np.ones(len(z), dtype=bool)
         dz = np.zeros(len(z))
+        whole, slope = jacobian.T @ jacobian, jacobian.T @ r
         for _ in range(len(z)):
             if not free.any():
                 break
-            part = jacobian[:, free]
-            hessian = part.T @ part
+            hessian = whole[np.ix_(free, free)]
             scale = np.diag(hessian) + 1e-9 * max(float(np.trace(hessian)), 1e-300)
             dz[:] = 0.0
-            dz[free] = -np.linalg.solve(hessian + np.diag(damping * scale + 1e-12), part.T @ r)
+            dz[free] = -np.linalg.solve(hessian + np.diag(damping * scale + 1e-12), slope[free])
             out = free & (((z <= self.bounds[0]) & (dz < 0)) | ((z >= self.bounds[1]) & (dz > 0)))
             if not out.any():
                 break

@@ -185,7 +185,8 @@ def decide(
         )
         return Decision(NO_GAP, (), True, text)
     verdict = _overall(rulings, explains, large(residuals, before, after, limits))
-    text = _summary(verdict, rulings, explains, before.rms, after.rms, closed)
+    loud = None if explains else float(np.nanmax(evidence.by_channel(residuals[1])))
+    text = _summary(verdict, rulings, loud, before.rms, after.rms, closed)
     return Decision(verdict, rulings, explains, text)
 
 
@@ -346,20 +347,21 @@ def _overall(rulings: Sequence[Ruling], adequate: bool, much: bool) -> str:
 def _summary(
     verdict: str,
     rulings: Sequence[Ruling],
-    adequate: bool,
+    loud: float | None,
     before: float,
     after: float,
     closed: float,
 ) -> str:
+    """Sentence on the verdict; `loud` is what the loudest channel keeps of too much [floors]."""
     names = " and ".join(_names(rulings, NAMED))
     groups = ["{" + ", ".join(group) + "}" for group in _groups(rulings)]
     gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
-    rest = "" if adequate else f"; more is missing: {after:.3g} are left"
+    rest = "" if loud is None else f"; more is missing: {loud:.3g} are left where most is"
     if verdict in (NAMED, MORE):
         return f"With {names} {gap}{rest}."
     if verdict == AMBIGUOUS:
         return f"The data cannot tell {'; '.join(groups)} apart; {gap}{rest}."
-    if adequate and names:
+    if loud is None and names:
         beside = " and ".join(_names(rulings, UNKNOWN))
         return f"With {names} {gap}, but only beside {beside}, which the data do not establish."
     best = " and ".join(filter(None, [names, *groups]))
