@@ -37,6 +37,16 @@ def test_a_pendulum_is_the_one_of_the_textbook():
     assert held[0] == pytest.approx(0.5 * 9.81 * 0.2 * np.sin(0.3))
 
 
+def test_what_diverges_is_seen_and_not_set_back_to_the_start(capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the engine writes a log where it stands
+    one = engine(machines.get("servo_pendulum"))
+    for _ in range(50):
+        one.tau[:] = 1e9
+        one.step()
+    assert not np.abs(one.q).max() < 1e4
+    assert capfd.readouterr().err.count("unstable") + 1 < 5  # told once, not at each step
+
+
 @pytest.mark.parametrize("name", list(machines.MACHINES))
 def test_the_mass_matrix_is_positive_and_gravity_is_the_slope_of_energy(name):
     m = machines.get(name)

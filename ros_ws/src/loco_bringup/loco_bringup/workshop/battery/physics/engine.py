@@ -37,6 +37,7 @@ class Engine:
         spec.compiler.degree = False
         spec.option.timestep, spec.option.gravity = dt, (0.0, 0.0, -gravity)
         spec.option.tolerance, spec.option.iterations = 1e-12, 50
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what diverges shows it
         bodies = []
         for i, (joint, link) in enumerate(zip(tree.joints, tree.links, strict=True)):
             above = bodies[tree.parent[i]] if tree.parent[i] >= 0 else spec.worldbody
