@@ -37,6 +37,18 @@ def test_a_curved_problem_is_solved_with_jumps_in_it():
     assert found.z[1] == pytest.approx(0.4, abs=0.03)
 
 
+@pytest.mark.parametrize("wrong", [0.7, 1.0, 1.5])
+def test_slopes_that_are_about_right_stand_in_for_differences(wrong):
+    """Even where the first step that they make is too long."""
+    rng = np.random.default_rng(4)
+    a, truth = rng.normal(size=(300, 12)), rng.normal(size=12)
+    bounds = np.full(12, -5.0), np.full(12, 5.0)
+    slopes = 10.0 * wrong * a
+    found = minimise(lambda z: 10.0 * a @ (z - truth), np.zeros(12), bounds, 0.1, 11, slopes)
+    assert found.z == pytest.approx(truth, abs=0.05)
+    assert found.evaluations <= 11  # fewer than differences alone would take
+
+
 def test_bounds_hold_and_the_rest_is_still_fitted():
     target = np.array([-1.0, 0.5])
     bounds = (np.zeros(2), np.ones(2))

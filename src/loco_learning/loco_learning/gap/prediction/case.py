@@ -14,7 +14,7 @@ from loco_sim.effects import EFFECTS, from_list, pulls
 
 from ..recordings.record import Record
 from ..statistics import evidence, noise
-from ..statistics.solve import FEW, minimise
+from ..statistics.solve import FEW, differences, minimise
 from . import floors as errors
 from . import horizon, loose, nominal, running
 from .loose import Loose
@@ -22,6 +22,7 @@ from .loose import Loose
 REST = 0.05  # of the numerical error over all records that is there at any time
 ASTRAY = 1.12  # times what straight lines promise, or less by that (1.05: one test is ambiguous)
 ROUNDS = 3  # simulations per value that is refitted without them (taste)
+FIRST = 24  # simulations that straight lines alone may guide (taste)
 AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error, or from straight lines, that is none
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
@@ -163,13 +164,14 @@ class Case:
         """
         left, by, bent = self._promised(specs, overrides)
         if bent is not None:
+            promised = self._cost(left, by)
             differs = not specs and self._apart(left, bent[0]) > LITTLE
             if differs or not self._told(left, by, *bent):
                 starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
                 if known:
                     starts.append(self._fixed(specs, overrides, self.loose.deviations(known)))
                 left, by = min(starts, key=lambda each: self._cost(*each))
-                found = self._sought(specs, overrides, by[0])
+                found = self._sought(specs, overrides, by[0], promised)
                 if self._cost(*found) < self._cost(left, by) - FEW:
                     left, by = found
         stays = self.loose is None or self.loose.held
@@ -206,32 +208,59 @@ class Case:
         return replace(self, loose=replace(self.loose, at=deviations, held=True))
 
     def _sought(
-        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], start: np.ndarray
+        self,
+        specs: Sequence[Mapping],
+        overrides: Mapping[str, Any],
+        start: np.ndarray,
+        promised: float,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The same with values that suit the model best by simulation, near others."""
-        every, most = range(len(self.records)), np.full(len(start), self.loose.most)
+        """The same with values that suit the model best by simulation, near others.
+
+        Straight lines say where to go first. Only where that does not lead to what they promised is
+        the change by each value simulated.
+        """
+        most, near = np.full(len(start), self.loose.most), self.at(start).loose
+        here = self.bare(specs, {**_about(near), **overrides})
+        columns = [c[..., : len(start)] for c in near.columns]
 
         def residual(at: np.ndarray) -> np.ndarray:
-            left, by = self._fixed(specs, overrides, at)
-            fitted = self.masked(left, every, held=False)
-            return np.concatenate([*(np.nan_to_num(r).ravel() for r in fitted), *by])
+            return self._line(*self._fixed(specs, overrides, at))
 
-        budget = ROUNDS * (len(start) + 1)
-        found = minimise(residual, start, (-most, most), loose.PART, budget)
+        def told(at: np.ndarray) -> np.ndarray:
+            there = [r + c @ (at - start) for r, c in zip(here, columns, strict=True)]
+            return self._line(*self._begun(there, at))
+
+        slopes = differences(told, start, told(start), loose.PART, most)
+        found = minimise(residual, start, (-most, most), loose.PART, FIRST, slopes)
+        if found.cost > promised:
+            budget = ROUNDS * (len(start) + 1)
+            found = minimise(residual, found.z, (-most, most), loose.PART, budget)
         return self._fixed(specs, overrides, found.z)
 
     def _fixed(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The same with values at these deviations, and starts that suit the model best."""
+        about = _about(self.at(at).loose)
+        return self._begun(self.bare(specs, {**about, **overrides}), at)
+
+    def _begun(
+        self, residuals: Sequence[np.ndarray], at: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Residuals of all records with the starts that suit them best."""
         every, near = list(range(len(self.records))), self.at(at).loose
-        residuals, by = self._solved(near, specs, overrides, every)
+        by = near.best(residuals, every)
         return near.left(residuals, every, by), by
+
+    def _line(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> np.ndarray:
+        """Residual where it is fitted and all deviations, (N,): half of its squares is the cost."""
+        fitted = self.masked(left, range(len(left)), held=False)
+        return np.concatenate([*(np.nan_to_num(r).ravel() for r in fitted), *by])
 
     def _cost(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> float:
         """Half of the squares of fitted residuals and of deviations [nat]."""
-        fitted = self.masked(left, range(len(left)), held=False)
-        return 0.5 * float(sum(np.nansum(np.square(r)) for r in fitted)) + _price(by)
+        line = self._line(left, by)
+        return 0.5 * float(line @ line)
 
     def bare(
         self,

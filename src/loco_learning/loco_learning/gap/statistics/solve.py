@@ -47,6 +47,7 @@ def minimise(
     bounds: tuple[np.ndarray, np.ndarray],
     step: float,
     budget: int,
+    jacobian: np.ndarray | None = None,
 ) -> Solution:
     """Least squares from a start.
 
@@ -56,9 +57,35 @@ def minimise(
         bounds: Smallest and largest coordinates, (P,) each.
         step: Difference for the Jacobian, in units of the coordinates.
         budget: Most simulations.
+        jacobian: About what it is at the start, (N, P); default is differences.
     """
     search = _Search(fun, bounds, step)
-    return search.run(np.clip(z, *bounds), budget)
+    return search.run(np.clip(z, *bounds), budget, jacobian)
+
+
+def differences(
+    fun: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    r: np.ndarray,
+    step: float,
+    highest: np.ndarray,
+) -> np.ndarray:
+    """Jacobian, (N, P), by differences towards the inside of the bounds.
+
+    Args:
+        fun: Residual (N,) at coordinates (P,).
+        z: Coordinates, (P,).
+        r: Residual there.
+        step: Difference, in units of the coordinates.
+        highest: Largest coordinates, (P,).
+    """
+    columns = []
+    for p in range(len(z)):
+        h = step if z[p] + step <= highest[p] else -step
+        moved = z.copy()
+        moved[p] += h
+        columns.append((fun(moved) - r) / h)
+    return np.stack(columns, axis=1)
 
 
 class _Search:
@@ -71,19 +98,12 @@ class _Search:
         self.count += 1
         return self.fun(z)
 
-    def jacobian(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Differences towards the inside of the bounds."""
-        columns = []
-        for p in range(len(z)):
-            h = self.step if z[p] + self.step <= self.bounds[1][p] else -self.step
-            moved = z.copy()
-            moved[p] += h
-            columns.append((self.at(moved) - r) / h)
-        return np.stack(columns, axis=1)
-
-    def run(self, z: np.ndarray, budget: int) -> Solution:
+    def run(self, z: np.ndarray, budget: int, jacobian: np.ndarray | None = None) -> Solution:
         r = self.at(z)
-        cost, jacobian, damping, fresh = 0.5 * float(r @ r), self.jacobian(z, r), 1e-3, True
+        given = jacobian is not None
+        cost, damping, fresh = 0.5 * float(r @ r), 1e-3, not given
+        if jacobian is None:
+            jacobian = differences(self.at, z, r, self.step, self.bounds[1])
         while self.count < budget:
             dz = self.move(z, jacobian, r, damping)
             model = r + jacobian @ dz
@@ -107,12 +127,13 @@ class _Search:
                 damping *= 10.0
                 if damping > 1e4:
                     break
-                if fresh:
+                if fresh or given:
                     continue
             if self.count + len(z) >= budget:
                 break
             self.step = max(0.3 * self.step, 0.03)
-            jacobian, fresh = self.jacobian(z, r), True
+            jacobian = differences(self.at, z, r, self.step, self.bounds[1])
+            fresh = True
         return Solution(z, cost, jacobian, self.count)
 
     def move(
