@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from loco_learning.gap.fitting.screen import Screened
-from loco_learning.gap.hypotheses.families import families
+from loco_learning.gap.hypotheses.families import families, fewer
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_sim.effects import from_list
 from loco_sim.effects.coordinates import Coordinate
@@ -47,3 +47,14 @@ def test_families_are_of_kinds_that_more_than_one_joint_may_show():
     ranked = families(both, JOINTS)
     assert [f.effect for f, _ in ranked] == ["viscous_friction", "coulomb_friction"]
     assert ranked[0][0].joints == JOINTS[:2]
+
+
+def test_a_family_in_fewer_joints_keeps_their_sizes_and_ends_in_the_effect_alone():
+    found = [screened("coulomb_friction", j, 0.2, (k + 1.0,)) for k, j in enumerate(JOINTS)]
+    ((family, x),) = families(found, JOINTS)
+    offered = [one.hypothesis for one in found]
+    two, at = fewer(family, x, ("hip", "ankle"), offered, JOINTS)
+    assert (two.joints, two.place, at) == (("hip", "ankle"), "hip ankle", (1.0, 3.0))
+    assert [t.spec for t in two.terms(at)] == [family.terms(x)[i].spec for i in (0, 2)]
+    one, at = fewer(family, x, ("knee",), offered, JOINTS)
+    assert (one, at) == (offered[1], (2.0,))

@@ -5,8 +5,13 @@ from types import SimpleNamespace as Some
 
 import pytest
 
+from loco_learning.gap.fitting.screen import Screened
+from loco_learning.gap.hypotheses.families import families
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.verdict import judge
+from loco_learning.gap.verdict.candidates import Estimate
 from loco_learning.gap.verdict.decide import LIMITS, NAMED, UNKNOWN
+from loco_sim.effects.coordinates import Coordinate
 
 
 class Judgement(judge._Judgement):
@@ -53,6 +58,39 @@ def test_what_does_not_stand_without_the_rest_stays_unknown():
 def test_where_all_or_nothing_is_established_nothing_is_left_out(verdicts):
     judging, before = Judgement(a=NAMED, b=NAMED), weighed(*verdicts)
     assert judging._established(before, LIMITS) is before and not judging.judged
+
+
+@pytest.mark.parametrize(
+    ("sizes", "left"),
+    [((0.0, 2.0, 0.0), "knee"), ((1.0, 0.0, 3.0), "hip ankle"), ((1.0, 2.0, 3.0), None),
+     ((0.0, 0.0, 0.0), None)],
+)  # fmt: skip
+def test_a_law_in_several_joints_stays_where_it_is_established(sizes, left):
+    joints = ("hip", "knee", "ankle")
+    size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, strength=True)
+    offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
+    screened = [Screened(h, 0.2, (1.0,)) for h in offered]
+    ((family, _),) = families(screened, joints)
+    beside = Hypothesis("push", "trunk", (), (size,)), (1.0,)
+    best = Some(parts=((family, sizes), beside))
+    known = {
+        h.key: [
+            Estimate(c.label, x, x - 0.1, x + 0.1) for c, x in zip(h.coordinates, at, strict=True)
+        ]
+        for h, at in best.parts
+    }
+    judging = Judgement()
+    judging.search = Some(
+        hypotheses=offered, joints=joints, setting=None,
+        each=lambda function, arguments: [Some(parts=parts) for parts, _ in arguments],
+    )  # fmt: skip
+    found = judging._narrowed(best, known)
+    if left is None:
+        assert found is None
+        return
+    (law, at), other = found.parts
+    assert (law.place, other) == (left, beside)
+    assert at == tuple(x for x in sizes if x)
 
 
 @pytest.fixture

@@ -42,18 +42,40 @@ def families(screened: Sequence[Any], joints: tuple[str, ...]) -> list[tuple]:
         for effect, found in members.items()
         if sum(one.share >= LEAST for one in found.values()) > 1
     )
-    return [_family([members[e][j] for j in joints if j in members[e]], joints)
-            for _, e in ranked[:MOST]]  # fmt: skip
+    found = [[members[e][j] for j in joints if j in members[e]] for _, e in ranked[:MOST]]
+    return [_family([(one.hypothesis, one.x) for one in each], joints) for each in found]
 
 
-def _family(found: Sequence[Any], joints: tuple[str, ...]) -> tuple:
-    """One law at the joints of some screened hypotheses, and where to start."""
-    mine = tuple(one.hypothesis.place for one in found)
-    first = found[0].hypothesis
-    coordinates = tuple(
-        replace(c, of=one.hypothesis.place) for one in found for c in one.hypothesis.coordinates
-    )
+def fewer(
+    family: Hypothesis,
+    x: Sequence[float],
+    mine: Sequence[str],
+    offered: Sequence[Hypothesis],
+    joints: tuple[str, ...],
+) -> tuple:
+    """The law of a family in some of its joints, as (hypothesis, coordinates).
+
+    Args:
+        family: Hypothesis about several joints.
+        x: Coordinates of it.
+        mine: Joints that are left, at least one.
+        offered: Hypotheses about each joint alone.
+        joints: Joints of the robot.
+    """
+    alone = {h.place: h for h in offered if h.effect == family.effect and not h.variant}
+    count = len(family.coordinates) // len(family.joints)
+    at = {joint: tuple(x[i * count : (i + 1) * count]) for i, joint in enumerate(family.joints)}
+    if len(mine) == 1:
+        return alone[mine[0]], at[mine[0]]
+    return _family([(alone[joint], at[joint]) for joint in mine], joints)
+
+
+def _family(found: Sequence[tuple[Hypothesis, Sequence[float]]], joints: tuple[str, ...]) -> tuple:
+    """One law at the joints of some hypotheses, and where to start."""
+    mine = tuple(h.place for h, _ in found)
+    first = found[0][0]
+    coordinates = tuple(replace(c, of=h.place) for h, _ in found for c in h.coordinates)
     fixed = tuple((k, v) for k, v in first.fixed if k != "joint")
     place = common(list(mine), joints) or " ".join(mine)
     family = Hypothesis(first.effect, place, fixed, coordinates, EACH, mine)
-    return family, tuple(v for one in found for v in one.x)
+    return family, tuple(v for _, x in found for v in x)

@@ -8,7 +8,7 @@ is Coulomb friction, and must not make it ambiguous.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from ..fitting.fit import Fitted, fit
 from ..fitting.search import Found, Search
 from ..fitting.seen import finish
+from ..hypotheses.families import fewer
 from ..prediction.case import Case
 from ..statistics import evidence, identify
 from . import stable
@@ -205,9 +206,12 @@ class _Judgement:
     def _judged(self, best: Fitted, limits: Limits) -> Judged:
         """A model without what it can do without, weighed against its rivals."""
         best, lost = self._pruned(best, limits)
+        estimates, known = sensitivities(self.case, best, doubtful=True)
+        narrower = self._narrowed(best, estimates)
+        if narrower and not self.beats(best, narrower, limits):
+            return self._judged(narrower, limits)
         swaps = [self._swaps(best, i) for i in range(len(best.parts))]
         rest = self._finished([m for each in swaps for m in each])
-        estimates, known = sensitivities(self.case, best, doubtful=True)
         candidates, rivals = [], []
         for i, (hypothesis, _) in enumerate(best.parts):
             mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
@@ -249,6 +253,22 @@ class _Judgement:
             if not idle:
                 return best, lost
             best = min(idle, key=lambda m: (self.search.energy(m), m.key))
+
+    def _narrowed(self, best: Fitted, estimates: Mapping[str, Sequence[Estimate]]) -> Fitted | None:
+        """The model with each family in those joints alone that need it; None if all do."""
+        parts = []
+        for hypothesis, x in best.parts:
+            pairs = zip(hypothesis.coordinates, estimates[hypothesis.key], strict=True)
+            there = {c.of for c, e in pairs if e.excludes_absent}
+            mine = [joint for joint in hypothesis.joints if joint in there]
+            if 0 < len(mine) < len(hypothesis.joints):
+                offered, joints = self.search.hypotheses, self.search.joints
+                hypothesis, x = fewer(hypothesis, x, mine, offered, joints)
+            parts.append((hypothesis, x))
+        if len({h.key for h, _ in parts} - {h.key for h, _ in best.parts}) == 0:
+            return None
+        again = next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
+        return self._finished([again])[0]
 
     def beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
