@@ -88,3 +88,15 @@ def test_values_that_are_uncertain_are_refitted_without_a_simulation(monkeypatch
     assert found == pytest.approx(1.3, rel=0.03)
     left = [np.sqrt(np.nanmean(np.square(c.whitened([FRICTION])[0]))) for c in (plain, case)]
     assert left[1] < 0.3 * left[0]
+
+
+@pytest.mark.parametrize("effects", [[], [FRICTION]])
+def test_a_link_that_is_refitted_to_next_to_nothing_is_led_all_the_same(effects):
+    forward = led.Led(PENDULUM, [swung()])
+    light = {"bodies.rod.mass": 1e-3, "bodies.rod.inertia": 1e-3}
+    (said,) = forward(effects, light)
+    known = np.isfinite(forward.measured[0])
+    assert np.isfinite(said[known]).all()
+    asked = [f"bodies.rod.{name}" for name in ("mass", "inertia")]
+    whole = rms(forward, effects, dict.fromkeys(asked, 1.0))
+    assert rms(forward, effects, light) > whole  # what the rod needed is missing

@@ -21,6 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS
+from loco_sim.params import SimParams
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
@@ -42,6 +43,7 @@ LOST = 1.0  # error of a run over the deviation of the motion from which on it s
 FED_BACK = 0.7  # share of a torque told by velocity from which on it is a controller's (taste)
 WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces that are tried [s] (taste)
 NEAR = 0.2  # error of pieces over the deviation of the motion that is near (taste)
+SUBSTEPS = SimParams.__dataclass_fields__["max_substeps"].metadata["high"]
 POSES = 7  # of the record, at which inertias are asked
 SITES = ("torque", "brake", "force", "model")  # what an effect may touch, see `Identity.touches`
 
@@ -142,7 +144,8 @@ class Led(Forward):
         }
         physics = STEPS / (running.period(self.records[index]) * step)
         free = np.full(len(told.joints), np.inf)
-        sim = told.sim.replace(physics_rate=physics, damping_limit=1.0)
+        # links may be refitted to a thousandth of their inertia, which these gains then overdamp
+        sim = told.sim.replace(physics_rate=physics, damping_limit=1.0, max_substeps=SUBSTEPS)
         return replace(told, drives=drives, effort=free, sensors=None, sim=sim)
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
