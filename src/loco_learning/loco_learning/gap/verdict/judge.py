@@ -17,6 +17,7 @@ from ..fitting.fit import Fitted, fit
 from ..fitting.search import Found, Search
 from ..fitting.seen import finish
 from ..hypotheses.families import fewer
+from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..statistics import evidence, identify
 from . import stable
@@ -51,6 +52,7 @@ from .traded import LeftOut, Nominal, little_off, strayed
 INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
+LITTLE_BESIDE = 0.1  # of the largest size in a family: below, a joint is not in it (taste)
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
@@ -255,12 +257,11 @@ class _Judgement:
             best = min(idle, key=lambda m: (self.search.energy(m), m.key))
 
     def _narrowed(self, best: Fitted, estimates: Mapping[str, Sequence[Estimate]]) -> Fitted | None:
-        """The model with each family in those joints alone that need it; None if all do."""
+        """The model with each family without its idle joints, refitted; None if there are none."""
         parts = []
         for hypothesis, x in best.parts:
-            pairs = zip(hypothesis.coordinates, estimates[hypothesis.key], strict=True)
-            there = {c.of for c, e in pairs if e.excludes_absent}
-            mine = [joint for joint in hypothesis.joints if joint in there]
+            idle = _idle(hypothesis, estimates[hypothesis.key])
+            mine = [joint for joint in hypothesis.joints if joint not in idle]
             if 0 < len(mine) < len(hypothesis.joints):
                 offered, joints = self.search.hypotheses, self.search.joints
                 hypothesis, x = fewer(hypothesis, x, mine, offered, joints)
@@ -388,3 +389,21 @@ class _Judgement:
             worse=ratio(without, best),
             elsewhere=elsewhere(without),
         )
+
+
+def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
+    """Joints of a family whose sizes are nothing, and at most little beside those of others.
+
+    A size that is only not known may be there: a robot that rubs, rubs everywhere.
+    """
+    pairs = list(zip(hypothesis.coordinates, estimates, strict=True))
+    largest: dict[str, float] = {}
+    for c, e in pairs:
+        if c.strength:
+            largest[c.name] = max(largest.get(c.name, 0.0), abs(e.value - e.absent))
+    there = {
+        c.of
+        for c, e in pairs
+        if c.strength and not max(-e.low, e.high) < LITTLE_BESIDE * largest[c.name]
+    }
+    return set(hypothesis.joints) - there
