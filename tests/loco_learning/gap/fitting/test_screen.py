@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.screen import IDLE
+from loco_learning.gap.fitting.screen import IDLE, _quiet
 from loco_learning.gap.fitting.screen import screen as screened
 from loco_learning.gap.hypotheses.bundles import Bundle
 from loco_learning.gap.hypotheses.hypotheses import offer
@@ -94,3 +94,12 @@ def test_a_size_that_does_nothing_of_its_own_is_not_made_smaller_for_ever():
     found, _ = alone("backlash", lambda x: {0.0: 0.0, 1e-3: 1.0}.get(x, -1.2), 1e-3)
     assert found.share < IDLE
     assert found.cost <= 12  # three starts of the rotor
+
+
+@pytest.mark.parametrize(
+    ("level", "elsewhere", "quiet"), [(1.0, 10.0, True), (1.3, 30.0, False), (1.05, 1.2, False)]
+)
+def test_a_branch_is_quiet_beside_its_noise_and_beside_the_whole_gap(level, elsewhere, quiet):
+    """A joint of an arm that rubs shows little beside others, and much beside its noise."""
+    rows = np.arange(1000) < 400
+    assert _quiet(np.where(rows, level, elsewhere), rows) == quiet

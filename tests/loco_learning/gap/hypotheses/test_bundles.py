@@ -13,12 +13,12 @@ from loco_sim.robot import robot
 Channel = namedtuple("Channel", "signal name")
 
 
-def made(fixed, name="tigrillo"):
+def made(fixed, name="tigrillo", led=False):
     plant = robot.load(name, {"fixed_base": True, "height": 1.0} if fixed else {})
     n = len(plant.joints)
     hypotheses = offer(plant, ("q",), Hints(np.full(n, -0.5), np.full(n, 0.5)))
     channels = [Channel("q", joint) for joint in plant.joints]
-    return hypotheses, bundles(plant, channels, hypotheses, fixed)
+    return hypotheses, bundles(plant, channels, hypotheses, fixed, led)
 
 
 def test_every_hypothesis_is_tried_once():
@@ -41,3 +41,8 @@ def test_bundled_hypotheses_look_at_channels_of_their_own():
 def test_legs_of_a_free_base_are_tried_one_by_one():
     assert all(len(bundle.hypotheses) == 1 for bundle in made(False)[1])
     assert all(len(bundle.hypotheses) == 1 for bundle in made(True, "servo_pendulum")[1])
+
+
+def test_quiet_joints_of_a_robot_that_is_led_are_asked_too():
+    assert all(bundle.passes for bundle in made(True)[1])
+    assert not any(bundle.passes for bundle in made(True, led=True)[1])

@@ -26,7 +26,9 @@ BACK = 1e-3  # smallest part of a size to which it goes back
 RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
 TOO_LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
 ALL = 1.0  # response over residual of what explains all of it
-QUIET = 0.01  # share of the residual beyond noise below which nothing is sought in a branch (taste)
+# Share of the residual beyond noise, and of the noise itself, below both of which nothing is sought
+# in a branch (taste). Little beside a loud gap may be friction, as in two joints of an arm.
+QUIET, NOISY = 0.01, 0.2
 SAME = 0.01  # part of a response by which another one differs that is the same (taste)
 NEXT_SIZE = 1.03  # factor between two sizes that need none between them
 
@@ -78,7 +80,7 @@ def screen(
     starts = known or [None] * len(bundle.hypotheses)
     found = []
     for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True):
-        found += screen(case, Bundle((h,), (mask,)), *given[1:], (at,) if at else ())
+        found += screen(case, Bundle((h,), (mask,), bundle.passes), *given[1:], (at,) if at else ())
     return found
 
 
@@ -105,12 +107,12 @@ def try_bundle(
             explain is not counted.
         known: The only coordinates to start from, for hypotheses that were screened before.
 
-    In a branch of the robot that is as quiet as its noise nothing is sought.
+    In a branch of the robot that is as quiet as its noise nothing is sought (`Bundle.passes`).
     """
     column = case.channel_of(only)
     starts = known or [None] * len(bundle.hypotheses)
     trials = [
-        _Trial(h, residual, tangent, None if mask is None else mask[column], at)
+        _Trial(h, residual, tangent, None if mask is None else mask[column], at, bundle.passes)
         for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True)
     ]
     for k in range(max(len(trial.starts) for trial in trials)):
@@ -127,13 +129,19 @@ class _Trial:
     """One hypothesis while sizes of it are tried."""
 
     def __init__(
-        self, hypothesis: Hypothesis, residual: np.ndarray, tangent: Any, rows: Any, known: Any
+        self,
+        hypothesis: Hypothesis,
+        residual: np.ndarray,
+        tangent: Any,
+        rows: Any,
+        known: Any,
+        passes: bool = True,
     ):
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.residual, self.energy = residual, float(residual @ residual)
         self.left = project(residual, tangent)
         self.whole = max(float(self.left @ self.left), 1e-300)
-        quiet = rows is not None and _square(residual[rows]) - rows.sum() < QUIET * self.energy
+        quiet = passes and rows is not None and _quiet(residual, rows)
         self.starts = [known] if known else [] if quiet else hypothesis.starts()
         self.most = 0 if known else RUNGS
         self.x, self.done = list(known or hypothesis.starts()[0]), True
@@ -268,6 +276,12 @@ class _Trial:
         start = (0.0, tuple(self.hypothesis.starts()[0]))
         share, x = max((*self.tried, *self.promised), default=start)
         return Screened(self.hypothesis, share, x, not self.alive, self.wrong, self.cost)
+
+
+def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:
+    """What a branch shows beyond noise is next to nothing, of the whole and beside its noise."""
+    beyond = _square(residual[rows]) - rows.sum()
+    return beyond < min(QUIET * _square(residual), NOISY * rows.sum())
 
 
 def _square(values: np.ndarray) -> float:

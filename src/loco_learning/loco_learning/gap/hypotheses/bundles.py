@@ -27,10 +27,13 @@ class Bundle:
     Attributes:
         hypotheses: One per branch.
         channels: Channels of the branch of each, (C,) flags; None is all.
+        passes: Branches that are as quiet as their noise are passed over. Where values of the robot
+            are refitted to its torques, they take up friction that is there.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     channels: tuple[np.ndarray | None, ...]
+    passes: bool = True
 
     @property
     def key(self) -> str:
@@ -74,7 +77,7 @@ def bundles(
     for group in made.values():
         alone = group[0].place not in spots
         masks = [None if alone else flags[spots[h.place][0]] for h in group]
-        found.append(Bundle(tuple(group), tuple(masks)))
+        found.append(Bundle(tuple(group), tuple(masks), not led))
     return found
 
 
