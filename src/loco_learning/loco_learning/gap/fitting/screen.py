@@ -279,7 +279,7 @@ class _Trial:
 
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:
-    """What a branch shows beyond noise is next to nothing, of the whole and beside its noise."""
+    """Whether a branch shows next to nothing beyond noise, of the whole and beside its noise."""
     beyond = _square(residual[rows]) - rows.sum()
     return beyond < min(QUIET * _square(residual), NOISY * rows.sum())
 
