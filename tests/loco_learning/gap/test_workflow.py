@@ -163,7 +163,13 @@ def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
     monkeypatch.setattr(workflow.cases, "prepare", on_ground)
     monkeypatch.setattr(workflow, "likely", guessed)
     few = QUICK.replace(effects=("viscous_friction", "joint_offset"), most_terms=1)
-    gap = found([{"name": "viscous_friction", "damping": 20.0}], few)
+    shares = []
+    gap = found(
+        [{"name": "viscous_friction", "damping": 20.0}],
+        few,
+        progress=lambda f, *_: shares.append(f),
+    )
+    assert shares == sorted(shares)
     assert gap["names"] == ["viscous_friction"]
     again = [] if guess == "viscous_friction" else [["viscous_friction"]]
     assert compared == [[], [guess], *again]

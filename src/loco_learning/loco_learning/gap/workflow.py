@@ -131,8 +131,12 @@ def search(
         tasks.close()
         tasks = started()
 
+    told = 0.0
+
     def searching(fraction: float, stage: str, best: str) -> None:
-        report(SEARCH * fraction, stage, best)
+        nonlocal told
+        told = max(told, fraction)  # where the search begins anew, progress waits for it
+        report(SEARCH * told, stage, best)
 
     try:
         guess: tuple = ()

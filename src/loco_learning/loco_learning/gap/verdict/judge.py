@@ -266,7 +266,7 @@ class _Judgement:
                 offered, joints = self.search.hypotheses, self.search.joints
                 hypothesis, x = fewer(hypothesis, x, mine, offered, joints)
             parts.append((hypothesis, x))
-        if len({h.key for h, _ in parts} - {h.key for h, _ in best.parts}) == 0:
+        if {h.key for h, _ in parts} <= {h.key for h, _ in best.parts}:
             return None
         again = next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
         return self._finished([again])[0]
