@@ -22,7 +22,7 @@ from . import stages
 from .contents import add, contents, details
 from .fitting.fit import Fitted, Parts, Setting, rough, specs_of
 from .fitting.screen import Screened
-from .fitting.search import Search, call
+from .fitting.search import Found, Search, call
 from .hypotheses import hints
 from .hypotheses.bundles import bundles
 from .hypotheses.hypotheses import Hypothesis, offer, separable, untried
@@ -147,14 +147,17 @@ def search(
             setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
             guess = rough(case, first, setting)[1]
             compared(guess)
-        alone = not forward.fine_steps
-        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=alone)
-        seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
-        found = seeking.singles()
+        led_along = not forward.fine_steps
+        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=led_along)
+
+        def alone() -> tuple[Search, Found]:
+            mine = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
+            return mine, mine.singles()
+
+        seeking, found = alone()
         if guess and found.models and not same(found.best.parts, guess):
             compared(found.best.parts)
-            seeking = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
-            found = seeking.singles()
+            seeking, found = alone()
         found = seeking.together(found)
         report(SEARCH, "weighing", " + ".join(found.best.names))
         judged = judge(case, seeking, found)

@@ -135,7 +135,7 @@ class _Trial:
         tangent: Any,
         rows: Any,
         known: Any,
-        passes: bool = True,
+        passes: bool,
     ):
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.residual, self.energy = residual, float(residual @ residual)

@@ -102,7 +102,7 @@ class _Search:
         r = self.at(z)
         given = jacobian is not None
         cost, damping, fresh = 0.5 * float(r @ r), 1e-3, not given
-        if jacobian is None:
+        if not given:
             jacobian = differences(self.at, z, r, self.step, self.bounds[1])
         while self.count < budget:
             dz = self.move(z, jacobian, r, damping)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fitting.fit import Fitted, fit
+from ..fitting.fit import Fitted, Parts, fit
 from ..fitting.search import Found, Search
 from ..fitting.seen import finish
 from ..hypotheses.families import fewer
@@ -268,8 +268,7 @@ class _Judgement:
             parts.append((hypothesis, x))
         if {h.key for h, _ in parts} <= {h.key for h, _ in best.parts}:
             return None
-        again = next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
-        return self._finished([again])[0]
+        return self._finished([self._fitted(parts)])[0]
 
     def beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """A model is more probable; one with more effects also explains visibly more."""
@@ -290,6 +289,10 @@ class _Judgement:
             self.done[key] = polished
         return [self.done[m.key] for m in models]
 
+    def _fitted(self, parts: Parts) -> Fitted:
+        """A model fitted from where its parts are."""
+        return next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
+
     def _better(self, model: Fitted) -> bool:
         """A model leaves less than the finished one of the same effects."""
         return self.search.energy(model) < self.search.energy(self.done[model.key])
@@ -303,7 +306,7 @@ class _Judgement:
         left = [part for i, part in enumerate(best.parts) if i != index]
         if not left:
             return self.found.base
-        again = next(iter(self.search.each(fit, [(left, self.search.setting)])))
+        again = self._fitted(left)
         known = [model for model in self.found.models if model.key == again.key]
         return min((*known, again), key=self.search.energy)
 
