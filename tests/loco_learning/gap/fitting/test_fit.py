@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits leave the minimum next to their start for a deeper one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.fit import Setting, beyond, fit, jointly, weigh
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
+from loco_learning.gap.prediction.case import Case
 from loco_sim.effects.offers import Hints
 
 STRIBECK = {"name": "stribeck_friction", "torque": 4.3, "velocity": 0.085}
@@ -69,6 +72,28 @@ def test_a_stop_and_a_weak_drive_are_fitted_together(servo):
     assert spec["stiffness"] == pytest.approx(0.5, rel=0.1)
     for name, value in servo.truth.items():
         assert together.loose[name] == pytest.approx(value, rel=0.01)
+
+
+def test_each_value_is_changed_only_where_straight_lines_lead_nowhere(servo, monkeypatch):
+    """A cost of nothing is one that no fit reaches: there each value is changed in a simulation."""
+    stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
+    case = servo([stop])
+    offered = offer(case.forward.robot(0), case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
+    apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {})
+    runs, bare = [], Case.bare
+
+    def counted(self, *args, **kwargs):
+        runs[-1] += 1
+        return bare(self, *args, **kwargs)
+
+    monkeypatch.setattr(Case, "bare", counted)
+    costs = []
+    for promised in (np.inf, 0.0):
+        runs.append(0)
+        costs.append(jointly(case, replace(apart, cost=promised), setting()).cost)
+    assert runs[0] < 0.75 * runs[1]
+    assert costs[0] < 1.02 * costs[1]
 
 
 def test_where_straight_lines_are_true_nothing_is_fitted_again(bench):

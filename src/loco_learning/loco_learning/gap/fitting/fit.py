@@ -13,9 +13,9 @@ import numpy as np
 
 from ..hypotheses.hypotheses import Hypothesis, Term
 from ..params import GapParams
-from ..prediction.case import Case
+from ..prediction.case import FIRST, Case
 from ..statistics import evidence
-from ..statistics.solve import FEW, minimise, soft
+from ..statistics.solve import FEW, differences, minimise, soft
 
 JACOBIAN_STEP = 0.12  # difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
@@ -163,12 +163,15 @@ class Problem:
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """Robust residual of all fitted values, then what the priors say, (N + P,)."""
         parts, overrides = self.split(z)
-        specs = specs_of(parts)
-        residual, by = self.case.pulled(specs, overrides, self.only, self.coarse)
-        residual = soft(residual, self.scale)
+        pulled = self.case.pulled(specs_of(parts), overrides, self.only, self.coarse)
+        return self.line(z, *pulled)
+
+    def line(self, z: np.ndarray, residual: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """The same from residuals and deviations of what is refitted, as of `Case.pulled`."""
+        parts, overrides = self.split(z)
         priors = [v for hypothesis, x in parts for v in _unusual(hypothesis, x)]
         logs = [math.log(overrides[n] / self.nominal[n]) / self.spread for n in self.free]
-        return np.concatenate([residual, priors, logs, by])
+        return np.concatenate([soft(residual, self.scale), priors, logs, by])
 
 
 def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
@@ -288,7 +291,9 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
 def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Effects and what nobody knows exactly of the robot, fitted together by simulation.
 
-    Where straight lines about the robot as it came tell the truth, the fit has done that.
+    Where straight lines about the robot as it came tell the truth, the fit has done that. Where
+    they do not, they say at first what each value of the robot does, about the fitted model; only
+    where that does not lead to what they promised, each value is changed in a simulation.
     """
     if not model.loose or case.straight(model.specs, model.overrides):
         return model
@@ -296,16 +301,28 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
     start = case.loose.deviations(model.loose) / DEVIATIONS
     count, most = len(start), np.full(len(start), case.loose.most / DEVIATIONS)
+    problem.case = case.at(DEVIATIONS * start)
+    told = problem.case.lines(model.specs, model.overrides, case.fitted)
+
+    def promise(z: np.ndarray) -> np.ndarray:
+        return problem.line(problem.start, *case.flat(*told(DEVIATIONS * z), case.fitted))
 
     def residual(z: np.ndarray) -> np.ndarray:
         problem.case = case.at(DEVIATIONS * z[:count])
         return problem(z[count:])
 
+    r, highest = promise(start), problem.bounds[1]
+    robot = differences(promise, start, r, JACOBIAN_STEP, most)
+    effects = differences(problem, problem.start, r, JACOBIAN_STEP, highest)
     bounds = [
         np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)
     ]
-    limit = TURNS * (count + len(problem.start)) + AGAIN
-    found = minimise(residual, np.r_[start, problem.start], bounds, JACOBIAN_STEP, limit)
+    z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
+    limit = FIRST + len(problem.start)
+    found = minimise(residual, z, bounds, JACOBIAN_STEP, limit, slopes)
+    if found.cost > model.cost:
+        limit = TURNS * len(z) + AGAIN
+        found = minimise(residual, found.z, bounds, JACOBIAN_STEP, limit)
     parts, overrides = problem.split(found.z[count:])
     known = case.loose.values(DEVIATIONS * found.z[:count])
     again = weigh(case, parts, overrides, found.cost, known=known)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -219,38 +219,47 @@ class Case:
         Straight lines say where to go first. Only where that does not lead to what they promised is
         the change by each value simulated.
         """
-        most, near = np.full(len(start), self.loose.most), self.at(start).loose
-        here = self.bare(specs, {**_about(near), **overrides})
-        columns = [c[..., : len(start)] for c in near.columns]
+        every, most = list(range(len(self.records))), np.full(len(start), self.loose.most)
+        told = self.at(start).lines(specs, overrides, every)
+
+        def promise(at: np.ndarray) -> np.ndarray:
+            return self._line(*told(at))
 
         def residual(at: np.ndarray) -> np.ndarray:
             return self._line(*self._fixed(specs, overrides, at))
 
-        def told(at: np.ndarray) -> np.ndarray:
-            there = [r + c @ (at - start) for r, c in zip(here, columns, strict=True)]
-            return self._line(*self._begun(there, at))
-
-        slopes = differences(told, start, told(start), loose.PART, most)
+        slopes = differences(promise, start, promise(start), loose.PART, most)
         found = minimise(residual, start, (-most, most), loose.PART, FIRST, slopes)
         if found.cost > promised:
             budget = ROUNDS * (len(start) + 1)
             found = minimise(residual, found.z, (-most, most), loose.PART, budget)
         return self._fixed(specs, overrides, found.z)
 
+    def lines(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int]
+    ) -> Callable[[np.ndarray], tuple[list[np.ndarray], list[np.ndarray]]]:
+        """Function that follows straight lines from the values of the case, at one simulation in all.
+
+        Returns:
+            A function of deviations, (V,), that returns residuals, (T, C) for each record of
+            `only`, with the starts that suit these best, and all deviations.
+        """
+        near, count = self.loose, len(self.loose.at)
+        here = self.bare(specs, self._about(overrides), only)
+
+        def told(at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+            by, there = at - near.at, self.at(at).loose
+            moved = [r + near.columns[i][..., :count] @ by for i, r in zip(only, here, strict=True)]
+            best = there.best(moved, only)
+            return there.left(moved, only, best), best
+
+        return told
+
     def _fixed(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The same with values at these deviations, and starts that suit the model best."""
-        about = _about(self.at(at).loose)
-        return self._begun(self.bare(specs, {**about, **overrides}), at)
-
-    def _begun(
-        self, residuals: Sequence[np.ndarray], at: np.ndarray
-    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Residuals of all records with the starts that suit them best."""
-        every, near = list(range(len(self.records))), self.at(at).loose
-        by = near.best(residuals, every)
-        return near.left(residuals, every, by), by
+        return self.at(at)._refitted(specs, overrides, list(range(len(self.records))))
 
     def _line(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> np.ndarray:
         """Residual where it is fitted and all deviations, (N,): half of its squares is the cost."""
@@ -368,7 +377,12 @@ class Case:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same, and all deviations of what was refitted for it, (K,)."""
         only = self.fitted if only is None else list(only)
-        left, by = self._refitted(specs, overrides, only, coarse)
+        return self.flat(*self._refitted(specs, overrides, only, coarse), only)
+
+    def flat(
+        self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of records, (T, C) each, and their deviations, as of `pulled`."""
         residuals = self.masked(left, only, held=False)
         flat = np.concatenate(
             [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
