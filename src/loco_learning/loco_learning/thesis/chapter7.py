@@ -267,5 +267,5 @@ def force_filter(evidence: Evidence) -> Numbers:
     lag = signals.phase_lag(raw, filtered, angle, round(1.0 / (1.7 * TICK)))
     return {
         "phase_shift_strides": abs(float(np.nanmedian(lag))), "raw_amplitude_error": errors[0],
-        "filtered_over_raw": errors[1] / errors[0],
+        "filtered_over_raw": errors[1] / errors[0] if errors[0] else np.inf,
     }  # fmt: skip
