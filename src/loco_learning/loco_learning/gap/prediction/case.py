@@ -238,7 +238,7 @@ class Case:
     def lines(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int]
     ) -> Callable[[np.ndarray], tuple[list[np.ndarray], list[np.ndarray]]]:
-        """Function that follows straight lines from the values of the case, at one simulation in all.
+        """Function that follows straight lines from the values of the case, after one simulation.
 
         Returns:
             A function of deviations, (V,), that returns residuals, (T, C) for each record of
