@@ -99,7 +99,7 @@ def _given(
         said[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
     return {
         "dt": np.array(running.period(record)),
-        "ctrl": _ctrl(made, told),
+        "ctrl": commands(made, told),
         "ramps": np.array(float(any(told.ramps))),
         "power": np.ones((len(record.t), 2)) if told.power is None else told.power,
         "joints": np.array(robot.joints),
@@ -109,7 +109,7 @@ def _given(
     }
 
 
-def _ctrl(made: Portable, told: running.Orders) -> np.ndarray:
+def commands(made: Portable, told: running.Orders) -> np.ndarray:
     """Commands of the actuators of `mjcf`, (T, nu)."""
     columns = []
     for index, joint in enumerate(made.joints):

@@ -121,8 +121,8 @@ def battery(p: ArgumentParser) -> None:
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
     p.add_argument("--baselines", nargs="*", metavar="NAME",
-                   help="everything, sparse, cma (default: all three; none of robots that "
-                   "walk)")  # fmt: skip
+                   help="everything, sparse, cma, sysid (default: all, sysid if "
+                   "`pip install '.[battery]'` was run; none of robots that walk)")  # fmt: skip
     p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
                    "experiment that it proposes on the robot, and look again")  # fmt: skip
     p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")

@@ -6,6 +6,7 @@
 - sparse: the torque that the robot needed beyond the model's, regressed on a library of terms
   of position and velocity with thresholding, as SINDy does.
 - cma: the model's own parameters by CMA-ES (thesis chapter 5: masses, stiffness, damping).
+- sysid: the system identification that comes with MuJoCo, with all its parameters at once.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from loco_sim.effects.offers import Hints
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 
-from . import sparse
+from . import sparse, sysid
 
 PER_JOINT = (
     "armature", "coulomb_friction", "viscous_friction", "joint_offset", "torque_constant_error",
@@ -155,7 +156,9 @@ def calibration(case: Case, model: Model, seed: int) -> tuple[dict, float]:
     return fitted, _judged(case, [], fitted)
 
 
-METHODS = {"everything": everything, "sparse": terms, "cma": calibration}
+METHODS = {
+    "everything": everything, "sparse": terms, "cma": calibration, "sysid": sysid.identify,
+}  # fmt: skip
 
 
 def parameters(model: Model) -> dict[str, float]:

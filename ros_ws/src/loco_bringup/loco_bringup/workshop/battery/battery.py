@@ -18,12 +18,13 @@ from loco_control.exceptions import ParameterError
 from loco_learning.jobs import pool
 
 from ...gap.run import read_json
-from . import bags, cases
+from . import bags, cases, sysid
+from .baselines import METHODS
 from .ground.walkers import WALKERS
 from .trial import make, unfinished, work
 
 SETTINGS = "battery.json"
-BASELINES = ("everything", "sparse", "cma")
+SYSID = "sysid"  # the baseline that needs packages of its own
 
 
 def check(a: argparse.Namespace) -> None:
@@ -32,6 +33,7 @@ def check(a: argparse.Namespace) -> None:
     Raises:
         ParameterError: A number is not above 0, there is no such baseline, or it is for robots
             that are held and one walks.
+        MissingPackageError: A baseline needs a package that is not installed.
     """
     for what in ("cases", "workers", "limit"):
         if getattr(a, what) <= 0:
@@ -43,10 +45,12 @@ def check(a: argparse.Namespace) -> None:
             f"{what} is for robots that are held, not for {walking[0]}; leave it out"
         )
     if a.baselines is None:
-        a.baselines = [] if walking else list(BASELINES)
+        a.baselines = [] if walking else [n for n in METHODS if n != SYSID or sysid.installed()]
     for name in a.baselines:
-        if name not in BASELINES:
-            raise ParameterError(f"unknown baseline {name!r}; known: {', '.join(BASELINES)}")
+        if name not in METHODS:
+            raise ParameterError(f"unknown baseline {name!r}; known: {', '.join(METHODS)}")
+    if SYSID in a.baselines:
+        sysid.require()
 
 
 def run(

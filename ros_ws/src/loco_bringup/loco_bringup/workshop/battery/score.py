@@ -27,6 +27,7 @@ UNNAMED = ("ambiguous", "unknown", "no gap", "error")
 OFF, EXACT = "model a little off", "model exact"
 BASELINES = {
     "everything": "fit everything", "sparse": "sparse terms", "cma": "CMA-ES calibration",
+    "sysid": "mujoco.sysid",
 }  # fmt: skip
 
 
