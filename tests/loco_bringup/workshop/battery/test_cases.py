@@ -69,6 +69,24 @@ def test_what_a_model_that_is_a_little_off_can_make_does_not_show():
     assert 0.3 * raw < sizes.visibility("linear_axis", [rubs], 7) <= raw
 
 
+@pytest.mark.parametrize(
+    ("name", "place", "strength", "params"),
+    [
+        ("viscous_friction", "pivot", "damping", {"damping": 0.004}),  # 2 % of the motor's brake
+        ("payload", "rod", "mass", {"link": "rod", "mass": 0.022, "position": [0.0, 0.0, -0.24]}),
+    ],
+)
+def test_what_another_servo_can_make_does_not_show_though_it_rounds(name, place, strength, params):
+    """Its encoder makes steps of changes, which no sum of straight lines follows."""
+    little = Hidden(name, place, strength, params)
+    moved = sizes._moved(sizes._quick("servo_pendulum"), [little], "servo_pendulum", 7)
+    raw = np.sqrt(1.0 + np.max(np.mean(np.square(moved), axis=0)))
+    shows = sizes.visibility("servo_pendulum", [little], 7)
+    assert shows < 2.0 and shows < 0.5 * raw
+    much = little.scaled(20.0 * params[strength])
+    assert sizes.visibility("servo_pendulum", [much], 7) > 5.0
+
+
 def test_a_filled_case_is_reproduced_and_survives_its_truth_file():
     planned = cases.plan(1, 8, ["linear_axis"], ["coulomb*", "viscous*"])[0]
     case = cases.fill(planned, ["coulomb*", "viscous*"])

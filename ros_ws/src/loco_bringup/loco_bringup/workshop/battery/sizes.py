@@ -23,7 +23,8 @@ TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
 TOLERANCE, TRIES = 0.25, 7
 CHANCE = 2.5  # floors that integration alone may change
 SEEN = 0.75  # share of the target that a size must reach to count
-DEVIATION, MOST = (0.02, 0.04, 0.02), 2.5  # of masses, inertias and motors; how many of it at most
+DEVIATION = (0.02, 0.04, 0.02, 0.02)  # of masses, inertias, motors, and of the speed of a servo's
+MOST, ROUNDS = 2.5, 4  # deviations at most; rounds in which values that do as much are sought
 
 
 @lru_cache(maxsize=8)
@@ -62,14 +63,23 @@ def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
         effects: Hidden effects.
         seed: Seed of the excitation.
     """
-    moved = _moved(_quick(robot), effects, robot, seed)
+    machine = _quick(robot)
+    moved = _moved(machine, effects, robot, seed)
     if moved is None:
         return float("inf")
     known, factor = doubts(robot, seed)
-    side = known.T @ moved.ravel()
-    by = lsq_linear(factor.T, -np.linalg.solve(factor, side), (-MOST, MOST)).x
-    left = (moved.ravel() + known @ by).reshape(moved.shape)
-    return float(np.sqrt(1.0 + np.max(np.mean(np.square(left), axis=0))))
+    by, like, least = np.zeros(known.shape[1]), np.zeros_like(moved), np.inf
+    for _ in range(ROUNDS if machine.servo else 1):
+        side = known.T @ (moved - like).ravel() - by
+        bounds = (-MOST - by, MOST - by)
+        more = lsq_linear(factor.T, np.linalg.solve(factor, side), bounds).x
+        by = by + more
+        if machine.servo:  # what rounds its encoder is no straight line
+            like = _moved(_off(machine, by), (), robot, seed)
+        else:
+            like = like + (known @ more).reshape(moved.shape)
+        least = min(least, float(np.max(np.mean(np.square(moved - like), axis=0))))
+    return float(np.sqrt(1.0 + least))
 
 
 def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -> np.ndarray | None:
@@ -91,16 +101,19 @@ def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
     Beside them stands the Cholesky factor of their Gram matrix with the priors, (K, K).
     """
-    machine, known = _quick(robot), []
-    n = len(machine.joints)
-    for which, deviation in enumerate(DEVIATION):
-        for joint in range(n):
-            factors = np.ones((3, n))
-            factors[which, joint] += deviation
-            moved = _moved(conditions.altered(machine, *factors), (), robot, seed)
-            known.append(moved.ravel())
-    known = np.stack(known, axis=1)
-    return known, np.linalg.cholesky(known.T @ known + np.eye(3 * n))
+    machine = _quick(robot)
+    count = len(machine.joints) * (len(DEVIATION) if machine.servo else len(DEVIATION) - 1)
+    moved = [_moved(_off(machine, by), (), robot, seed).ravel() for by in np.eye(count)]
+    known = np.stack(moved, axis=1)
+    return known, np.linalg.cholesky(known.T @ known + np.eye(count))
+
+
+def _off(machine: Machine, by: np.ndarray) -> Machine:
+    """The machine with masses, inertias, motors (and speeds of servos) off by deviations."""
+    shares = by.reshape(-1, len(machine.joints))
+    return conditions.altered(
+        machine, *(1.0 + shares * np.array(DEVIATION[: len(shares)])[:, None])
+    )
 
 
 def sized(

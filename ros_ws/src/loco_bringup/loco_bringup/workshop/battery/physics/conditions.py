@@ -65,7 +65,11 @@ def _off(machine: Machine, seed: int) -> Machine:
 
 
 def altered(
-    machine: Machine, heavier: np.ndarray, rounder: np.ndarray, stronger: np.ndarray
+    machine: Machine,
+    heavier: np.ndarray,
+    rounder: np.ndarray,
+    stronger: np.ndarray,
+    faster: np.ndarray | float = 1.0,
 ) -> Machine:
     """The machine with other bodies and motors.
 
@@ -74,13 +78,14 @@ def altered(
         heavier: Factor on each mass, (n,).
         rounder: Factor on each inertia beside that of its mass, (n,).
         stronger: Factor on the torque of each drive, (n,).
+        faster: Factor on the speed without load of each servo beside that, (n,).
     """
     body, drives = copy.deepcopy(machine.body), machine.drives.copy()
     body.mass *= heavier
     body.inertia *= (heavier * rounder)[:, None, None]
     servo = drives[:, 0] == slots.SERVO
     drives[servo, 1] *= stronger[servo]
-    drives[servo, 2] *= stronger[servo] ** 2
+    drives[servo, 2] *= (stronger**2 / faster)[servo]
     return replace(machine, body=body, drives=drives, motor=np.where(servo, 1.0, stronger))
 
 
