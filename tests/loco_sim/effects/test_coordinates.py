@@ -59,3 +59,15 @@ def test_a_payload_may_sit_anywhere_on_a_base_that_moves(name):
     assert values["position"] == pytest.approx([0.5 * far, -0.5 * far, far])
     assert far >= text.extent(first.place)
     assert first.place not in {o.place for o in EFFECTS["payload"].offers(held, ("q",), hints)}
+
+
+def test_friction_that_fades_does_so_at_a_speed_that_a_joint_reached():
+    """Beyond, it is Coulomb friction wherever the data look; a speed not known changes nothing."""
+    arm, fast = robot.load("hyq", {"fixed_base": True}), np.full(12, np.nan)
+    fast[:2] = 0.02, 500.0
+    hints = Hints(np.zeros(12), np.zeros(12), fast=fast)
+    offered = {o.place: o for o in EFFECTS["stribeck_friction"].offers(arm, ("q",), hints)}
+    slow, quick, unknown = (offered[joint].coordinates[1] for joint in arm.joints[:3])
+    assert slow.high == slow.value(99.0) == 0.02
+    assert all(slow.low < slow.value(x) <= 0.02 for x in slow.start)
+    assert quick == unknown and unknown.high == 100.0

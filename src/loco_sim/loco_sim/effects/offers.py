@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,11 +29,13 @@ class Hints:
         low: Smallest measured position of each joint [rad], (n,); NaN if not measured.
         high: Largest measured position of each joint [rad], (n,).
         intervals: Times between which the residual is large, the same in all records [s].
+        fast: Largest speed of each joint [rad/s], (n,); NaN or empty if not measured.
     """
 
     low: np.ndarray
     high: np.ndarray
     intervals: tuple[tuple[float, float], ...] = ()
+    fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class Offer(NamedTuple):
@@ -83,6 +85,20 @@ def logarithmic(cls: type[Effect], name: str, starts: Sequence[float]) -> Coordi
     low, high, unit = bounds_of(cls, name)
     at = tuple(math.log(value / starts[0]) for value in starts)
     return Coordinate(name, starts[0], at, max(low, 1e-9), high, unit, logarithmic=True)
+
+
+def at_most(shape: Coordinate, most: float) -> Coordinate:
+    """A logarithmic shape that begins and ends at a value, if that is below where it would.
+
+    Args:
+        shape: The coordinate.
+        most: Largest value; NaN leaves the shape as it is.
+    """
+    if not shape.low < most < shape.high:
+        return shape
+    size = min(shape.size, most)
+    start = tuple(dict.fromkeys(min(x, math.log(most / size)) for x in shape.start))
+    return replace(shape, size=size, start=start, high=most)
 
 
 def within(

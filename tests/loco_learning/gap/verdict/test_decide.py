@@ -172,6 +172,12 @@ def test_what_explains_nothing_is_no_rival_however_few_the_blocks():
     assert verdict(dataclasses.replace(GOOD, rivals=(near,))).verdict == AMBIGUOUS
 
 
+def test_a_law_on_the_bound_of_its_shape_is_no_rival():
+    for edge, wanted in ((True, NAMED), (False, AMBIGUOUS)):
+        rival = Rival("hose", "knee", CLOSE, closed=0.9, edge=edge)
+        assert verdict(dataclasses.replace(GOOD, rivals=(rival,))).verdict == wanted
+
+
 def test_what_needs_an_effect_beside_it_that_is_not_established_gets_no_name():
     shaky = dataclasses.replace(GOOD, name="offset", closed=0.2)
     assert verdict(GOOD, dataclasses.replace(GOOD, name="spring")).verdict == NAMED

@@ -3,6 +3,7 @@
 
 from types import SimpleNamespace as Some
 
+import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.screen import Screened
@@ -92,6 +93,17 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
     (law, at), other = found.parts
     assert (law.place, other) == (left, beside)
     assert at == tuple(x for x in sizes if x)
+
+
+@pytest.mark.parametrize(("low", "idle"), [(0.0, {"hip"}), (-10.0, set())])
+def test_a_size_that_would_rather_be_below_nothing_is_none_though_it_has_no_interval(low, idle):
+    """One that may have either sign and is not known may be there."""
+    joints = ("hip", "knee")
+    size = Coordinate("torque", 1.0, (1.0,), low, 10.0, strength=True)
+    offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
+    ((family, _),) = families([Screened(h, 0.2, (1.0,)) for h in offered], joints)
+    wide = Estimate("torque hip", 0.0, -np.inf, np.inf), Estimate("torque knee", 2.0, 1.9, 2.1)
+    assert judge._idle(family, wide) == idle
 
 
 @pytest.fixture

@@ -32,6 +32,23 @@ def fitted(h: Hypothesis, shape: float = 0.0) -> Fitted:
     return Fitted(((h, x),), {}, 1.0, evidence.score([r]), (r,), 0.0)
 
 
+@pytest.mark.parametrize(
+    ("law", "x", "edge"),
+    [
+        (STRIBECK, (1.0, 0.0), False),
+        (STRIBECK, (1.0, SPEED.inverse(10.0)), True),
+        (STRIBECK, (1.0, SPEED.inverse(9.95)), True),  # less than a hundredth below
+        (STRIBECK, (1.0, 99.0), True),  # values are forced into their bounds
+        (STRIBECK, (1.0, SPEED.inverse(0.001)), True),
+        (STRIBECK, (0.0, 0.0), False),  # a strength of nothing is no shape
+        (COULOMB, (0.0,), False),
+        (COMMAND_DELAY, (50.0,), False),
+    ],
+)
+def test_a_shape_on_its_bound_makes_another_law(law, x, edge):
+    assert rivals.on_edge(law, x, 0.01) is edge
+
+
 def test_a_parameter_more_costs_and_one_less_pays():
     simple, rich = fitted(COULOMB), fitted(STRIBECK)
     assert rivals.occam(simple, simple) == 0.0

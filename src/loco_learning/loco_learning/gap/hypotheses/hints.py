@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hints of the data before any fit: where the joints went, and when the residual is large."""
+"""Hints of the data before any fit: where joints went and how fast, when the residual is large."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from loco_sim.robot.robot import Robot
 
 from ..prediction.case import Case
 
+SPEED_TIME = 0.05  # [s] over which a speed is a mean: a step of a coarse encoder is none
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
 QUIET, LOUD_SHARE = 3.0, 0.1  # times the usual energy, and share of the largest: above both is loud
 LONGEST_SHARE = 0.7  # share of a record that an interval may last
@@ -22,19 +23,30 @@ MOST_INTERVALS = 3  # intervals
 def find(case: Case, robot: Robot) -> Hints:
     """Look at the records and at what the model as it came leaves of them."""
     n = len(robot.joints)
-    low, high = np.full(n, np.nan), np.full(n, np.nan)
+    low, high, fast = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     for record in case.records:
         q = record.joints_of(robot, "q")
         for j in range(n):
             values = q[np.isfinite(q[:, j]), j]
             if len(values):
                 low[j], high[j] = np.fmin(low[j], values.min()), np.fmax(high[j], values.max())
+        fast = np.fmax(fast, fastest(q, record.dt))
     fitted = case.fitted
     residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
     dts = [case.records[i].dt for i in fitted]
     alone = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
     found = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in alone)]
-    return Hints(low, high, distinct([each for each in found if each]))
+    return Hints(low, high, distinct([each for each in found if each]), fast)
+
+
+def fastest(q: np.ndarray, dt: float) -> np.ndarray:
+    """Largest speed of each joint [rad/s], (n,), of positions (T, n); NaN where none are known."""
+    apart = max(1, round(SPEED_TIME / dt))
+    change = np.abs(q[apart:] - q[:-apart])
+    known = np.isfinite(change).any(axis=0)
+    found = np.full(q.shape[1], np.nan)
+    found[known] = np.nanmax(change[:, known], axis=0) / (apart * dt)
+    return found
 
 
 def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

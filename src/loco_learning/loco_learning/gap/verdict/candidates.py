@@ -62,6 +62,7 @@ class Rival:
         trifle: It is too small to matter on any robot.
         worse: Rms that it leaves on all data over that of the selected model; at most 1 if it
             leaves less on held-out data.
+        edge: A shape of it lies on the bound of its range, where it is another law.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Rival:
     closed: float = math.nan
     trifle: bool = False
     worse: float = 1.0
+    edge: bool = False
 
 
 @dataclass(frozen=True)

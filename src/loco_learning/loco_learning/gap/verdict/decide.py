@@ -255,8 +255,12 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
 
 
 def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
-    """Rivals that leave little more, and that close enough to get a name themselves."""
-    return tuple(r for r in c.rivals if r.worse <= limits.worse and not r.closed < limits.closed)
+    """Rivals that leave little more, and that could get a name themselves."""
+    return tuple(
+        r
+        for r in c.rivals
+        if r.worse <= limits.worse and not r.closed < limits.closed and not r.edge
+    )
 
 
 def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> list[str]:

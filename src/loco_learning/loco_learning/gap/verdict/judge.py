@@ -41,6 +41,7 @@ from .rivals import (
     few,
     leading,
     occam,
+    on_edge,
     paid,
     ratio,
     sharp,
@@ -123,7 +124,11 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         decision = decide((), found.given.held, base.held, limits, whole, gap=not little)
         judged = Judged(decision, found.given, base, base, (), (), None)
     if judged.decision.verdict in (NAMED, MORE):
-        others = [model for model, _ in judged.rivals]
+        others = [
+            model
+            for model, _ in judged.rivals
+            if not any(on_edge(*part, limits.edge) for part in model.parts)
+        ]
         table = tuple(stable.rows(search, judged.best, base, others, search.params.seed))
         decision = stable.downgraded(judged.decision, table)
         judged = replace(judged, decision=decision, over_settings=table)
@@ -378,9 +383,10 @@ class _Judgement:
         made = []
         for model, over in rivals:
             (other,) = [h for h, _ in model.parts if h.key not in others]
-            small = trifle(*next(part for part in model.parts if part[0] is other))
-            closed = self._closed(model)
-            made.append(Rival(other.effect, other.place, over, closed, small, ratio(model, best)))
+            part = next(part for part in model.parts if part[0] is other)
+            closed, worse = self._closed(model), ratio(model, best)
+            edge = on_edge(*part, LIMITS.edge)
+            made.append(Rival(other.effect, other.place, over, closed, trifle(*part), worse, edge))
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
@@ -407,6 +413,8 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
     there = {
         c.of
         for c, e in pairs
-        if c.strength and not max(-e.low, e.high) < LITTLE_BESIDE * largest[c.name]
+        if c.strength
+        and not (c.one_sided and e.value == e.absent)  # it would rather be below
+        and not max(-e.low, e.high) < LITTLE_BESIDE * largest[c.name]
     }
     return set(hypothesis.joints) - there

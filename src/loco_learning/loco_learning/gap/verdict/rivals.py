@@ -51,6 +51,27 @@ def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
     return True
 
 
+def on_edge(hypothesis: Hypothesis, x: Sequence[float], edge: float) -> bool:
+    """Whether a shape of a law lies on the bound of its range, where it is another law.
+
+    A spring behind a damper whose torque fades at once is a damper; friction that fades at no
+    speed that was reached is dry friction.
+
+    Args:
+        hypothesis: The law.
+        x: Coordinates of the law.
+        edge: Distance from a bound, over the value, that counts as on it.
+    """
+    shapes = [
+        (c, c.value(at)) for c, at in zip(hypothesis.coordinates, x, strict=True) if not c.strength
+    ]
+    return any(
+        math.isfinite(bound) and abs(value - bound) <= edge * max(abs(value), abs(bound))
+        for c, value in shapes
+        for bound in (c.low, c.high)
+    )
+
+
 def elsewhere(model: Fitted) -> bool:
     """A model leaves a gap in some record, but none in the data that judge."""
     return any(has_gap([record]) for record in model.whole) and not has_gap(model.held.residuals)

@@ -17,6 +17,7 @@ from loco_control.params import parameter
 
 from ..chain import BrakeEffect
 from ..identity import Identity, LookAlike, Prior
+from ..offers import Hints, Offer, at_most
 
 _TOUCHES = ("brake",)
 
@@ -72,6 +73,18 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
         kind="friction",
         smooth=False,
     )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """At each joint, fading at a speed that was reached: else it is Coulomb friction there."""
+        fast = dict(zip(robot.joints, hints.fast, strict=False))
+        return [
+            offer._replace(coordinates=tuple(
+                at_most(c, float(fast.get(offer.place, np.nan))) if c.name == "velocity" else c
+                for c in offer.coordinates
+            ))
+            for offer in super().offers(robot, signals, hints)
+        ]  # fmt: skip
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return 0.0, self.torque, 1.0 / self.velocity
