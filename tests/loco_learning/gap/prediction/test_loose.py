@@ -94,3 +94,22 @@ def test_what_is_left_is_known_without_going_through_the_records_again(slide):
     squares = np.sum([np.nansum(np.square(r), axis=0) for r in left], axis=0)
     assert near._power(seen, every, by) == pytest.approx(squares, rel=1e-9)
     assert np.any(by[0] != 0.0)
+
+
+def test_what_drives_do_to_a_model_with_a_large_effect_is_simulated_about_it(slide):
+    """A brake as large as the drive's own: a weaker drive moves that carriage otherwise."""
+    brake = [{"name": "viscous_friction", "damping": 60.0}]
+    case = of(slide, brake)
+    weaker = np.array([0.0, 0.0, -1.0])
+    here, there = (case.bare(brake, case.loose.values(by)) for by in (0.0 * weaker, weaker))
+
+    def missed(near):
+        """Part of the change that straight lines miss."""
+        pairs = zip(here, there, near.columns, strict=True)
+        change = [(b - a, b - a - c[..., :3] @ weaker) for a, b, c in pairs]
+        return evidence.rms([left for _, left in change]) / evidence.rms(
+            [whole for whole, _ in change]
+        )
+
+    about_bare, about_itself = missed(case.loose), missed(loose.of_model(case, brake))
+    assert about_itself < 0.1 < 0.3 < about_bare

@@ -95,6 +95,40 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
     assert at == tuple(x for x in sizes if x)
 
 
+def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():
+    asked = []
+
+    def each(function, tasks):
+        asked.extend((function, *task) for task in tasks)
+        return [Some(energy=3.0) for _ in tasks]
+
+    judging, models = Judgement(), [Some(parts="a", energy=1.0), Some(parts="b", energy=5.0)]
+    judging.search = Some(setting="as set", energy=lambda model: model.energy, each=each)
+    judging.about = None
+    assert judging._anew(models) == models and not asked
+    judging.about = [{"name": "armature"}]
+    assert [m.energy for m in judging._anew(models)] == [1.0, 3.0]
+    assert asked == [(judge.anew, part, "as set", judging.about) for part in "ab"]
+
+
+@pytest.mark.parametrize(
+    ("bends", "parts", "loose", "off"),
+    [
+        (True, "a", {"mass": 1.3}, True),
+        (True, "a", {"mass": -1.3}, True),
+        (True, "a", {"mass": 0.9}, False),  # a robot as its file says
+        (True, "a", {}, False),
+        (True, "", {"mass": 1.3}, False),  # straight lines are about the bare model
+        (False, "a", {"mass": 9.0}, False),  # torques along a motion are linear
+    ],
+)
+def test_lines_are_drawn_anew_where_a_robot_is_off_and_has_an_effect(bends, parts, loose, off):
+    judging = Judgement()
+    near = Some(deviations=lambda values: np.array([0.1, values["mass"]]))
+    judging.case = Some(bends=bends, loose=near)
+    assert judging._off(Some(parts=parts, loose=loose)) is off
+
+
 @pytest.mark.parametrize(("low", "idle"), [(0.0, {"hip"}), (-10.0, set())])
 def test_a_size_that_would_rather_be_below_nothing_is_none_though_it_has_no_interval(low, idle):
     """One that may have either sign and is not known may be there."""

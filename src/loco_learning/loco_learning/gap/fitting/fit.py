@@ -271,6 +271,21 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
     return weigh(case, parts, overrides, cost)
 
 
+def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
+    """Fit hypotheses with what is refitted simulated about a model, not about the bare one.
+
+    A large effect changes what masses and drives do. Where straight lines about the bare model
+    miss that, what they leave gets the name of an effect that is none.
+
+    Args:
+        case: Model and data.
+        parts: Hypotheses with the coordinates to start from.
+        setting: Settings that all fits share.
+        about: Effects of the model.
+    """
+    return fit(case.about(about), parts, setting)
+
+
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Fit a model again with its own step error, and look past the minimum it ended in.
 
@@ -302,7 +317,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     start = case.loose.deviations(model.loose) / DEVIATIONS
     count, most = len(start), np.full(len(start), case.loose.most / DEVIATIONS)
     problem.case = case.at(DEVIATIONS * start)
-    told = problem.case.lines(model.specs, model.overrides, case.fitted)
+    told = problem.case.extrapolated(model.specs, model.overrides, case.fitted)
 
     def promise(z: np.ndarray) -> np.ndarray:
         return problem.line(problem.start, *case.flat(*told(DEVIATIONS * z), case.fitted))

@@ -47,6 +47,7 @@ class Case:
         count: Simulations so far [records].
         runs: Runs of the model as it came, by step.
         loose: Values that are refitted to every model, where the robot says that it has such.
+        lines: The same about the last model that was asked for, by its effects.
     """
 
     forward: Any
@@ -62,6 +63,7 @@ class Case:
     count: int = field(default=0, compare=False)
     runs: dict[float, tuple] = field(default_factory=dict, compare=False, repr=False)
     loose: Loose | None = None
+    lines: dict[str, Loose] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def fitted(self) -> list[int]:
@@ -77,6 +79,12 @@ class Case:
     def signals(self) -> list[str]:
         """Names of the signals that were measured."""
         return sorted({channel.signal for channel in self.forward.channels})
+
+    @property
+    def bends(self) -> bool:
+        """Whether values are refitted along straight lines that are so for small changes alone."""
+        near = self.loose
+        return near is not None and not near.held and bool(np.isfinite(near.most))
 
     def whitened(
         self,
@@ -186,9 +194,9 @@ class Case:
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
     ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[list, list] | None]:
         """Residuals and deviations by straight lines; both by simulation, where that may differ."""
-        every, near = list(range(len(self.records))), self.loose
+        every = list(range(len(self.records)))
         left, by = self._refitted(specs, overrides, every, exact=True)
-        if near is None or near.held or not np.isfinite(near.most) or not by[0].any():
+        if not self.bends or not by[0].any():
             return left, by, None
         return left, by, self._fixed(specs, overrides, by[0])
 
@@ -202,6 +210,14 @@ class Case:
         """Rms of what a simulation leaves beside what straight lines promised [floors]."""
         apart = [a - b for a, b in zip(left, there, strict=True)]
         return evidence.rms(self.masked(apart, range(len(left)), held=False))
+
+    def about(self, specs: Sequence[Mapping]) -> Case:
+        """The case whose straight lines are those about a model with effects."""
+        key = repr(specs)
+        if key not in self.lines:
+            self.lines.clear()  # they are large
+            self.lines[key] = loose.of_model(self, specs)
+        return replace(self, loose=self.lines[key])
 
     def at(self, deviations: np.ndarray) -> Case:
         """The case with values at these deviations, which stay; starts are refitted."""
@@ -220,7 +236,7 @@ class Case:
         the change by each value simulated.
         """
         every, most = list(range(len(self.records))), np.full(len(start), self.loose.most)
-        told = self.at(start).lines(specs, overrides, every)
+        told = self.at(start).extrapolated(specs, overrides, every)
 
         def promise(at: np.ndarray) -> np.ndarray:
             return self._line(*told(at))
@@ -235,7 +251,7 @@ class Case:
             found = minimise(residual, found.z, (-most, most), loose.PART, budget)
         return self._fixed(specs, overrides, found.z)
 
-    def lines(
+    def extrapolated(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int]
     ) -> Callable[[np.ndarray], tuple[list[np.ndarray], list[np.ndarray]]]:
         """Function that follows straight lines from the values of the case, after one simulation.

@@ -274,20 +274,30 @@ def prepare(
     return loose
 
 
-def _about(case: Any, loose: Loose, starts: Sequence[np.ndarray]) -> Loose:
+def of_model(case: Any, specs: Sequence[Mapping[str, Any]]) -> Loose:
+    """The changes that values and starts make to a model with effects: large ones alter them."""
+    return _about(case, case.loose, case.forward.doubtful(), specs)
+
+
+def _about(
+    case: Any,
+    loose: Loose,
+    starts: Sequence[np.ndarray],
+    specs: Sequence[Mapping[str, Any]] = (),
+) -> Loose:
     """The same with what each value does about the deviations `at`, and each start."""
-    here = case.bare([], loose.values(loose.at), coarse=True)
+    here = case.bare(specs, loose.values(loose.at), coarse=True)
     columns: list[list[np.ndarray]] = []
     for k in range(len(loose.at)):
         moved = loose.at.copy()
         moved[k] += PART if moved[k] <= 0.0 else -PART
-        there = case.bare([], loose.values(moved), coarse=True)
+        there = case.bare(specs, loose.values(moved), coarse=True)
         columns.append(_per(there, here, moved[k] - loose.at[k]))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
         by = [s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
-        columns.append(_per(other.bare([], loose.values(loose.at), coarse=True), here, 1.0))
+        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), here, 1.0))
     found = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
     values = len(loose.at)
     for i, own in enumerate(starts):  # a start of its own is known to no deviation: not refitted

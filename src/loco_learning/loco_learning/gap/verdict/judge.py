@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fitting.fit import Fitted, Parts, fit
+from ..fitting.fit import Fitted, Parts, anew, fit
 from ..fitting.search import Found, Search
 from ..fitting.seen import finish
 from ..hypotheses.families import fewer
@@ -50,6 +50,7 @@ from .rivals import (
 from .sensitivity import sensitivities
 from .traded import LeftOut, Nominal, little_off, strayed
 
+BENT = 1.0  # deviations of a value of the robot from which on effects change what it does (taste)
 INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
@@ -156,6 +157,7 @@ class _Judgement:
         self.seed = search.params.seed
         self.done: dict[str, Fitted] = {}
         self.nominal = nominal
+        self.about: list[dict] | None = None
         size = np.nanstd(np.concatenate(case.forward.measured), axis=0) / case.floor
         self.enough = search.params.accuracy * size
 
@@ -212,6 +214,8 @@ class _Judgement:
 
     def _judged(self, best: Fitted, limits: Limits) -> Judged:
         """A model without what it can do without, weighed against its rivals."""
+        self.about = best.specs if self._off(best) else None
+        (best,) = self._finished(self._anew([best]))
         best, lost = self._pruned(best, limits)
         estimates, known = sensitivities(self.case, best, doubtful=True)
         narrower = self._narrowed(best, estimates)
@@ -294,6 +298,20 @@ class _Judgement:
             self.done[key] = polished
         return [self.done[m.key] for m in models]
 
+    def _off(self, model: Fitted) -> bool:
+        """A value of the robot is so far off that effects change what it does."""
+        if not (self.case.bends and model.parts and model.loose):
+            return False
+        return bool(np.max(np.abs(self.case.loose.deviations(model.loose))) > BENT)
+
+    def _anew(self, models: Sequence[Fitted]) -> list[Fitted]:
+        """The better of each model and itself fitted about the one that is weighed."""
+        if self.about is None:
+            return list(models)
+        tasks = [(m.parts, self.search.setting, self.about) for m in models]
+        again = self.search.each(anew, tasks)
+        return [min(pair, key=self.search.energy) for pair in zip(models, again, strict=True)]
+
     def _fitted(self, parts: Parts) -> Fitted:
         """A model fitted from where its parts are."""
         return next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
@@ -313,7 +331,7 @@ class _Judgement:
             return self.found.base
         again = self._fitted(left)
         known = [model for model in self.found.models if model.key == again.key]
-        return min((*known, again), key=self.search.energy)
+        return min((*known, *self._anew([again])), key=self.search.energy)
 
     def _swaps(self, best: Fitted, index: int) -> list[Fitted]:
         """The model with another effect, or the same elsewhere, in the place of one."""
@@ -336,7 +354,7 @@ class _Judgement:
         tasks = [((*rest, part), self.search.setting) for part in new[:room]]
         models = [*fitted.values(), *self.search.each(fit, tasks)]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
-        return few(models, mine, others)
+        return self._anew(few(models, mine, others))
 
     def _closed(self, model: Fitted) -> float:
         """Share of the gap of the model as it came, on the data that judge."""
