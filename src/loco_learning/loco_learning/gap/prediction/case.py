@@ -100,7 +100,7 @@ class Case:
     def fewer(self, most: int) -> Case:
         """The case with few pieces of each record on the ground."""
         loose = self.loose and replace(self.loose, grams={})  # they are of what is measured
-        return replace(self, forward=self.forward.fewer(most), loose=loose)
+        return replace(self, forward=self.forward.fewer(most), loose=loose, lines={})
 
     def kept(self) -> Case:
         """The case with nothing refitted but the states in which records begin."""

@@ -50,7 +50,7 @@ def require() -> None:
         )
 
 
-def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, float], float]:
+def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]], float]:
     """Values that it finds, and the whitened rms that they leave on the records that judge.
 
     Args:
