@@ -72,16 +72,15 @@ def test_its_commands_drive_the_robot_tick_by_tick(tmp_path):
     from sensor_msgs.msg import JointState
 
     loco.export_model("servo_pendulum", "ros2_control", tmp_path / "files")
-    context, made = rclpy.Context(), []
+    context = rclpy.Context()
+    rclpy.init(context=context)  # it is there first: robots join controllers that run
+    node = rclpy.create_node("stand_in", context=context)
+    publisher = node.create_publisher(JointState, ros2_control.COMMANDS, 1)
 
     def speak(progress):
-        if not made:
-            rclpy.init(context=context)
-            node = rclpy.create_node("stand_in", context=context)
-            made.extend([node, node.create_publisher(JointState, ros2_control.COMMANDS, 1)])
         message = JointState(name=["pivot"], position=[POSE])
-        message.header.stamp = made[0].get_clock().now().to_msg()  # its own time
-        made[1].publish(message)
+        message.header.stamp = node.get_clock().now().to_msg()  # its own time
+        publisher.publish(message)
 
     nodes = str(tmp_path / "files/nodes.yaml")
     try:
@@ -90,7 +89,7 @@ def test_its_commands_drive_the_robot_tick_by_tick(tmp_path):
             nodes=nodes, on_progress=speak,
         )  # fmt: skip
     finally:
-        made[0].destroy_node()
+        node.destroy_node()
         rclpy.shutdown(context=context)
     assert not any(outcome.exit_codes.values()), outcome
     bag = Bag(tmp_path / "bag")
