@@ -50,14 +50,14 @@ COMMANDS = {  # {} is the folder of what they read
     "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2",
     "study": "study {}/study.yaml",
     "gap": f"gap {{}}/{_CASE}/fit_chirp {{}}/{_CASE}/fit_steps --hold-out {{}}/{_CASE}/hold_out "
-    f"--robot servo_pendulum --effects {' '.join(_FRICTION)}",
-    "gap battery": "gap battery --cases 2 --robots servo_pendulum --effects "
+    f"--robot linear_axis --effects {' '.join(_FRICTION)}",
+    "gap battery": "gap battery --cases 2 --robots linear_axis --effects "
     f"{' '.join(_FRICTION)} --baselines sparse",
     "reproduce": "reproduce all --plan {}/plan.yaml",
     "calibrate": "calibrate {}/bags/sine --generations 2 --seeds 2",
 }
 MAKES = {  # what makes the recordings that they read
-    "gap": "gap battery --cases 1 --bags-only --robots servo_pendulum --workers 1 --out {}/bags",
+    "gap": "gap battery --cases 1 --bags-only --robots linear_axis --workers 1 --out {}/bags",
     "calibrate": "run tigrillo_sine --layout rollout --set duration=21.0 --out {}/bags/sine",
 }
 JOURNALS = (".jsonl", TIMES)  # files that grow line by line: their last line may be cut short
