@@ -6,7 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.search import Search
+from loco_learning.gap.fitting.screen import Screened
+from loco_learning.gap.fitting.search import Search, siblings
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.verdict.decide import LIMITS, has_gap
 
@@ -39,3 +41,35 @@ def test_a_gap_that_the_verdict_sees_is_searched(level):
 def test_what_is_left_in_the_record_that_judges_alone_is_searched():
     assert explains(whole(1.0, 1.0, 1.0, 1.0))
     assert not explains(whole(1.0, 1.0, 1.0, 1.8))
+
+
+def screened(effect, place, share, variant=""):
+    return Screened(Hypothesis(effect, place, (), (), variant), share, (1.0,))
+
+
+def test_pairs_of_one_kind_at_the_place_where_it_explains_most_are_tried():
+    found = siblings(
+        [
+            screened("sensor_gain", "hip", 0.4),
+            screened("sensor_bias", "knee", 0.5, "q"),
+            screened("sensor_bias", "knee", 0.45, "tau"),  # one of an effect
+            screened("sensor_gain", "knee", 0.3),
+            screened("sensor_nonlinearity", "knee", 0.01),  # explains too little
+            screened("added_stiffness", "knee", 0.9),  # alone of its kind there
+            screened("command_delay", "", 0.8),  # sits nowhere
+            screened("coulomb_friction", "hip", 0.2),
+            screened("viscous_friction", "hip", 0.3),
+        ],
+        0.05,
+    )
+    told = {tuple(sorted((h.effect, h.place, h.variant) for h, _ in pair)) for pair in found}
+    assert told == {
+        (("sensor_bias", "knee", "q"), ("sensor_gain", "knee", "")),
+        (("coulomb_friction", "hip", ""), ("viscous_friction", "hip", "")),
+    }
+
+
+def test_pairs_of_siblings_are_few():
+    laws = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
+    found = siblings([screened(law, "knee", 0.5 - 0.1 * k) for k, law in enumerate(laws)], 0.05)
+    assert len(found) == 3 and not any(h.effect == laws[3] for pair in found for h, _ in pair)

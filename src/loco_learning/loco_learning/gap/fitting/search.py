@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,6 +35,10 @@ CLOSE_RACE = 1.1  # times the smallest rms of a rough fit up to which twice as m
 LEAST_GAIN = 0.05  # of the logarithm of what is left that makes another effect worth a search
 REFITS = 3  # of nominal values, each with the scale that the one before leaves
 TANGENT_STEP = 0.05  # of a strength or of the logarithm of a nominal value, for what it can do
+SIBLINGS, PAIRS = (
+    3,
+    2,
+)  # effects of a kind at a place that are tried in pairs; pairs that are fitted
 DEEP = 3  # models of two effects and more that are fitted to the end at each step
 
 
@@ -129,6 +134,9 @@ class Search:
         together = [(one,) for one in families(found.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
         self._tournament([*together, *singles], self.params.finalists)
+        ranked = self._ranked(base)
+        if ranked and not self.enough(ranked[0], base):
+            self._tournament(siblings(found.screened, self.params.screen_share), PAIRS)
         found.models = self._ranked(base)
         self.report(0.6, "fitted single effects", self._best(base))
         return found
@@ -361,6 +369,32 @@ class Search:
             fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
                 break  # rivals of its effects are sought when it is weighed
+
+
+def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
+    """Pairs of one kind at one place, where that kind explains most.
+
+    The zero and the gain of an encoder are off together, a joint rubs by two laws. Each alone may
+    explain less than an effect of another kind that does what both do, and is never built upon.
+
+    Args:
+        screened: Share that each hypothesis explains by itself.
+        least: Smallest share that is tried.
+    """
+    groups: dict[tuple[str, str], dict[str, Screened]] = {}
+    for one in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
+        h = one.hypothesis
+        kind = EFFECTS[h.effect].identity.kind
+        if kind and h.place and not one.dead and one.share >= least:
+            groups.setdefault((kind, h.place), {}).setdefault(h.effect, one)
+    first: dict[str, list[Screened]] = {}
+    for (kind, _), mine in groups.items():  # the place of the largest share comes first
+        first.setdefault(kind, list(mine.values())[:SIBLINGS])
+    return [
+        tuple((s.hypothesis, s.x) for s in pair)
+        for mine in first.values()
+        for pair in itertools.combinations(mine, 2)
+    ]
 
 
 def _key(parts: Sequence[tuple]) -> str:
