@@ -89,6 +89,17 @@ def test_what_is_nothing_at_one_size_and_too_much_at_the_next_is_found_between()
     assert slope == pytest.approx(0.104, rel=0.1)
 
 
+def test_a_limit_that_does_as_much_elsewhere_a_little_further_is_found_below():
+    """On an arm 0.145 s/rad limits as much as 0.141 does, three hundredths of a second too long."""
+
+    def line(x):
+        return 12.0 * max(x - 0.13, 0.0) * (1.0 if x < 0.143 else -1.0)
+
+    found, slope = alone("torque_speed_line", line, 0.1414)
+    assert found.share > 0.3
+    assert slope == pytest.approx(0.1414, rel=0.05)
+
+
 def test_a_size_that_does_nothing_of_its_own_is_not_made_smaller_for_ever():
     """A drive with backlash of no width still has its rotor: what is left does not get less."""
     found, _ = alone("backlash", lambda x: {0.0: 0.0, 1e-3: 1.0}.get(x, -1.2), 1e-3)

@@ -217,10 +217,12 @@ class _Trial:
         stops a joint is not a large part of one that slows it. The right size does as much as
         was amiss: beyond that there is nothing to seek. Where even the least is too loud, a drive
         that rounds its encoder does something else at each size: what a tenth does says nothing
-        of a third.
+        of a third. What does nothing at one size is sought below the one that does as much: a step
+        further it may do that much elsewhere.
         """
         sizes = [x for x in self.levels if x]
-        quiet = [x for x in sizes if self.levels[x] < TOO_LOUD]
+        most = ALL if any(self.levels[x] < DEAD for x in sizes) else TOO_LOUD
+        quiet = [x for x in sizes if self.levels[x] < most]
         best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
         reached = any(ALL <= self.levels[x] for x in quiet)
         if not sizes or best >= IDLE or reached or not self.most:
@@ -228,9 +230,7 @@ class _Trial:
         (at,) = self.hypothesis.strengths
         x, loud = max(quiet, key=abs, default=0.0), []
         if x:
-            loud = [
-                abs(y) for y, level in self.levels.items() if level >= TOO_LOUD and abs(y) > abs(x)
-            ]
+            loud = [abs(y) for y, level in self.levels.items() if level >= most and abs(y) > abs(x)]
             factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
         else:
             x, factor = min(sizes, key=abs), 1.0 / RUNG
