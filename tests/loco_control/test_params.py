@@ -13,7 +13,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.gait.generator import GaitParams
 from loco_control.gait.oscillators import CpgParams
 from loco_control.legs.geometry import LegGeometry
-from loco_control.params import Params, from_dict, parameter, to_dict
+from loco_control.params import Params, from_dict, limits, parameter, to_dict
 from loco_control.stance.controller import StanceParams
 from loco_control.stance.trunk import TrunkParams
 
@@ -125,3 +125,15 @@ def test_plain_values_hold_no_tuples():
 def test_numbers_that_are_none_are_refused_with_a_clear_message(values, message):
     with pytest.raises(ParameterError, match=message):
         from_dict(Inner, values)
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("gain", (0.0, 10.0)), ("count", (1, np.inf)), ("other", (-np.inf, np.inf))],
+)
+def test_limits_are_those_of_the_field_or_none(name, wanted):
+    @dataclass(frozen=True)
+    class More(Inner):
+        other: float = parameter(0.0, "anything")
+
+    assert limits(More, name) == wanted

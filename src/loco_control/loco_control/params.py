@@ -52,6 +52,13 @@ def parameter(
     return field(default=default, metadata=meta)
 
 
+def limits(kind: type, name: str) -> tuple[float, float]:
+    """Smallest and largest legal value of a field made by `parameter`, infinite without bound."""
+    meta = kind.__dataclass_fields__[name].metadata
+    low, high = meta.get("low"), meta.get("high")
+    return -math.inf if low is None else low, math.inf if high is None else high
+
+
 @dataclass(frozen=True)
 class Params:
     """Base of every parameter class: checks type and range when constructed."""

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from loco_control.params import limits
+
 from .coordinates import Coordinate
 
 if TYPE_CHECKING:
@@ -127,6 +129,4 @@ def within(
 
 def bounds_of(cls: type[Effect], name: str) -> tuple[float, float, str]:
     """Smallest and largest value of a parameter, infinite without bound, and its unit."""
-    meta = cls.__dataclass_fields__[name].metadata
-    low, high = meta.get("low"), meta.get("high")
-    return (-math.inf if low is None else low, math.inf if high is None else high, meta["unit"])
+    return (*limits(cls, name), cls.__dataclass_fields__[name].metadata["unit"])

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.statistics.solve import minimise, soft
+from loco_learning.gap.statistics.solve import guided, minimise, soft
 
 OPEN = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -74,3 +74,18 @@ def test_the_budget_is_kept():
 
     minimise(fun, np.array([0.3, 5.0]), OPEN, 0.1, 15)
     assert count <= 15 + 2
+
+
+@pytest.mark.parametrize(("sign", "alone"), [(1.0, True), (-1.0, False)])
+def test_differences_are_taken_only_where_slopes_lead_nowhere(sign, alone):
+    rng, asked = np.random.default_rng(5), []
+    a, truth = rng.normal(size=(300, 12)), rng.normal(size=12)
+    bounds = np.full(12, -5.0), np.full(12, 5.0)
+
+    def fun(z):
+        asked.append(z)
+        return 10.0 * a @ (z - truth)
+
+    found = guided(fun, np.zeros(12), bounds, 0.1, (11, 60), sign * 10.0 * a, 1.0)
+    assert found.z == pytest.approx(truth, abs=0.05)
+    assert (len(asked) <= 11) is alone

@@ -21,6 +21,7 @@ from loco_learning.gap.recordings.record import Record
 from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import ELASTIC, FREE, IMPEDANCE, SERVO, Joint, Portable, portable
 from loco_sim.plant.model import Model
+from loco_sim.robot.robot import Robot
 
 SCRIPT = Path(str(files("loco_sim.export") / "replay_mjcf.py"))
 FINER, FASTEST = (16, 8, 4, 2, 1), 20000.0  # parts of a physics step, most of them in a second [Hz]
@@ -92,8 +93,7 @@ def _given(
 ) -> dict[str, np.ndarray]:
     """Contents of ``replay.npz``: see `replay_mjcf`."""
     robot, told = made.robot, running.orders(record, made.robot)
-    starts = turned(record, robot, forward.model.effects, forward.starts[0])
-    q, dq = (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
+    q, dq = begins(record, robot, forward, 0)
     said = np.full((len(record.t), len(robot.joints)), np.nan)
     for column, channel in enumerate(columns):
         said[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
@@ -107,6 +107,14 @@ def _given(
         "dq": np.asarray(dq, dtype=float),
         "measured": said,
     }
+
+
+def begins(
+    record: Record, robot: Robot, forward: Forward, index: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of the joints in which a record of a forward model begins."""
+    starts = turned(record, robot, forward.model.effects, forward.starts[index])
+    return (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
 
 
 def commands(made: Portable, told: running.Orders) -> np.ndarray:

@@ -13,9 +13,9 @@ import numpy as np
 
 from ..hypotheses.hypotheses import Hypothesis, Term
 from ..params import GapParams
-from ..prediction.case import FIRST, Case
+from ..prediction.case import Case
 from ..statistics import evidence
-from ..statistics.solve import FEW, differences, minimise, soft
+from ..statistics.solve import FEW, FIRST, differences, guided, minimise, soft
 
 JACOBIAN_STEP = 0.12  # difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
@@ -283,7 +283,7 @@ def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -
         setting: Settings that all fits share.
         about: Effects of the model.
     """
-    return fit(case.about(about), parts, setting)
+    return fit(case.relined(about), parts, setting)
 
 
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
@@ -333,11 +333,8 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
         np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)
     ]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
-    limit = FIRST + len(problem.start)
-    found = minimise(residual, z, bounds, JACOBIAN_STEP, limit, slopes)
-    if found.cost > model.cost:
-        limit = TURNS * len(z) + AGAIN
-        found = minimise(residual, found.z, bounds, JACOBIAN_STEP, limit)
+    budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
+    found = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost)
     parts, overrides = problem.split(found.z[count:])
     known = case.loose.values(DEVIATIONS * found.z[:count])
     again = weigh(case, parts, overrides, found.cost, known=known)
@@ -412,7 +409,6 @@ def weigh(
     """
     specs = specs_of(parts)
     whole, loose, pull = (case.kept() if given else case).suited(specs, overrides, known)
-    every = range(len(case.records))
-    held = evidence.score(case.masked(whole, every, held=True))
-    rms = evidence.rms(case.masked(whole, every, held=False))
+    held = case.judged(whole)
+    rms = evidence.rms(case.masked(whole, range(len(whole)), held=False))
     return Fitted(tuple(parts), dict(overrides), rms, held, tuple(whole), cost, None, loose, pull)

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from loco_control.params import limits
 from loco_sim.effects.catalogue.learned import LearnedResidual
 from loco_sim.effects.rows import FEATURES
 
@@ -137,7 +138,9 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
             "load": 0.5 * (low + high),
             "load_range": 0.5 * MARGIN * (high - low),
         }
-        bounded = {k: _digits(float(np.clip(v, *_bounds(k)))) for k, v in values.items()}
+        bounded = {
+            k: _digits(float(np.clip(v, *limits(LearnedResidual, k)))) for k, v in values.items()
+        }
         found.append({"name": LearnedResidual.name, "joint": joint, **bounded})
     return found
 
@@ -196,18 +199,11 @@ def _stride(residual: np.ndarray, channels: int) -> int:
 
 
 def _held(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> evidence.Score:
-    whole = case.kept().whitened(specs, overrides)
-    return evidence.score(case.masked(whole, range(len(whole)), held=True))
+    return case.judged(case.kept().whitened(specs, overrides))
 
 
 def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(residual))))
-
-
-def _bounds(name: str) -> tuple[float, float]:
-    """Smallest and largest value of a parameter of the effect."""
-    meta = LearnedResidual.__dataclass_fields__[name].metadata
-    return meta["low"], meta["high"]
 
 
 def _digits(value: float) -> float:
@@ -216,5 +212,5 @@ def _digits(value: float) -> float:
 
 def _rounded(weights: np.ndarray) -> np.ndarray:
     """Weights as a file holds them, within their bounds."""
-    _, high = _bounds("weights")
+    _, high = limits(LearnedResidual, "weights")
     return np.array([_digits(w) for w in np.clip(weights, -high, high)])

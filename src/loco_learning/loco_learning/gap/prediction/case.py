@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from loco_control.params import limits
 from loco_sim.effects import EFFECTS, from_list, pulls
 
 from ..recordings.record import Record
 from ..statistics import evidence, noise
-from ..statistics.solve import FEW, differences, minimise
+from ..statistics.solve import FEW, FIRST, differences, guided
 from . import floors as errors
 from . import horizon, loose, nominal, running
 from .loose import Loose
@@ -22,7 +23,6 @@ from .loose import Loose
 REST = 0.05  # of the numerical error over all records that is there at any time
 ASTRAY = 1.12  # times what straight lines promise, or less by that (1.05: one test is ambiguous)
 ROUNDS = 3  # simulations per value that is refitted without them (taste)
-FIRST = 24  # simulations that straight lines alone may guide (taste)
 AGAIN = 3  # runs about what suits a model, until that is near (taste)
 LITTLE = 0.2  # rms [floors] of a change in the step error, or from straight lines, that is none
 CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
@@ -211,7 +211,7 @@ class Case:
         apart = [a - b for a, b in zip(left, there, strict=True)]
         return evidence.rms(self.masked(apart, range(len(left)), held=False))
 
-    def about(self, specs: Sequence[Mapping]) -> Case:
+    def relined(self, specs: Sequence[Mapping]) -> Case:
         """The case whose straight lines are those about a model with effects."""
         key = repr(specs)
         if key not in self.lines:
@@ -245,10 +245,8 @@ class Case:
             return self._line(*self._fixed(specs, overrides, at))
 
         slopes = differences(promise, start, promise(start), loose.PART, most)
-        found = minimise(residual, start, (-most, most), loose.PART, FIRST, slopes)
-        if found.cost > promised:
-            budget = ROUNDS * (len(start) + 1)
-            found = minimise(residual, found.z, (-most, most), loose.PART, budget)
+        budgets = FIRST, ROUNDS * (len(start) + 1)
+        found = guided(residual, start, (-most, most), loose.PART, budgets, slopes, promised)
         return self._fixed(specs, overrides, found.z)
 
     def extrapolated(
@@ -319,10 +317,10 @@ class Case:
         (index,), period = late, step * self.period
         name = names[index]
         below, between = divmod(specs[index][name] / period, 1.0)
-        runs, limit = [], EFFECTS[specs[index]["name"]].__dataclass_fields__[name].metadata
+        runs, (_, longest) = [], limits(EFFECTS[specs[index]["name"]], name)
         for whole in (below, below + 1.0):
             changed = list(specs)
-            changed[index] = {**specs[index], name: min(whole * period, limit["high"])}
+            changed[index] = {**specs[index], name: min(whole * period, longest)}
             runs.append(self.forward(changed, overrides, only, step))
         return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
 
@@ -373,6 +371,10 @@ class Case:
         """Residuals of the rows that are fitted, or of those that judge; others are NaN."""
         rows = self.held_rows if held else self.fit_rows
         return [np.where(rows[i][:, None], r, np.nan) for i, r in zip(only, residuals, strict=True)]
+
+    def judged(self, whole: Sequence[np.ndarray]) -> evidence.Score:
+        """Score of residuals of all records, (T, C) each, on the data that judge."""
+        return evidence.score(self.masked(whole, range(len(self.records)), held=True))
 
     def vector(
         self,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from loco_control.params import limits
 from loco_sim.bolted.loop import needs_engine
 from loco_sim.effects import from_list
 from loco_sim.params import SimParams
@@ -16,6 +17,7 @@ from loco_sim.params import SimParams
 from ..recordings.record import Record
 from . import horizon, running
 
+_, FASTEST = limits(SimParams, "physics_rate")
 FINE = 0.25  # physics step over the model's where no engine is needed
 ABOUT = 0.05  # time within which an error may come [s]
 PHASE = 0.05  # shift of a drive's rounding [steps]
@@ -99,9 +101,8 @@ def pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.n
 def finest(forward: Any) -> float:
     """Step over the model's: as fine as is cheap and as the engine's rate allows for a quarter."""
     rates = [forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records))]
-    limit = SimParams.__dataclass_fields__["physics_rate"].metadata["high"]
     for step in (FINE, 2.0 * FINE) if compiled(forward) and forward.fine_steps else ():
-        if 4.0 * max(rates) / step <= limit:
+        if 4.0 * max(rates) / step <= FASTEST:
             return step
     return 1.0
 
@@ -132,7 +133,7 @@ def step_error(
         each time, the same shape.
     """
     rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
-    if 4.0 * rate / fine > SimParams.__dataclass_fields__["physics_rate"].metadata["high"]:
+    if 4.0 * rate / fine > FASTEST:
         none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
         return {1.0: none}, none
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}

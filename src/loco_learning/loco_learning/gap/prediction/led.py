@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from loco_control.params import limits
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS
 from loco_sim.params import SimParams
@@ -43,7 +44,7 @@ LOST = 1.0  # error of a run over the deviation of the motion from which on it s
 FED_BACK = 0.7  # share of a torque told by velocity from which on it is a controller's (taste)
 WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces that are tried [s] (taste)
 NEAR = 0.2  # error of pieces over the deviation of the motion that is near (taste)
-SUBSTEPS = SimParams.__dataclass_fields__["max_substeps"].metadata["high"]
+_, SUBSTEPS = limits(SimParams, "max_substeps")
 POSES = 7  # of the record, at which inertias are asked
 SITES = ("torque", "brake", "force", "model")  # what an effect may touch, see `Identity.touches`
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from loco_control.params import limits
 from loco_sim.robot.equipment import BodyParams
 
 from ..statistics import evidence
@@ -220,8 +221,8 @@ def _within(gram: np.ndarray, moment: np.ndarray, most: float) -> np.ndarray:
 def _legal(name: str, value: float) -> float:
     if not name.startswith("bodies."):
         return value
-    meta = BodyParams.__dataclass_fields__[name.rpartition(".")[2]].metadata
-    return min(max(value, meta["low"]), meta["high"])
+    low, high = limits(BodyParams, name.rpartition(".")[2])
+    return min(max(value, low), high)
 
 
 def prepare(

@@ -16,6 +16,7 @@ import numpy as np
 LONGEST_STEP = 1.5  # step of a coordinate, in its units
 SMALL = 1e-4  # relative decrease of the cost that is not worth a simulation
 FEW = 0.5  # absolute decrease [nat] that is not
+FIRST = 24  # simulations that straight lines alone may guide (taste)
 
 
 @dataclass
@@ -61,6 +62,30 @@ def minimise(
     """
     search = _Search(fun, bounds, step)
     return search.run(np.clip(z, *bounds), budget, jacobian)
+
+
+def guided(
+    fun: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    step: float,
+    budgets: tuple[int, int],
+    slopes: np.ndarray,
+    promised: float,
+) -> Solution:
+    """Least squares along slopes that are known about; by differences where these do not lead.
+
+    Args:
+        fun: Residual (N,) at coordinates (P,).
+        z: Start, (P,).
+        bounds: Smallest and largest coordinates, (P,) each.
+        step: Difference for the Jacobian, in units of the coordinates.
+        budgets: Most simulations along the slopes, and by differences.
+        slopes: About the Jacobian at the start, (N, P).
+        promised: Cost up to which the slopes led far enough.
+    """
+    found = minimise(fun, z, bounds, step, budgets[0], slopes)
+    return found if found.cost <= promised else minimise(fun, found.z, bounds, step, budgets[1])
 
 
 def differences(

@@ -4,9 +4,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..statistics.evidence import Comparison
+
+
+def on_bound(value: float, bounds: Iterable[float], edge: float) -> bool:
+    """Whether a value is next to a finite bound: `edge` is the distance over the larger of both."""
+    finite = filter(math.isfinite, bounds)
+    return any(abs(value - b) <= edge * max(abs(value), abs(b)) for b in finite)
 
 
 @dataclass(frozen=True)

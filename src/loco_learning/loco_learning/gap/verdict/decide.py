@@ -19,7 +19,7 @@ from loco_sim.effects import EFFECTS
 
 from ..statistics import evidence
 from ..statistics.evidence import Score
-from .candidates import Candidate, Estimate, Rival
+from .candidates import Candidate, Estimate, Rival, on_bound
 from .leftover import adequate, explained
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
@@ -375,5 +375,4 @@ def _summary(
 
 def _on_bound(e: Estimate, edge: float) -> bool:
     """Next to a bound that is not "absent": there the interval speaks."""
-    bounds = [b for b in (e.least, e.most) if math.isfinite(b) and b != e.absent]
-    return any(abs(e.value - b) <= edge * max(abs(e.value), abs(b)) for b in bounds)
+    return on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), edge)

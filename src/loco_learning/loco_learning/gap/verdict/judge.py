@@ -228,7 +228,7 @@ class _Judgement:
             mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
             weighed = [(m, self._odds(best, m)) for m in mine]
             rivals += weighed
-            made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed)
+            made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed, limits)
             traded = self.nominal.traded(best, hypothesis, known, limits)
             candidates.append(replace(made, traded=traded))
         base = self.found.base
@@ -395,15 +395,16 @@ class _Judgement:
         estimates: tuple[Estimate, ...],
         without: Fitted,
         rivals: Sequence[tuple[Fitted, evidence.Comparison]],
+        limits: Limits,
     ) -> Candidate:
         hypothesis = best.parts[index][0]
         others = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
         made = []
         for model, over in rivals:
-            (other,) = [h for h, _ in model.parts if h.key not in others]
-            part = next(part for part in model.parts if part[0] is other)
+            (part,) = [part for part in model.parts if part[0].key not in others]
+            other, _ = part
             closed, worse = self._closed(model), ratio(model, best)
-            edge = on_edge(*part, LIMITS.edge)
+            edge = on_edge(*part, limits.edge)
             made.append(Rival(other.effect, other.place, over, closed, trifle(*part), worse, edge))
         return Candidate(
             hypothesis.effect,

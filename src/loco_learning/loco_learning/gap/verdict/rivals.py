@@ -12,6 +12,7 @@ from loco_sim.effects.base import EFFECTS
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..statistics import evidence
+from .candidates import on_bound
 from .decide import Limits, has_gap
 
 RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
@@ -62,14 +63,8 @@ def on_edge(hypothesis: Hypothesis, x: Sequence[float], edge: float) -> bool:
         x: Coordinates of the law.
         edge: Distance from a bound, over the value, that counts as on it.
     """
-    shapes = [
-        (c, c.value(at)) for c, at in zip(hypothesis.coordinates, x, strict=True) if not c.strength
-    ]
-    return any(
-        math.isfinite(bound) and abs(value - bound) <= edge * max(abs(value), abs(bound))
-        for c, value in shapes
-        for bound in (c.low, c.high)
-    )
+    pairs = zip(hypothesis.coordinates, x, strict=True)
+    return any(on_bound(c.value(at), (c.low, c.high), edge) for c, at in pairs if not c.strength)
 
 
 def elsewhere(model: Fitted) -> bool:

@@ -25,7 +25,6 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
-from loco_learning.gap.statistics import evidence
 from loco_sim.effects.offers import Hints
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
@@ -187,8 +186,7 @@ def _pattern(name: str, shared: bool) -> str:
 
 def _judged(case: Case, specs: Sequence[Mapping[str, Any]], overrides: dict) -> float:
     """Whitened rms on the records that judge."""
-    whole = case.whitened(specs, overrides)
-    return evidence.score(case.masked(whole, range(len(case.records)), held=True)).rms
+    return case.judged(case.whitened(specs, overrides)).rms
 
 
 def _no_hints(robot: Any) -> Any:

@@ -20,7 +20,6 @@ from mujoco import sysid as mujoco_sysid
 from loco_control.exceptions import MissingPackageError
 from loco_learning.gap.prediction import running
 from loco_learning.gap.prediction.case import Case
-from loco_learning.gap.prediction.forward import turned
 from loco_learning.gap.statistics import evidence
 from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import RIGID, portable
@@ -61,8 +60,7 @@ def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]
     task = _Task(case, model)
     found = task.identified()
     whole = task.left(found)
-    after = evidence.score(case.masked(whole, range(len(whole)), held=True)).rms
-    return {name: values.value.tolist() for name, values in found.items()}, after
+    return {name: values.value.tolist() for name, values in found.items()}, case.judged(whole).rms
 
 
 class _Task:
@@ -72,7 +70,9 @@ class _Task:
         require()
         self.case = case
         self.made = portable(model, RIGID)
-        self.channels = [c for c in case.forward.channels if c.signal in SENSORS]
+        every = case.forward.channels
+        self.columns = [i for i, channel in enumerate(every) if channel.signal in SENSORS]
+        self.channels = [every[i] for i in self.columns]
         self.dt = running.period(case.records[0])
         self.steps = math.ceil(self.dt * max(RATE, self.made.robot.sim.physics_rate) - 0.01)
         self.spec = self._spec(mjcf(self.made)[0])
@@ -92,7 +92,7 @@ class _Task:
 
     def identified(self) -> Any:
         """All parameters at the values that fit best."""
-        weights = 1.0 / self.case.floor[self._columns()]
+        weights = 1.0 / self.case.floor[self.columns]
         residual = mujoco_sysid.build_residual_fn(
             models_sequences=[self._sequence(i) for i in self.case.fitted],
             modify_residual=self._residual(weights), n_threads=1,
@@ -113,18 +113,15 @@ class _Task:
                 mujoco.MjData(self.model), self._control(i), self._start(i),
             )  # fmt: skip
             predicted = np.full((len(record.t), len(self.case.forward.channels)), np.nan)
-            predicted[:, self._columns()] = self._read(found, played.sensordata.data)
+            predicted[:, self.columns] = self._read(found, played.sensordata.data)
             left += evidence.whiten(
                 [self.case.forward.measured[i]], [predicted], self.case.floors[i]
             )
         return left
 
-    def _columns(self) -> list[int]:
-        return [self.case.forward.channels.index(channel) for channel in self.channels]
-
     def _sequence(self, i: int) -> Any:
         """A record: where it begins, its commands, and what was measured."""
-        measured = self.case.forward.measured[i][:, self._columns()]
+        measured = self.case.forward.measured[i][:, self.columns]
         measured = np.where(self.case.fit_rows[i][:, None], measured, np.nan)
         times = self.dt * np.arange(len(measured))
         series = mujoco_sysid.TimeSeries(times, measured)
@@ -145,9 +142,8 @@ class _Task:
 
     def _start(self, i: int) -> np.ndarray:
         """State in which a record begins."""
-        forward, robot = self.case.forward, self.made.robot
-        starts = turned(self.case.records[i], robot, forward.model.effects, forward.starts[i])
-        q, dq = (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
+        robot = self.made.robot
+        q, dq = replay.begins(self.case.records[i], robot, self.case.forward, i)
         data = mujoco.MjData(self.model)
         for name, angle, speed in zip(robot.joints, q, dq, strict=True):
             joint = self.model.joint(name)
@@ -171,22 +167,16 @@ class _Task:
                 ends = (np.interp(at, grid, sums) for at in (times, times - self.steps))
                 said[:, k] = np.subtract(*ends) / self.steps
             else:
-                said[:, k] = np.interp(times, grid[:-1], sensed[:, k])
-            if channel.signal == "q":
                 bias, gain = found[f"encoder_{channel.name}"].value
-                said[:, k] = (1.0 + gain) * said[:, k] + bias
+                said[:, k] = (1.0 + gain) * np.interp(times, grid[:-1], sensed[:, k]) + bias
         return said
 
     def _residual(self, weights: np.ndarray) -> Callable:
         def residual(found: Any, predicted: Any, measured: Any, *_: Any, **__: Any) -> tuple:
             said = self._read(found, predicted.data)
-            off = weights * (said - measured.data)
+            off = np.clip(weights * (said - measured.data), -self.case.cap, self.case.cap)
             series = mujoco_sysid.TimeSeries(measured.times, said, measured.signal_mapping)
-            return (
-                np.nan_to_num(np.clip(off, -self.case.cap, self.case.cap)).ravel(),
-                series,
-                measured,
-            )
+            return np.nan_to_num(off).ravel(), series, measured
 
         return residual
 
@@ -232,14 +222,7 @@ class _Task:
         """Bodies with a mass behind a joint."""
         weld, mass = self.model.body_weldid, self.model.body_mass
         return [self.model.body(i).name for i in range(1, self.model.nbody)
-                if self._driven(weld[i]) and mass[i] > 0.0]  # fmt: skip
-
-    def _driven(self, body: int) -> bool:
-        while body:
-            if self.model.body_jntnum[body]:
-                return True
-            body = self.model.body_parentid[body]
-        return False
+                if weld[i] and mass[i] > 0.0]  # fmt: skip
 
 
 def _of_joint(name: str, key: str) -> Callable:
