@@ -129,6 +129,32 @@ def test_nothing_is_known_in_a_gap(signals, hinge, change):
     assert told(made, "q, dq: 1 pauses, the longest of 0.510 s at 0.99 s")
 
 
+def test_a_lost_reading_is_drawn_between_its_neighbours_and_marked(signals, hinge, change):
+    def lost(track):
+        return change(track, t=np.delete(track.t, [100, 399]), x=np.delete(track.x, [100, 399]))
+
+    whole, made = (align.record("run", signals(**by), hinge) for by in ({}, {"q": lost}))
+    q = whole.signals["q"][:, 0]
+    assert np.flatnonzero(made.guessed["q"][:, 0]).tolist() == [100]
+    assert made.signals["q"][100, 0] == pytest.approx(0.5 * (q[99] + q[101]))
+    kept = np.delete(np.arange(len(made.t)), 100)
+    assert np.allclose(made.signals["q"][kept, 0], q[kept], atol=1e-12)
+    assert whole.guessed == {} and "dq" not in made.guessed
+
+
+def test_time_that_jumps_back_is_two_experiments_and_a_few_swaps_are_not(signals, hinge, change):
+    def twice(share):
+        def begin_again(track):
+            cut = int(share * len(track.t))
+            return change(track, t=np.r_[track.t[cut:], track.t[:cut]])
+
+        return begin_again
+
+    for share in (0.3, 0.5, 0.7):
+        with pytest.raises(ParameterError, match="jumps back by .* at row .*several experiments"):
+            align.record("run", signals(q=twice(share)), hinge)
+
+
 def test_disorder_and_doubles_are_put_right(signals, hinge, change):
     def doubled(track):
         return change(track, t=np.repeat(track.t, 2), x=np.repeat(track.x, 2))

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings that cannot be used are refused, each for its own reason and in one line."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings import align, checks
 
 
 def refused(tracks, robot, said, **options):
@@ -88,3 +90,37 @@ def test_a_signal_given_twice(signals, hinge, change):
 def test_several_experiments_in_one_file(signals, hinge, change):
     tracks = signals(q=lambda k: change(k, t=k.t % 2.0))
     refused(tracks, hinge, r"jumps back by 1.99 s at row 200.*Cut them")
+
+
+def test_a_joint_that_stands_while_its_command_moves_is_refused_one_at_rest_is_not(signals):
+    swing, rest = (next(t for t in signals() if t.role == "q") for _ in range(2))
+    command = next(t for t in signals() if t.role == "command_position")
+    tracks = [
+        replace(swing, place="knee"), replace(command, place="knee"),
+        replace(rest, place="hip", x=np.full(len(rest.x), 0.3)),
+        replace(command, place="hip", x=np.full(len(command.x), 0.3)),
+    ]  # fmt: skip
+    checks.moving("run", tracks)
+    tracks[3] = replace(tracks[3], x=command.x)
+    with pytest.raises(
+        ParameterError, match="position of hip is constant at 0.3 while its command"
+    ):
+        checks.moving("run", tracks)
+    tracks[3] = replace(tracks[3], role="command_velocity")  # holds no position by itself
+    checks.moving("run", tracks)
+
+
+@pytest.mark.parametrize(
+    ("count", "seconds", "fits"),
+    [(50, 0.25, True), (49, 1.0, False), (50, 0.2499, False), (0, 0.0, False), (5000, 0.25, True)],
+)
+def test_how_long_is_long_enough_hangs_on_the_duration_not_on_the_clock(count, seconds, fits):
+    for start in (0.0, 1.7e9):  # seconds since 1970
+        axis = start + np.linspace(0.0, seconds, count)
+        if start:
+            axis[-1:] += 1e-6  # stamps of that size know a quarter of a microsecond
+        if fits:
+            checks.long_enough("run", axis)
+        else:
+            with pytest.raises(ParameterError, match=f"have {count} samples over"):
+                checks.long_enough("run", axis)

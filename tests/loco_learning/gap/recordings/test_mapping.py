@@ -85,3 +85,37 @@ def test_each_mistake_has_one_line(old, new, said):
     with pytest.raises(LocoError, match=said) as error:
         mapping.loads(WHOLE.replace(old, new))
     assert "\n" not in str(error.value)
+
+
+def test_one_entry_for_a_list_of_joints_is_a_column_for_each_and_null_leaves_one_out():
+    said = "columns:\n  - {column: pos, role: q, joint: [hip, null, knee], unit: deg}"
+    hip, knee = mapping.loads(said).columns
+    assert (hip.column, hip.place, knee.column, knee.place) == ("pos[0]", "hip", "pos[2]", "knee")
+    assert hip.gain == knee.gain == pytest.approx(math.pi / 180.0)
+
+
+def test_an_unused_column_may_be_in_any_unit_and_one_without_a_unit_is_in_si():
+    unused, plain = mapping.loads(
+        "columns: [{column: i, role: unused, unit: A}, {column: q, role: q, joint: a}]"
+    ).columns
+    assert (unused.gain, unused.unit) == (1.0, "A")
+    assert (plain.gain, plain.unit, plain.offset) == (1.0, "", 0.0)
+
+
+@pytest.mark.parametrize("rows", ["[0, 10]", "[null, 10]", "[0, null]", "[null, null]"])
+def test_rows_begin_at_nothing_and_may_be_open(rows):
+    (rule,) = mapping.loads(f"records: [{{rows: {rows}}}]").records
+    assert rule.rows == tuple(None if r == "null" else int(r) for r in rows[1:-1].split(", "))
+
+
+@pytest.mark.parametrize(
+    "rows", ["[-1, 10]", "[5, 5]", "[1]", "[0, 1, 2]", "7", "[0.5, 9]", "[no, 9]"]
+)
+def test_rows_that_are_none_are_one_line(rows):
+    with pytest.raises(LocoError, match="rows must be .first, stop., rows from 0, got"):
+        mapping.loads(f"records: [{{rows: {rows}}}]")
+
+
+def test_a_header_sets_its_override_as_it_is_where_nothing_else_is_said():
+    header = mapping.loads("header: {kp: {override: drives.hinge.kp}}").header["kp"]
+    assert (header.override, header.scale, header.offset) == ("drives.hinge.kp", 1.0, 0.0)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quantisation steps and saturation of raw signals."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -56,3 +59,91 @@ def test_strangers_have_no_lag():
     _, alike = lags.lag(rng.normal(size=2000), rng.normal(size=2000), 0.005)
     assert alike < 0.2
     assert lags.lag(np.zeros(2000), np.ones(2000), 0.005) == (0.0, 0.0)
+
+
+URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="hinge" type="{}">
+<parent link="a"/><child link="b"/></joint></robot>"""
+
+
+def folded(turns=1.6, role="q") -> tuple[Track, np.ndarray]:
+    """An angle that was folded into one turn, and the one before."""
+    whole = 2.0 * np.pi * turns * np.sin(1.0 * T)
+    return track((whole + np.pi) % (2.0 * np.pi) - np.pi, role), whole
+
+
+def plant(kind="continuous") -> SimpleNamespace:
+    return SimpleNamespace(urdf=URDF.format(kind))
+
+
+@pytest.mark.parametrize("role", ["q", "command_position"])
+def test_an_angle_that_was_folded_is_whole_again_and_told(role):
+    told = []
+    wrapped, whole = folded(turns=0.52 if role == "command_position" else 1.6, role=role)
+    jumps = int(np.sum(np.abs(np.diff(wrapped.x)) > np.pi))
+    found = observe.unwrapped(wrapped, plant(), told)
+    assert found.x == pytest.approx(whole)
+    assert jumps > 0 and told == [
+        f"{wrapped.label} was wrapped: {jumps} jumps of a turn were undone"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("role", "kind", "change"),
+    [
+        ("dq", "continuous", lambda x: x),  # no angle
+        ("q", "prismatic", lambda x: x),  # no turn
+        ("q", "continuous", lambda x: 0.3 * x),  # no jump of a turn
+        ("q", "continuous", lambda x: np.where(T > 5.0, x + 3.0, x)),  # nor these alone
+        ("command_position", "continuous", lambda x: 1.2 * x),  # a command may step by a turn
+        ("q", "continuous", lambda x: x[:1]),
+    ],
+)
+def test_what_is_no_folded_angle_stays(role, kind, change):
+    told = []
+    wrapped = folded(role=role)[0]
+    odd = replace(wrapped, x=change(wrapped.x))
+    assert observe.unwrapped(odd, plant(kind), told) is odd and told == []
+
+
+def late(seed=0, period=0.005, size=0.4):
+    """Readings of an even clock, and stamps that are late by up to a part of a period."""
+    rng = np.random.default_rng(seed)
+    even = 3.0 + period * np.arange(1200)
+    ways = size * period * rng.exponential(0.3, len(even)).clip(0.0, 0.9)
+    return even, even + ways
+
+
+def test_stamps_of_arrival_are_those_of_readings_again_for_every_signal_with_them():
+    even, stamps = late()
+    x = np.sin(9.0 * even) + 0.3 * np.sin(31.0 * even)
+    tracks = [Track(role, "hinge", stamps, x, "made") for role in ("q", "dq", "command_position")]
+    tracks.append(Track("gyro", "x", even, x, "imu"))  # a clock of its own, and right
+    told = []
+    q, dq, command, gyro = observe.steadied(tracks, told)
+    assert np.ptp(q.t - even) < 1e-5 and np.array_equal(q.t, dq.t)
+    assert command is tracks[2] and gyro is tracks[3]
+    (said,) = told
+    ways = 1e3 * (stamps - even)
+    assert said.startswith("q, dq: stamps are up to") and "readings 5 ms apart" in said
+    assert f"{ways.max():.2f} ms late" in said
+
+
+def test_who_reads_unevenly_and_stamps_at_once_is_believed():
+    _, stamps = late()
+    q = Track("q", "hinge", stamps, np.sin(9.0 * stamps) + 0.3 * np.sin(31.0 * stamps), "made")
+    told = []
+    assert observe.steadied([q], told) == [q] and told == []
+
+
+@pytest.mark.parametrize("rows", [slice(0, 39), slice(None, None, -1), slice(0, 0)])
+def test_stamps_that_are_few_or_fall_have_no_clock(rows):
+    _, stamps = late()
+    assert observe._clock(stamps[rows]) is None
+    assert observe._clock(np.full(100, 3.0)) is None
+
+
+def test_a_drift_of_the_clock_leaves_stamps_as_they_are():
+    """Late by more and more, or lost readings: no line has all parts of the record near it."""
+    even, _ = late()
+    assert observe._clock(even + 0.01 * np.sin(even)) is None
+    assert observe._clock(np.delete(even, slice(500, 520))) is None

@@ -54,3 +54,32 @@ def test_an_accuracy_that_is_enough_counts_as_explained():
     before, after = [record(10.0)], [record(6.0)]
     assert not adequate(before, after, LIMITS)
     assert adequate(before, after, LIMITS, np.array([7.0]))
+
+
+@pytest.mark.parametrize("channels", [1, 30])
+def test_noise_at_the_limit_is_rarely_more_however_many_channels_there_are(channels):
+    """The chance is that of a false alarm in any of them."""
+    rng = np.random.default_rng(channels)
+    level = LIMITS.explained
+    draws = (level * rng.standard_normal((300, channels)) for _ in range(200))
+    alarms = np.mean([not explained([r], LIMITS).all() for r in draws])
+    assert alarms <= 0.03
+
+
+def test_a_channel_that_was_not_measured_leaves_nothing():
+    r = record(3.0, 3.0)
+    r[:, 0] = np.nan
+    assert explained([r], LIMITS).tolist() == [True, False]
+
+
+def test_what_a_model_makes_a_little_other_is_not_left_alone():
+    """The small part that may stay is one that the model does not touch, up or down."""
+    for changed in (2.0, 3.5):
+        assert not adequate([record(12.0, 3.0)], [record(1.0, changed)], LIMITS)
+    assert adequate([record(12.0, 3.0)], [record(1.0, 3.05)], LIMITS)
+
+
+def test_an_accuracy_of_one_channel_excuses_no_other():
+    before, after = [record(10.0, 10.0)], [record(6.0, 6.0)]
+    assert not adequate(before, after, LIMITS, np.array([7.0, 5.0]))
+    assert adequate(before, after, LIMITS, np.array([7.0, 7.0]))

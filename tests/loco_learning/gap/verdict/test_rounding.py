@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of rounding that readings show: a note where it shows, and nobody's finding."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,16 @@ def test_a_step_that_shows_is_a_note_whatever_the_digits(plant, digits):
 
 def test_one_record_with_finer_readings_tells_that_it_is_not_the_sensor(plant):
     assert rounding.notes([record(plant, 0.02), record(plant, 0.0)], plant) == []
+
+
+def test_a_robot_without_sensors_declares_the_step_of_its_drive_alone(plant):
+    bare = replace(plant, sensors=None)
+    assert rounding.declared(bare, "pivot") == plant.drives["pivot"].resolution
+    assert rounding.declared(replace(bare, drives={}), "pivot") == 0.0
+    assert rounding.declared(plant, "pivot") >= rounding.declared(bare, "pivot")
+
+
+def test_a_hall_sensor_has_its_own_curve_and_no_step(plant):
+    coarse = [record(plant, 0.02)]
+    assert rounding.steps(coarse, plant)
+    assert rounding.steps(coarse, replace(plant, hall={"pivot": None})) == {}

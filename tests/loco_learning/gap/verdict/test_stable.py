@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.fit import Fitted
+from loco_learning.gap.fitting.fit import Fitted, Setting
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_learning.gap.params import GapParams
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import stable
 from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, UNKNOWN, Decision, Ruling
+from loco_sim.effects.coordinates import Coordinate
 
 RUBS, LAGS = "coulomb_friction", "actuator_lag"
 
@@ -79,3 +82,113 @@ def test_a_record_in_which_nothing_is_better_counts_too(table):
 def test_a_record_that_says_nothing_flips_nothing(table):
     rows = table([0.0, 0.0, 0.0], [5.0, 5.0, 0.0], [4.0, 4.0, 0.0])
     assert not any(r.flips for r in rows)
+
+
+def test_loud_records_judge_and_floors_shrink_what_is_left(table, monkeypatch):
+    monkeypatch.setattr(stable, "SPLITS", 2)
+    rows = table([0.0, 0.0, 0.0], [2.0, 0.5, 4.0], [1.0, 1.0, 1.0])
+    judged = [r.setting for r in rows if r.vary == "split"]
+    assert judged == ["chirp judges", "ramp judges"]  # in their order, not by size
+    lower, higher = (r for r in rows if r.vary == "floor")
+    assert lower.setting == "0.5 times as high" and higher.setting == "2 times as high"
+    assert {r.names for r in rows} == {(RUBS,)}
+    # Noise is twice its floor, then half of it; the gap is 6.75 times the energy of noise.
+    assert lower.closed == pytest.approx(1.0 - 3.0 / (4.0 * 7.75 - 1.0), abs=0.01)
+    assert higher.closed == 1.0
+
+
+def test_only_the_nearest_other_names_are_fitted_again(monkeypatch):
+    asked = []
+    best, base = fitted(noise([0.0] * 3), RUBS), fitted(noise([5.0] * 3))
+    twin, near, next_near, far = (fitted(noise([1.0] * 3), *n) for n in ([RUBS], [LAGS], "a", "b"))
+    search = SimpleNamespace(
+        case=SimpleNamespace(records=[SimpleNamespace(name=n) for n in "xyz"]), setting=None,
+        each=lambda function, tasks: [asked.append(task[0]) or task[0].whole for task in tasks],
+    )  # fmt: skip
+    stable.rows(search, best, base, [twin, near, next_near, far], 0)
+    assert asked == [best, base, near, next_near] * stable.SPLITS
+
+
+def test_one_record_has_no_other_that_could_judge(monkeypatch):
+    best, base = fitted(noise([0.0]), RUBS), fitted(noise([5.0]))
+    search = SimpleNamespace(case=SimpleNamespace(records=[]), setting=None, each=None)
+    rows = stable.rows(search, best, base, [], 0)
+    assert {r.vary for r in rows} == {"stretch", "floor"}
+
+
+@pytest.fixture
+def refitted(monkeypatch):
+    """Function that fits a model again without a record; says what was fitted and how long."""
+
+    def run(model, start_rms=1.0, found_rms=0.5, judging=1):
+        said = {}
+
+        def fit(case, parts, setting):
+            said.update(case=case, evaluations=setting.params.evaluations, free=setting.free)
+            return replace(model, fit_rms=found_rms, whole=("found",))
+
+        def weigh(case, parts, overrides):
+            return replace(model, fit_rms=start_rms, whole=("start",))
+
+        monkeypatch.setattr(stable, "fit", fit)
+        monkeypatch.setattr(stable, "weigh", weigh)
+        case = Records(fit_rows=[np.ones(4, bool), np.zeros(3, bool)], held_rows=[])
+        setting = Setting(GapParams(), {}, {}, 1.0, ())
+        return stable.again(case, model, judging, setting), said
+
+    return run
+
+
+@dataclass(frozen=True)
+class Records:
+    """A case as far as splits go."""
+
+    fit_rows: list
+    held_rows: list
+
+    def corrected(self, specs, overrides):
+        return self
+
+
+def test_the_record_that_is_left_out_judges_and_no_other(refitted):
+    for judging in (0, 1):
+        _, said = refitted(fitted(noise([0.0, 0.0]), RUBS), judging=judging)
+        fit_rows, held_rows = said["case"].fit_rows, said["case"].held_rows
+        assert [rows.all() for rows in fit_rows] == [judging != 0, judging != 1]
+        assert [rows.all() for rows in held_rows] == [judging == 0, judging == 1]
+        assert [len(rows) for rows in fit_rows] == [4, 3]
+
+
+def test_the_better_of_start_and_fit_is_taken_and_a_bare_model_stays(refitted):
+    model = fitted(noise([0.0, 0.0]), RUBS)
+    assert refitted(model)[0] == ("found",)
+    assert refitted(model, start_rms=0.4)[0] == ("start",)
+    bare = fitted(noise([0.0, 0.0]))
+    residuals, said = refitted(bare)
+    assert residuals == bare.whole and not said
+    free = replace(bare, overrides={"masses.shank": 1.2})
+    residuals, said = refitted(free)
+    assert residuals == ("found",) and said["free"] == free.overrides
+
+
+def test_a_fit_from_where_it_was_is_short_and_gets_longer_with_the_model(refitted):
+    """A method that differentiates pays for its Jacobian outside of this number."""
+    counts = {}
+    for effects in ("a", "ab", "abc"):
+        model = fitted(noise([0.0]), *effects)
+        one = Coordinate("size", 1.0, (1.0,), 0.0, 1.0, strength=True)
+        parts = tuple((replace(h, coordinates=(one,)), (1.0,)) for h, _ in model.parts)
+        counts[len(effects)] = refitted(replace(model, parts=parts))[1]["evaluations"]
+    assert counts[1] == stable.REFIT and counts[2] <= counts[1] and min(counts.values()) >= 4
+
+
+def test_the_verdict_tells_the_setting_with_the_worst_odds_and_all_names(table):
+    row = stable.Row("floor", "twice", (RUBS,), 5.0, (LAGS,), 0.9, False)
+    lost = replace(row, setting="half", names=(LAGS,), odds=0.2, against=(LAGS,), flips=True)
+    worse = replace(lost, setting="first half", names=("armature",), odds=0.01)
+    said = stable.downgraded(decision(), [row, lost, worse])
+    assert "'first half' armature has odds of 100 to 1" in said.evidence
+    assert said.ambiguous == (("actuator_lag", "armature", RUBS),)
+    assert said.rulings[0].odds == 1.0 and said.rulings[0].verdict == AMBIGUOUS
+    impossible = stable.downgraded(decision(), [replace(lost, odds=0.0)])
+    assert f"odds of {evidence.MOST_ODDS:.3g} to 1" in impossible.evidence

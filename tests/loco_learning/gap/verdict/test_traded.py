@@ -68,3 +68,73 @@ def test_without_free_values_nothing_is_asked():
     free = model("viscous_friction", FAR)
     bare = Fitted(free.parts, {}, 1.0, free.held, free.whole, 0.0)
     assert plain.believed(None, [bare], LIMITS, lambda m: True) == ([bare], [])
+
+
+def test_an_alarm_tells_where_a_value_goes_and_how_many_times_what_it_was():
+    (alarm,) = NOMINAL.alarms(model("viscous_friction", 25.0), LIMITS)
+    assert alarm == (
+        f"{SPEED} goes to 25, 2.5 times what the robot says: more than 2 deviations of its prior"
+    )
+    assert NOMINAL.alarms(model("viscous_friction", 10.5), LIMITS) == ()
+
+
+@pytest.mark.parametrize(("cosine", "wanted"), [(0.97, (SPEED,)), (LIMITS.imitated, ()), (0.5, ())])
+def test_an_effect_is_traded_with_what_is_strained_where_both_do_the_same(cosine, wanted):
+    far = model("viscous_friction", FAR)
+    ((law, _),) = far.parts
+    known = SimpleNamespace(imitated={"viscous_friction.damping knee": cosine})
+    assert NOMINAL.traded(far, law, known, LIMITS) == wanted
+    assert NOMINAL.traded(model("viscous_friction", 10.5), law, known, LIMITS) == ()
+
+
+def test_the_likest_of_all_strengths_counts_and_no_shape():
+    size, turn = (Coordinate(n, 1.0, (1.0,), 0.0, 9.0, strength=True) for n in ("size", "turn"))
+    shape = Coordinate("speed", 1.0, (1.0,), 0.1, 9.0, logarithmic=True)
+    law = Hypothesis("effect", "", (), (size, turn, shape))
+    seen = {"effect.size": 0.3, "effect.turn": 0.6, "effect.speed": 0.99}
+    assert traded.cosine(law, SimpleNamespace(imitated=seen)) == 0.6
+    assert traded.cosine(law, SimpleNamespace(imitated={})) == 0.0
+
+
+# Values of a robot that nobody knows exactly: name, what the robot says, its deviation.
+KNOWN = {"kp": (100.0, 2.0), "mass": (1.0, 0.02), "inertia": (0.01, 0.0004), "kd": (4.0, 0.08),
+         "no_load_speed": (6.0, 0.12)}  # fmt: skip
+
+
+def loose(**deviations: float) -> tuple[SimpleNamespace, Fitted]:
+    """Case of which those values are known, and a model that has them so many deviations off."""
+    nominal, spread = zip(*KNOWN.values(), strict=True)
+    case = SimpleNamespace(loose=SimpleNamespace(names=[*KNOWN], nominal=nominal, spread=spread))
+    values = {n: at + deviations.get(n, 0.0) * dev for n, (at, dev) in KNOWN.items()}
+    plain = model("coulomb_friction", 10.0)
+    return case, Fitted(plain.parts, {}, 1.0, plain.held, plain.whole, 0.0, loose=values)
+
+
+def test_a_value_that_went_further_than_believable_is_told_with_both_ends():
+    case, off = loose(kp=-2.1, mass=2.1, inertia=1.9)
+    assert traded.strayed(case, off, LIMITS) == (
+        "kp goes from 100 to 95.8: more than 2 deviations of what is known of it",
+        "mass goes from 1 to 1.04: more than 2 deviations of what is known of it",
+    )
+    assert traded.strayed(*loose(), LIMITS) == ()
+    forgotten = Fitted(off.parts, {}, 1.0, off.held, off.whole, 0.0, loose={})
+    assert traded.strayed(case, forgotten, LIMITS) == ()  # a value that stayed as it was
+
+
+def test_what_is_a_little_off_is_told_the_furthest_first():
+    assert traded.little_off(*loose(kp=1.0, mass=-2.0)) == ["mass (1 to 0.96)", "kp (100 to 102)"]
+    all_off = loose(kp=1.0, mass=-2.0, inertia=1.5, kd=1.2, no_load_speed=0.7)
+    told = traded.little_off(*all_off)
+    assert [one.split()[0] for one in told] == ["mass", "inertia", "kd", "2"]
+    assert told[-1] == "2 more"
+    three = traded.little_off(*loose(kp=1.0, mass=-2.0, inertia=1.5))
+    assert len(three) == traded.TOLD and "more" not in three[-1]
+
+
+def test_where_nothing_is_far_the_furthest_is_told_unless_a_free_value_changed():
+    case, near = loose(kd=0.6 * traded.NEAR, kp=0.3 * traded.NEAR)
+    assert [one.split()[0] for one in traded.little_off(case, near)] == ["kd"]
+    free = Fitted(near.parts, {SPEED: 11.0}, 1.0, near.held, near.whole, 0.0, loose=near.loose)
+    assert traded.little_off(case, free) == []
+    assert traded.little_off(SimpleNamespace(loose=None), near) == []
+    assert traded.strayed(SimpleNamespace(loose=None), near, LIMITS) == ()
