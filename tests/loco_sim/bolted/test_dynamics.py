@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,9 @@ import pytest
 
 from loco_sim.bolted import dynamics, tree
 from loco_sim.robot.description import Description
+
+from ...quadrupeds import DATA
+from ..trees import random_urdf
 
 GRAVITY = np.array([0.4, -1.1, -9.3])
 SEEDS = range(5)
@@ -38,7 +42,7 @@ class Engine:
     """PyBullet's inverse dynamics of a bolted URDF."""
 
     def __init__(self, path: Path):
-        self._p = pytest.importorskip("loco_sim.world.bullet").pybullet
+        self._p = importlib.import_module("loco_sim.world.bullet").pybullet
         self._client = self._p.connect(self._p.DIRECT)
         self._p.setGravity(*GRAVITY, physicsClientId=self._client)
         flags = self._p.URDF_USE_INERTIA_FROM_FILE | self._p.URDF_IGNORE_VISUAL_SHAPES
@@ -89,24 +93,23 @@ def as_the_engine_says(engine: Engine, urdf: str, seed: int) -> None:
 
 @pytest.mark.pybullet
 @pytest.mark.parametrize("seed", SEEDS)
-def test_torques_of_any_tree_are_those_of_the_engine(any_tree, engine, tmp_path, seed):
+def test_torques_of_any_tree_are_those_of_the_engine(engine, tmp_path, seed):
     path = tmp_path / "random.urdf"
-    path.write_text(any_tree(seed)[0], encoding="utf-8")
+    path.write_text(random_urdf(seed)[0], encoding="utf-8")
     as_the_engine_says(engine(path), path.read_text(encoding="utf-8"), seed)
 
 
 @pytest.mark.pybullet
 @pytest.mark.parametrize("name", FOREIGN)
 def test_torques_of_robots_of_others_are_those_of_the_engine(engine, name):
-    data = pytest.importorskip("pybullet_data")
-    path = Path(data.getDataPath()) / name
+    path = DATA / name
     as_the_engine_says(engine(path), path.read_text(encoding="utf-8"), 3)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("free", [False, True])
-def test_a_mass_matrix_is_symmetric_and_nothing_moves_for_free(any_tree, seed, free):
-    made, _, _ = tree.build(Description((given := any_tree(seed))[0]), given[1], free)
+def test_a_mass_matrix_is_symmetric_and_nothing_moves_for_free(seed, free):
+    made, _, _ = tree.build(Description((given := random_urdf(seed))[0]), given[1], free)
     q, dq = state(len(made.kin), seed)
     matrix, _ = equations(made, q, dq)
     assert matrix == pytest.approx(matrix.T)
@@ -115,8 +118,8 @@ def test_a_mass_matrix_is_symmetric_and_nothing_moves_for_free(any_tree, seed, f
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_what_moves_a_free_base_is_the_mass_of_all(any_tree, seed):
-    urdf, joints = any_tree(seed)
+def test_what_moves_a_free_base_is_the_mass_of_all(seed):
+    urdf, joints = random_urdf(seed)
     made, _, _ = tree.build(Description(urdf), joints, free=True)
     n, mass = len(made.kin), made.body[:, tree.MASS].sum()
     matrix, bias = equations(made, state(n, seed)[0], np.zeros(n))
@@ -125,9 +128,9 @@ def test_what_moves_a_free_base_is_the_mass_of_all(any_tree, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_power_of_the_bias_is_the_change_of_energy(any_tree, seed):
+def test_power_of_the_bias_is_the_change_of_energy(seed):
     """Along a motion: dT/dt of T = dq' M dq / 2 is dq' (torque - bias) without gravity."""
-    urdf, joints = any_tree(seed)
+    urdf, joints = random_urdf(seed)
     made, _, _ = tree.build(Description(urdf), joints)
     q, dq = state(len(joints), seed)
     still = np.zeros(3)
@@ -142,8 +145,8 @@ def test_power_of_the_bias_is_the_change_of_energy(any_tree, seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("free", [False, True])
-def test_factor_and_solution_are_those_of_the_matrix(any_tree, seed, free):
-    urdf, joints = any_tree(seed, 9)
+def test_factor_and_solution_are_those_of_the_matrix(seed, free):
+    urdf, joints = random_urdf(seed, 9)
     made, _, _ = tree.build(Description(urdf), joints, free)
     n = len(made.kin)
     matrix, _ = equations(made, *state(n, seed))
@@ -158,8 +161,8 @@ def test_factor_and_solution_are_those_of_the_matrix(any_tree, seed, free):
     assert rows[0].tolist() == wanted[0].tolist()
 
 
-def test_a_rotor_is_on_its_own_joint_alone(any_tree):
-    urdf, joints = any_tree(1)
+def test_a_rotor_is_on_its_own_joint_alone():
+    urdf, joints = random_urdf(1)
     made, order, _ = tree.build(Description(urdf), joints)
     rotors = dict.fromkeys(joints, 0.0) | {joints[0]: 0.3}
     felt = tree.geared(made, order, joints, rotors)

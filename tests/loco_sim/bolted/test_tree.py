@@ -13,6 +13,8 @@ from loco_sim.bolted import tree
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
 
+from ..trees import random_urdf
+
 SEEDS = range(6)
 
 
@@ -21,8 +23,8 @@ def built(urdf: str, joints: tuple[str, ...], free: bool = False):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_no_mass_is_lost_and_joints_come_after_those_that_carry_them(any_tree, seed):
-    urdf, joints = any_tree(seed)
+def test_no_mass_is_lost_and_joints_come_after_those_that_carry_them(seed):
+    urdf, joints = random_urdf(seed)
     made, order, frames = built(urdf, joints, free=True)
     description = Description(urdf)
     links = {link: description.mass_of(link) for link in description.links()}
@@ -37,8 +39,8 @@ def test_no_mass_is_lost_and_joints_come_after_those_that_carry_them(any_tree, s
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_axes_have_length_1_and_turns_are_turns(any_tree, seed):
-    made, _, frames = built(*any_tree(seed))
+def test_axes_have_length_1_and_turns_are_turns(seed):
+    made, _, frames = built(*random_urdf(seed))
     axes = made.body[:, tree.AXIS : tree.AXIS + 3]
     assert np.linalg.norm(axes, axis=1) == pytest.approx(1.0)
     turns = [*made.body[:, tree.TURN : tree.TURN + 9].reshape(-1, 3, 3)]
@@ -74,8 +76,8 @@ def test_two_halves_that_are_fixed_together_are_the_whole():
     assert two[inertia] == pytest.approx(one[inertia])
 
 
-def test_a_joint_that_is_not_listed_or_moves_nothing_is_refused(any_tree):
-    urdf, joints = any_tree(0)
+def test_a_joint_that_is_not_listed_or_moves_nothing_is_refused():
+    urdf, joints = random_urdf(0)
     with pytest.raises(ParameterError, match="moving joints that are not listed"):
         built(urdf, joints[1:])
     name = "link_5"

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 LINK = """<link name="{name}"><inertial><origin xyz="{com}" rpy="{turn}"/><mass value="{mass}"/>
 <inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -44,9 +43,3 @@ def random_urdf(seed: int, count: int = 6) -> tuple[str, tuple[str, ...]]:
             parts.append(JOINT.format(**joint, place=words(place), turn=words(turn)))
             moving += [joint["name"]] if kind != "fixed" else []
     return f'<robot name="random">{"".join(parts)}</robot>', tuple(moving)
-
-
-@pytest.fixture(scope="session")
-def any_tree():
-    """`random_urdf`."""
-    return random_urdf
