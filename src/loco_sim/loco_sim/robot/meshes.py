@@ -10,8 +10,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
+from .. import lazy
+
+trimesh = lazy.module("trimesh")  # few robots have meshes
 log = logging.getLogger(__name__)
 
 # Parts of a COLLADA file that say what a shape looks like; a shape with a broken one is lost.

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import binary_dilation
-from scipy.signal import savgol_filter
 
+from loco_sim import lazy
 from loco_sim.effects.base import Effect, overrides
 from loco_sim.geometry import multiply
 from loco_sim.robot.robot import Robot
@@ -24,6 +24,8 @@ from ..statistics.noise import TO_DEVIATION
 from . import odometry
 from .channels import at_home, heading
 from .running import Start
+
+signal = lazy.module("scipy.signal")  # half a second, for robots on the ground alone
 
 HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be fitted to
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
@@ -252,13 +254,13 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> tuple[np.ndarr
     for half in HALVES:
         if 2 * half + 1 > len(filled):
             break
-        left = filled - savgol_filter(filled, 2 * half + 1, 2, mode="interp")
+        left = filled - signal.savgol_filter(filled, 2 * half + 1, 2, mode="interp")
         if np.sqrt(np.mean(left**2)) > 1.1 * noise:
             break
         best = half
     width = 2 * best + 1
-    rate = savgol_filter(filled, width, 2, deriv=1, delta=stride * dt, mode="interp")
-    level = savgol_filter(filled, width, 2, mode="interp")
+    rate = signal.savgol_filter(filled, width, 2, deriv=1, delta=stride * dt, mode="interp")
+    level = signal.savgol_filter(filled, width, 2, mode="interp")
     smooth = (np.interp(np.arange(len(values)), own, x) for x in (level, rate))
     return tuple(np.where(known, x, np.nan) for x in smooth)
 

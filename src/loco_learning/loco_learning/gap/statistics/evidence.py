@@ -21,8 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln, logsumexp, ndtri, stdtrit
 
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
@@ -219,7 +218,7 @@ def compare(
     index = rng.choice(n, (draws, n))
     picks = sums[index].sum(1) - gain
     freedom = max(min(n, pieces) - 1.0, LEAST_FREEDOM)
-    few = math.sqrt(n / (n - 1.0)) * stats.t.ppf(0.975, freedom) / stats.norm.ppf(0.975)
+    few = math.sqrt(n / (n - 1.0)) * stdtrit(freedom, 0.975) / ndtri(0.975)
     tail = 0.025 / max(trials, 1)
     low, high = gain + few * np.quantile(picks, [tail, 1.0 - tail])
     return Comparison(

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from .evidence import Score
 
@@ -244,4 +244,4 @@ def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float
     q = float((w * (x - mean) ** 2).sum())
     freedom = len(x) - 1
     scale = w.sum() - (w**2).sum() / w.sum()
-    return math.sqrt(max(q - freedom, 0.0) / scale), float(stats.chi2.sf(q, freedom))
+    return math.sqrt(max(q - freedom, 0.0) / scale), float(chdtrc(freedom, q))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from .identify import DEAD
 
@@ -66,7 +66,7 @@ def half_widths(
     pull = free.T @ r
     pull[mine.shape[1] :] += 0.0 if at is None else at
     noise, moved = np.diag(joint)[: len(apart)], (joint @ pull)[: len(apart)]
-    quantile = stats.t.ppf(0.975, len(keys) - 1)
+    quantile = stdtrit(len(keys) - 1, 0.975)
     half[alive] = quantile * np.sqrt(apart + noise + np.square(moved))
     return half
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from ..statistics import evidence
 
@@ -28,7 +28,7 @@ def explained(residuals: Sequence[np.ndarray], limits: Limits) -> np.ndarray:
     """
     power = np.sum([np.nansum(np.square(r), axis=0) for r in residuals], axis=0)
     count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
-    z = stats.norm.ppf(1.0 - RARE / residuals[0].shape[1])
+    z = ndtri(1.0 - RARE / residuals[0].shape[1])
     return power / count <= limits.explained**2 * (1.0 + z * np.sqrt(KURTOSIS / count))
 
 
