@@ -26,6 +26,7 @@ TRIES = 4  # sizes of an effect that are simulated
 GROW, SHRINK = 30.0, 0.03  # most that a size changes from one try to the next
 NEAR = 4.0  # factor from the wanted response within which a size is taken as proportional to it
 DEAD = 1e-6  # response over one that shows below which there is none
+FLAT, STEEP = 0.3, 3.0  # powers of a size by which responses to two sizes may differ (taste)
 SAME = 0.95  # cosine of two responses above which these recordings do not tell them apart
 YES, LARGE, NO = "yes", "if large", "no"
 
@@ -112,11 +113,19 @@ class _Trial:
         channel = int(np.argmax(rms))
         level = float(rms[channel]) / shows
         size = _Size(self.x, level, channel, response.astype(np.float32))
+        factor = max(level, 1e-9) ** (-1.0 / self._power(size))
         if self.best is None or size.off < self.best.off:
             self.best = size
-        factor = min(max(1.0 / max(level, 1e-9), SHRINK), GROW)
+        factor = min(max(factor, SHRINK), GROW)
         self.x = self.hypothesis.coordinates[self.strength].clipped(self.x * factor)
         self.done = 1.0 / NEAR <= level <= NEAR or self.x == size.x
+
+    def _power(self, size: _Size) -> float:
+        """Power of the size with which the response grows, by this one and the best before."""
+        if self.best is None or min(size.level, self.best.level) < DEAD:
+            return 1.0
+        grown = math.log(size.level / self.best.level) / math.log(size.x / self.best.x)
+        return min(max(grown, FLAT), STEEP)
 
     def smallest(self) -> float:
         """Size that just shows, in proportion to the nearest one that was simulated.
