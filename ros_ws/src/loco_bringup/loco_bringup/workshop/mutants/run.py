@@ -25,7 +25,9 @@ from loco_learning.jobs.journal import Journal
 from . import nursery
 from .mutate import Mutant, mutants
 
-# Modules that protect a robot or a recording, with the tests that must notice a change.
+# What decides on a name, and keeps false ones out.
+_VERDICT = ("candidates", "decide", "doubt", "leftover", "rivals", "stable", "traded")
+# Modules that protect a robot, a recording or a name, with the tests that must notice a change.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
     "src/loco_sim/loco_sim/plant/fallback.py": ("tests/loco_sim/plant/test_fallback.py",),
@@ -44,6 +46,12 @@ PROTECTING: dict[str, tuple[str, ...]] = {
     "ros_ws/src/loco_bringup/loco_bringup/bag/recover.py": (
         "tests/loco_bringup/bag/test_recover.py",
     ),
+    **{
+        f"src/loco_learning/loco_learning/gap/verdict/{name}.py": (
+            f"tests/loco_learning/gap/verdict/test_{name}.py",
+        )
+        for name in _VERDICT
+    },
 }  # fmt: skip
 # Mutants that behave as the original does, by module and `Mutant.key`, and why.
 EQUIVALENT: dict[str, dict[str, str]] = yaml.safe_load(
