@@ -79,7 +79,11 @@ def _test(root: str, sources: str, scratch: str, words: list[str]) -> NoReturn:
         sys.path.insert(0, sources)
         paths = [sources, *filter(None, [os.environ.get("PYTHONPATH")])]
         os.environ["PYTHONPATH"] = os.pathsep.join(paths)
-        files = {name: getattr(each, "__file__", "") or "" for name, each in sys.modules.items()}
+        # Not asked for by their names: a module that loads at its first use would load.
+        files = {
+            name: object.__getattribute__(each, "__dict__").get("__file__") or ""
+            for name, each in sys.modules.items()
+        }
         ours = {
             name.partition(".")[0] for name, file in files.items()
             if file.startswith(root) and "site-packages" not in file and name != "__main__"
