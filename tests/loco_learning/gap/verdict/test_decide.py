@@ -26,6 +26,7 @@ def score(size: float) -> evidence.Score:
 
 
 BEFORE, AFTER = score(10.0), score(1.0)
+LIMITS = decide.LIMITS
 
 
 def verdict(*candidates: Candidate, after=AFTER, before=BEFORE) -> decide.Decision:
@@ -243,3 +244,97 @@ def test_quiet_channels_do_not_make_a_loud_one_a_trifle():
     for size, said in ((2.5, NO_GAP), (5.0, NAMED)):
         before = evidence.score([noise * np.r_[size, np.ones(11)]])
         assert verdict(trifle, before=before, after=evidence.score([noise])).verdict == said
+
+
+def lacking(**change) -> list[str]:
+    return decide.lacks(dataclasses.replace(GOOD, **change))
+
+
+def test_exactly_at_a_limit_a_candidate_is_considered():
+    even = dataclasses.replace(STRONG, blocks_improved=LIMITS.blocks)
+    assert lacking(gain=even, closed=LIMITS.closed) == []
+    assert lacking(gain=dataclasses.replace(even, blocks_improved=LIMITS.blocks - 0.01))
+    assert lacking(closed=LIMITS.closed - 0.01)
+
+
+@pytest.mark.parametrize(
+    ("gain", "low", "total", "worse", "fine"),
+    [
+        (80.0, 0.1, None, 1.0, True),  # the interval alone
+        (80.0, 0.0, None, 1.0, False),  # an interval that reaches nothing
+        (0.5, -1.0, 0.1, 1.0, True),  # all data say so, and those that judge agree
+        (0.5, -1.0, 0.0, 1.0, False),
+        (0.5, -1.0, -5.0, LIMITS.worse + 0.1, True),  # or much more is left without it
+        (0.5, -1.0, -5.0, LIMITS.worse, False),
+        (0.0, -1.0, 9.0, 9.0, False),  # but never against those that judge
+        (-0.5, -1.0, 9.0, 9.0, False),
+    ],
+)
+def test_what_is_no_chance(gain, low, total, worse, fine):
+    over = dataclasses.replace(STRONG, gain=gain, low=low)
+    whole = None if total is None else dataclasses.replace(STRONG, low=total)
+    found = lacking(gain=over, total=whole, worse=worse)
+    assert found == ([] if fine else [f"the gain of {gain:.3g} nat may be chance (from {low:.3g})"])
+
+
+def test_rivals_at_a_limit_are_taken_seriously():
+    at = Rival("backlash", "knee", CLOSE, closed=LIMITS.closed, worse=LIMITS.worse)
+    close = dataclasses.replace(at, over=dataclasses.replace(CLOSE, odds=LIMITS.odds))
+    assert decide.serious(dataclasses.replace(GOOD, rivals=(at,)), LIMITS) == (at,)
+    assert verdict(dataclasses.replace(GOOD, rivals=(close,))).verdict == AMBIGUOUS
+    surer = dataclasses.replace(close, over=dataclasses.replace(CLOSE, odds=LIMITS.odds + 0.1))
+    assert verdict(dataclasses.replace(GOOD, rivals=(surer,))).verdict == NAMED
+    for weak in ({"closed": LIMITS.closed - 0.01}, {"worse": LIMITS.worse + 0.01}):
+        rival = dataclasses.replace(at, **weak)
+        assert decide.serious(dataclasses.replace(GOOD, rivals=(rival,)), LIMITS) == ()
+
+
+@pytest.mark.parametrize(
+    ("sign", "value", "word"), [(1, -0.4, "negative"), (-1, 0.4, "positive"), (0, -0.4, None)]
+)
+def test_a_sign_that_physics_forbids_is_said(sign, value, word):
+    e = Estimate("size", value, value - 0.1, value + 0.1, "N", sign=sign)
+    found = decide.alarms(dataclasses.replace(GOOD, estimates=(e,)))
+    said = (f"friction knee: size = {value} N is {word}, which is not physical",) if word else ()
+    assert found == said
+
+
+def test_a_spread_is_weighed_against_the_way_from_where_the_effect_is_absent():
+    """A gain of 1.1 is 0.1 away from none: parts of the data that differ by 0.05 differ by half."""
+    gain = Estimate("gain", 1.1, 1.05, 1.15, absent=1.0, spread=0.05)
+    (alarm,) = decide.alarms(dataclasses.replace(GOOD, estimates=(gain,)))
+    assert alarm == "friction knee: gain = 1.1 differs by 0.05 between parts of the data"
+    near = dataclasses.replace(gain, absent=0.0)
+    shape = dataclasses.replace(gain, absent=None)
+    assert decide.alarms(dataclasses.replace(GOOD, estimates=(near, shape))) == ()
+
+
+def test_a_strength_must_be_known_and_a_shape_or_a_second_one_need_not():
+    open_end = dataclasses.replace(FRICTION, high=np.inf)
+    shape = Estimate("speed", 0.1, -np.inf, np.inf, absent=None)
+    known = dataclasses.replace(FRICTION, name="other")
+    for estimates, count in (((open_end, shape), 2), ((open_end, known), 0), ((known, shape), 0)):
+        told = decide.alarms(dataclasses.replace(GOOD, estimates=estimates))
+        assert sum("no interval" in alarm for alarm in told) == count
+
+
+def test_places_are_those_of_the_same_effect_elsewhere():
+    rivals = (Rival("friction", "knee", CLOSE), Rival("friction", "hip", CLOSE),
+              Rival("backlash", "ankle", STRONG))  # fmt: skip
+    assert verdict(dataclasses.replace(GOOD, rivals=rivals)).rulings[0].places == ("hip",)
+
+
+def test_data_that_judged_are_told_by_their_name_and_rivals_from_the_nearest_on():
+    far = dataclasses.replace(STRONG, odds=5e3)
+    rivals = (Rival("delay", "", STRONG), Rival("backlash", "knee", far))
+    text = verdict(dataclasses.replace(GOOD, rivals=rivals)).rulings[0].evidence
+    assert text.startswith("Without friction knee the held-out likelihood falls by 80 nat")
+    assert "odds 5e+03 to 1 against the next name, backlash" in text
+    elsewhere = verdict(dataclasses.replace(GOOD, elsewhere=True)).rulings[0].evidence
+    assert elsewhere.startswith("Without friction knee the likelihood of all records falls")
+
+
+def test_a_gap_that_is_none_or_a_trifle_leaves_a_model_that_explains_the_data():
+    assert verdict(GOOD, before=AFTER).adequate
+    slight = verdict(dataclasses.replace(GOOD, trifle=True), before=score(2.0))
+    assert slight.verdict == NO_GAP and slight.adequate
