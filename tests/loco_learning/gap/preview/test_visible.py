@@ -81,6 +81,14 @@ def test_a_response_that_is_no_line_is_followed(power):
     assert 0.4 * wanted < one.smallest < 2.5 * wanted  # near by it counts as a line
 
 
+def test_a_size_that_comes_back_to_where_it_was_ends_the_tries():
+    """Far too loud from some size on and nothing below: sizes go to and fro."""
+    case = Case({("coulomb_friction", "knee"): (100.0, 0.0)}, lambda size: float(size >= 1.0))
+    (one,) = tried(case, law(size=strength(most=1.0)))
+    assert one.smallest == pytest.approx(1.0 / visible.NEAR)
+    assert len(case.asked) == visible.TRIES
+
+
 def test_what_does_nothing_has_no_size_that_shows():
     (one,) = tried(Case({("coulomb_friction", "knee"): (0.0, 0.0)}), law())
     assert (one.smallest, one.seen, one.channel, one.alike) == (math.inf, visible.NO, "", ())

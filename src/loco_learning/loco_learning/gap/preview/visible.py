@@ -122,9 +122,10 @@ class _Trial:
 
     def _power(self, size: _Size) -> float:
         """Power of the size with which the response grows, by this one and the best before."""
-        if self.best is None or min(size.level, self.best.level) < DEAD:
+        best = self.best
+        if best is None or size.x == best.x or min(size.level, best.level) < DEAD:
             return 1.0
-        grown = math.log(size.level / self.best.level) / math.log(size.x / self.best.x)
+        grown = math.log(size.level / best.level) / math.log(size.x / best.x)
         return min(max(grown, FLAT), STEEP)
 
     def smallest(self) -> float:
