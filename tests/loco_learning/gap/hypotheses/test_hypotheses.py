@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Laws of what is offered as a cause."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,16 @@ def test_every_applicable_effect_is_offered_or_listed_as_not_tried_with_the_reas
     assert all(left.values())
     said = {n for n in effects.applicable(made) if effects.EFFECTS[n].identity.untried}
     assert set(left) == said  # what was measured here says something of all others
+
+
+@pytest.mark.parametrize(("height", "base"), [(0.0, 0.0), (1.3, 1.3), (None, 0.5)])
+def test_a_cable_hangs_from_where_the_base_is(height, base):
+    """A height of 0 is one; without any the robot stands on its feet."""
+    made = replace(robot.load("servo_pendulum"), height=height)
+    hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
+    offered = effects.EFFECTS["cable_force"].offers(made, ("q",), hints)
+    heights = {dict(one.fixed)["anchor"][2] for one in offered}
+    assert heights == {base + 0.3, base + 1.0}
 
 
 def test_a_cable_is_tried_however_fast_the_physics():

@@ -242,6 +242,7 @@ class CableForce(Effect, name="cable_force"):
             LookAlike("push", "walk to another place: a push does not care"),
             LookAlike("payload", "walk away: a mass does not pull by place"),
             LookAlike("slope", "walk in a circle: a slope pulls one way"),
+            LookAlike("added_stiffness", "move the other joints: a spring does not care"),
         ),
         touches=("force",),
     )
@@ -251,8 +252,9 @@ class CableForce(Effect, name="cable_force"):
         """From each link, or the base, to anchors ahead, behind and above."""
         rows, ways = [], ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "length", (0.8,))
+        height = 0.5 if robot.height is None else robot.height
         for way, (link, com) in product(ways, reached(robot)):
-            anchor = [float(v) for v in np.array([0.0, 0.0, robot.height or 0.5]) + way]
+            anchor = [float(v) for v in np.array([0.0, 0.0, height]) + way]
             fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
             rows.append(Offer(link, fixed, free, f"to {anchor[0]:g} {anchor[2]:g}"))
         return rows

@@ -102,6 +102,7 @@ class AddedStiffness(Elastic, name="added_stiffness"):
             LookAlike("stiffness_error", "torque off, joint bent by hand: where is it slack"),
             LookAlike("joint_offset", "two gains of the drive: a spring pulls less at the higher"),
             LookAlike("torque_constant_error", "torque off: a spring remains"),
+            LookAlike("cable_force", "bend to both sides: a cable pulls and never pushes"),
         ),
         touches=_TOUCHES,
     )
