@@ -3,26 +3,24 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from loco_sim import lazy
 from loco_sim.bolted import dynamics, tree
 from loco_sim.robot.description import Description
 
 from ...quadrupeds import DATA
 from ..trees import random_urdf
 
+bullet = lazy.module("loco_sim.world.bullet")  # loads the engine, which not everyone has
+
 GRAVITY = np.array([0.4, -1.1, -9.3])
 SEEDS = range(5)
-FOREIGN = (
-    "kuka_iiwa/model.urdf",
-    "a1/a1.urdf",
-    "racecar/racecar.urdf",
-    "r2d2.urdf",
-)  # each link weighs
+# Robots whose links all have a mass.
+FOREIGN = ("kuka_iiwa/model.urdf", "a1/a1.urdf", "racecar/racecar.urdf", "r2d2.urdf")
 
 
 def equations(made: tree.Tree, q, dq, gravity=GRAVITY) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +40,7 @@ class Engine:
     """PyBullet's inverse dynamics of a bolted URDF."""
 
     def __init__(self, path: Path):
-        self._p = importlib.import_module("loco_sim.world.bullet").pybullet
+        self._p = bullet.pybullet
         self._client = self._p.connect(self._p.DIRECT)
         self._p.setGravity(*GRAVITY, physicsClientId=self._client)
         flags = self._p.URDF_USE_INERTIA_FROM_FILE | self._p.URDF_IGNORE_VISUAL_SHAPES
@@ -54,8 +52,6 @@ class Engine:
             self._p.getJointInfo(self._body, k, physicsClientId=self._client) for k in range(count)
         ]
         self.joints = tuple(a[1].decode() for a in about if a[2] != self._p.JOINT_FIXED)
-        for a in about:  # the engine's damping is in no equation here
-            self._p.changeDynamics(self._body, a[0], jointDamping=0.0, physicsClientId=self._client)
 
     def torques(self, q, dq, ddq) -> np.ndarray:
         given = [np.asarray(x, float).tolist() for x in (q, dq, ddq)]

@@ -142,7 +142,7 @@ def test_a_lost_reading_is_drawn_between_its_neighbours_and_marked(signals, hing
     assert whole.guessed == {} and "dq" not in made.guessed
 
 
-def test_time_that_jumps_back_is_two_experiments_and_a_few_swaps_are_not(signals, hinge, change):
+def test_time_that_jumps_back_is_two_experiments(signals, hinge, change):
     def twice(share):
         def begin_again(track):
             cut = int(share * len(track.t))

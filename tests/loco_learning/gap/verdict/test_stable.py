@@ -32,19 +32,20 @@ def noise(size, seed=0):
     return [rng.normal(size=(400, 1)) + s * wave for s in size]
 
 
+def search(each=lambda function, tasks: (task[0].whole for task in tasks)):
+    """A search of three records whose fits end where they began."""
+    records = [SimpleNamespace(name=n) for n in ("chirp", "steps", "ramp")]
+    return SimpleNamespace(case=SimpleNamespace(records=records), setting=None, each=each)
+
+
 @pytest.fixture
-def table(monkeypatch):
+def table():
     """Answers under settings: sizes of the error that each model leaves, per record."""
 
     def make(best, base, *rivals):
         models = [fitted(noise(best), RUBS), fitted(noise(base))]
         models += [fitted(noise(r), LAGS) for r in rivals]
-        records = [SimpleNamespace(name=n) for n in ("chirp", "steps", "ramp")]
-        search = SimpleNamespace(
-            case=SimpleNamespace(records=records), setting=None,
-            each=lambda function, tasks: (task[0].whole for task in tasks),
-        )  # fmt: skip
-        return stable.rows(search, models[0], models[1], models[2:], 0)
+        return stable.rows(search(), models[0], models[1], models[2:], 0)
 
     return make
 
@@ -97,22 +98,22 @@ def test_loud_records_judge_and_floors_shrink_what_is_left(table, monkeypatch):
     assert higher.closed == 1.0
 
 
-def test_only_the_nearest_other_names_are_fitted_again(monkeypatch):
+def test_only_the_nearest_other_names_are_fitted_again():
     asked = []
+
+    def each(function, tasks):
+        asked.extend(task[0] for task in tasks)
+        return [task[0].whole for task in tasks]
+
     best, base = fitted(noise([0.0] * 3), RUBS), fitted(noise([5.0] * 3))
     twin, near, next_near, far = (fitted(noise([1.0] * 3), *n) for n in ([RUBS], [LAGS], "a", "b"))
-    search = SimpleNamespace(
-        case=SimpleNamespace(records=[SimpleNamespace(name=n) for n in "xyz"]), setting=None,
-        each=lambda function, tasks: [asked.append(task[0]) or task[0].whole for task in tasks],
-    )  # fmt: skip
-    stable.rows(search, best, base, [twin, near, next_near, far], 0)
+    stable.rows(search(each), best, base, [twin, near, next_near, far], 0)
     assert asked == [best, base, near, next_near] * stable.SPLITS
 
 
-def test_one_record_has_no_other_that_could_judge(monkeypatch):
+def test_one_record_has_no_other_that_could_judge():
     best, base = fitted(noise([0.0]), RUBS), fitted(noise([5.0]))
-    search = SimpleNamespace(case=SimpleNamespace(records=[]), setting=None, each=None)
-    rows = stable.rows(search, best, base, [], 0)
+    rows = stable.rows(search(each=None), best, base, [], 0)
     assert {r.vary for r in rows} == {"stretch", "floor"}
 
 

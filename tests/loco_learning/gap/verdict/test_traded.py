@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A model that needs a strained nominal value and an effect in one gives way to others."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,8 +66,7 @@ def test_nothing_gives_way_to_what_does_not_explain_the_data():
 
 def test_without_free_values_nothing_is_asked():
     plain = Nominal({}, 0.3)
-    free = model("viscous_friction", FAR)
-    bare = Fitted(free.parts, {}, 1.0, free.held, free.whole, 0.0)
+    bare = replace(model("viscous_friction", FAR), overrides={})
     assert plain.believed(None, [bare], LIMITS, lambda m: True) == ([bare], [])
 
 
@@ -106,8 +106,7 @@ def loose(**deviations: float) -> tuple[SimpleNamespace, Fitted]:
     nominal, spread = zip(*KNOWN.values(), strict=True)
     case = SimpleNamespace(loose=SimpleNamespace(names=[*KNOWN], nominal=nominal, spread=spread))
     values = {n: at + deviations.get(n, 0.0) * dev for n, (at, dev) in KNOWN.items()}
-    plain = model("coulomb_friction", 10.0)
-    return case, Fitted(plain.parts, {}, 1.0, plain.held, plain.whole, 0.0, loose=values)
+    return case, replace(model("coulomb_friction", 10.0), overrides={}, loose=values)
 
 
 def test_a_value_that_went_further_than_believable_is_told_with_both_ends():
@@ -117,8 +116,8 @@ def test_a_value_that_went_further_than_believable_is_told_with_both_ends():
         "mass goes from 1 to 1.04: more than 2 deviations of what is known of it",
     )
     assert traded.strayed(*loose(), LIMITS) == ()
-    forgotten = Fitted(off.parts, {}, 1.0, off.held, off.whole, 0.0, loose={})
-    assert traded.strayed(case, forgotten, LIMITS) == ()  # a value that stayed as it was
+    # A value that nobody refitted stayed as it was.
+    assert traded.strayed(case, replace(off, loose={}), LIMITS) == ()
 
 
 def test_what_is_a_little_off_is_told_the_furthest_first():
@@ -134,7 +133,6 @@ def test_what_is_a_little_off_is_told_the_furthest_first():
 def test_where_nothing_is_far_the_furthest_is_told_unless_a_free_value_changed():
     case, near = loose(kd=0.6 * traded.NEAR, kp=0.3 * traded.NEAR)
     assert [one.split()[0] for one in traded.little_off(case, near)] == ["kd"]
-    free = Fitted(near.parts, {SPEED: 11.0}, 1.0, near.held, near.whole, 0.0, loose=near.loose)
-    assert traded.little_off(case, free) == []
+    assert traded.little_off(case, replace(near, overrides={SPEED: 11.0})) == []
     assert traded.little_off(SimpleNamespace(loose=None), near) == []
     assert traded.strayed(SimpleNamespace(loose=None), near, LIMITS) == ()

@@ -35,10 +35,8 @@ CLOSE_RACE = 1.1  # times the smallest rms of a rough fit up to which twice as m
 LEAST_GAIN = 0.05  # of the logarithm of what is left that makes another effect worth a search
 REFITS = 3  # of nominal values, each with the scale that the one before leaves
 TANGENT_STEP = 0.05  # of a strength or of the logarithm of a nominal value, for what it can do
-SIBLINGS, PAIRS = (
-    3,
-    2,
-)  # effects of a kind at a place that are tried in pairs; pairs that are fitted
+SIBLINGS = 3  # effects of a kind at a place that are tried in pairs
+PAIRS = 2  # of these that are fitted
 DEEP = 3  # models of two effects and more that are fitted to the end at each step
 
 

@@ -25,7 +25,7 @@ from . import odometry
 from .channels import at_home, heading
 from .running import Start
 
-signal = lazy.module("scipy.signal")  # half a second, for robots on the ground alone
+signal = lazy.module("scipy.signal")  # half a second, which no record needs that begins at rest
 
 HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be fitted to
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests

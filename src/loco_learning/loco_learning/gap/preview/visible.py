@@ -113,10 +113,9 @@ class _Trial:
         channel = int(np.argmax(rms))
         level = float(rms[channel]) / shows
         size = _Size(self.x, level, channel, response.astype(np.float32))
-        factor = max(level, 1e-9) ** (-1.0 / self._power(size))
+        factor = min(max(max(level, 1e-9) ** (-1.0 / self._power(size)), SHRINK), GROW)
         if self.best is None or size.off < self.best.off:
             self.best = size
-        factor = min(max(factor, SHRINK), GROW)
         self.x = self.hypothesis.coordinates[self.strength].clipped(self.x * factor)
         self.done = 1.0 / NEAR <= level <= NEAR or self.x == size.x
 
