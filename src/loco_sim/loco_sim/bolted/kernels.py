@@ -120,10 +120,14 @@ def follow(
             memories[row] = memory
         mean[:] = 0.0
         for _ in range(steps):
-            command[:] = targets[which[step]]
+            told = which[step]
+            for c in range(COMMANDS):
+                for i in range(n):
+                    command[c, i] = targets[told, c, i]
             for i in range(n):
                 known[order[i]], known[n + order[i]] = q[i], dq[i]
-            bend(step, plan, joint, memory, command)
+            if len(plan):
+                bend(step, plan, joint, memory, command)
             supply, on = power[row, 0], power[row, 1]
             if weakened:
                 rows[:] = drives
@@ -132,8 +136,8 @@ def follow(
             joint_torques(known, command, rows, springs, rotors, dt, supply, on, tau)
             if len(plan):
                 torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
-            mean += tau
             for i in range(n):
+                mean[i] += tau[i]
                 push[i] = tau[order[i]]
             if braked:
                 budget[:] = 0.0

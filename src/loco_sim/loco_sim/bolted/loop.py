@@ -38,7 +38,7 @@ from ..world import braking
 from ..world.world import Setting
 from . import dynamics as kernels
 from . import kernels as loop
-from . import tree
+from . import limbs, tree
 
 
 class Run(NamedTuple):
@@ -101,6 +101,8 @@ class Bolted:
         if setting.armature:
             self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
         self._gravity = np.array(setting.gravity)
+        shared = any(getattr(e, "shared", False) and not e.absent() for e in self._effects)
+        self._limbs = [] if shared else limbs.limbs(self._tree.kin)
 
     def _substeps(self) -> int:
         """Parts of a physics step until damping held over one is harmless: `stability.substeps`.
@@ -167,15 +169,24 @@ class Bolted:
             for effect in self._effects
             if isinstance(effect, Measuring) and not effect.absent()
         ]
+        remembered = any(not effect.by_itself for *_, effect in measures)
         out = np.full((rows, 3, n), np.nan)
-        memories = np.zeros((rows if measures else 0, *change.memory.shape))
+        memories = np.zeros((rows if remembered else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
         drive = Actuators(self.robot, self.physics_dt)
-        loop.run(
+        orders = limbs.Orders(
             self._tree, self._order, self._gravity, *pieces, table, which, power, *drive.rows(),
-            change, brakes, forces, slow, self.physics_dt, out, memories,
+            change, brakes, forces, slow, self.physics_dt,
         )  # fmt: skip
+        if remembered or len(self._limbs) < 2 or self._braked(brakes) > 1:
+            loop.run(*orders, out, memories)
+        else:
+            limbs.KEPT.run(orders, self._limbs, out)
         return self._measured(out, pieces.rows, measures, change, memories)
+
+    def _braked(self, brakes: Laws) -> int:
+        """Limbs with brakes: the sweeps of `dynamics.stop` go on until all of them are settled."""
+        return sum(bool(np.isin(brakes.joint, self._order[limb]).any()) for limb in self._limbs)
 
     def _chain(self, hook: str) -> Laws:
         """Laws of the effects that have a hook."""

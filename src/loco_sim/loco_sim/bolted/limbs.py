@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Limbs of a bolted robot, each run by itself, and once.
+
+Legs on a trunk that cannot move feel nothing of each other. A search changes one of them at a
+time and asks what all do, so what a limb did under the same orders before is kept.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from hashlib import blake2b
+from typing import NamedTuple
+
+import numpy as np
+
+from ..effects.pulls import Pulls
+from ..effects.rows import Laws
+from .kernels import run
+from .tree import Tree
+
+MOST = 2**25  # size of all that is kept [bytes]
+
+
+class Orders(NamedTuple):
+    """Arguments of `kernels.run` in its order, but for those that it fills in."""
+
+    tree: Tree
+    order: np.ndarray
+    gravity: np.ndarray
+    pieces: np.ndarray
+    starts: np.ndarray
+    targets: np.ndarray
+    which: np.ndarray
+    power: np.ndarray
+    drives: np.ndarray
+    springs: np.ndarray
+    rotors: np.ndarray
+    change: Laws
+    brakes: Laws
+    pulls: Pulls
+    slow: np.ndarray
+    dt: float
+
+    def of(self, limb: np.ndarray) -> Orders:
+        """Orders for some joints of the tree, as for a robot that has no others, in that order."""
+        joints, bodies = self.order[limb], _numbered(limb, len(self.order))
+        kin = self.tree.kin[limb]
+        kin[:, 0] = bodies[kin[:, 0]]
+        return self._replace(
+            tree=Tree(kin, self.tree.body[limb], self.tree.fastest),
+            order=np.arange(len(limb)),
+            starts=_columns(self.starts, joints),
+            targets=_columns(self.targets, joints),
+            drives=self.drives[joints],
+            springs=self.springs[joints],
+            rotors=self.rotors[joints],
+            change=_laws(self.change, _numbered(joints, len(self.order))),
+            brakes=_laws(self.brakes, _numbered(joints, len(self.order))),
+            pulls=_pulls(self.pulls, bodies),
+            slow=_columns(self.slow, joints),
+        )
+
+    def digest(self) -> bytes:
+        """Tells orders apart. Memory and delay lines are left out: a run begins with zeros."""
+        told = (*self, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
+        arrays = [values for values in told if isinstance(values, np.ndarray)]
+        plain = self.tree.fastest, self.dt, [values.shape for values in arrays]
+        whole = b"".join([repr(plain).encode(), *(values.tobytes() for values in arrays)])
+        return blake2b(whole, digest_size=16).digest()
+
+
+def limbs(kin: np.ndarray) -> list[np.ndarray]:
+    """Indices of the joints that hang on each other, from the base outwards; `Tree.kin`."""
+    root = np.arange(len(kin))
+    for i, before in enumerate(kin[:, 0]):
+        if before >= 0:
+            root[i] = root[before]
+    return [np.flatnonzero(root == first) for first in np.unique(root)]
+
+
+class Kept:
+    """Keeps how limbs moved under their orders, and drops what was not used for longest.
+
+    Attributes:
+        asked: Number of limbs that were asked for.
+        known: Number of these that were known.
+    """
+
+    def __init__(self, most: int = MOST):
+        """Keep so many bytes."""
+        self._most = most
+        self.forget()
+
+    def forget(self) -> None:
+        """Keep nothing of what was so far."""
+        self._runs: OrderedDict[bytes, np.ndarray] = OrderedDict()
+        self._size = self.asked = self.known = 0
+
+    def run(self, orders: Orders, apart: Sequence[np.ndarray], out: np.ndarray) -> None:
+        """Run a robot as `kernels.run` does, but for limbs that did the same before.
+
+        Args:
+            orders: Orders; no law joins limbs, and nothing asks for what effects remember.
+            apart: Limbs, as `limbs` gives them.
+            out: Filled in, (T, 3, n).
+        """
+        keys = [orders.of(limb).digest() for limb in apart]
+        new = [k for k, key in enumerate(keys) if key not in self._runs]
+        self.asked, self.known = self.asked + len(keys), self.known + len(keys) - len(new)
+        for limb, key in zip(apart, keys, strict=True):
+            if key in self._runs:
+                self._runs.move_to_end(key)
+                out[:, :, orders.order[limb]] = self._runs[key]
+        if not new:
+            return
+        joints = np.concatenate([apart[k] for k in new])
+        made = np.full((len(out), 3, len(joints)), np.nan)
+        run(*orders.of(joints), made, np.zeros((0, *orders.change.memory.shape)))
+        out[:, :, orders.order[joints]] = made
+        for first, stop in orders.pieces:
+            lost = np.isnan(made[first:stop, 0]).any(axis=1)
+            if lost.any():  # nothing is known of the robot, nor of limbs that were run with it
+                out[first + np.argmax(lost) : stop] = np.nan
+                new = []
+        for k in new:
+            self._keep(keys[k], out[:, :, orders.order[apart[k]]])
+
+    def _keep(self, key: bytes, made: np.ndarray) -> None:
+        self._runs[key] = made
+        self._size += made.nbytes
+        while self._size > self._most:
+            self._size -= self._runs.popitem(last=False)[1].nbytes
+
+
+KEPT = Kept()  # of this process
+
+
+def _numbered(chosen: np.ndarray, n: int) -> np.ndarray:
+    """New number of each index, -1 of those that are not chosen and of -1 itself, (n + 1,)."""
+    numbers = np.full(n + 1, -1)
+    numbers[chosen] = np.arange(len(chosen))
+    return numbers
+
+
+def _columns(values: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values[..., joints])
+
+
+def _laws(laws: Laws, numbers: np.ndarray) -> Laws:
+    """Laws of some joints, with the rows of others left out."""
+    plan, mine = laws.plan.copy(), numbers[laws.joint] >= 0
+    row = np.concatenate([[0], np.cumsum(mine)])
+    plan[:, 1:3] = row[plan[:, 1:3]]
+    plan = plan[plan[:, 1] < plan[:, 2]]
+    return Laws(plan, numbers[laws.joint[mine]], laws.const[mine], laws.memory[mine], laws.line)
+
+
+def _pulls(pulls: Pulls, numbers: np.ndarray) -> Pulls:
+    mine = numbers[pulls.body] >= 0
+    return Pulls(numbers[pulls.body[mine]], pulls.window[mine], pulls.const[mine])
