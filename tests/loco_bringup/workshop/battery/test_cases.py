@@ -27,11 +27,24 @@ def test_a_battery_has_all_kinds_on_all_robots():
     kinds_of = Counter(c.kind for c in made)
     assert kinds_of == {"single": 72, "pair": 18, "outsider": 18, "null": 12}
     assert {c.robot for c in made} == set(machines.MACHINES)
-    nulls = {c.robot for c in made if c.kind == "null"}
-    assert len(nulls) > 1
     assert len({c.name for c in made}) == len({c.seed for c in made}) == 120
     used = {name for c in made if c.kind == "single" for name in c.wanted}
     assert len(used) > 0.9 * len(kinds.KINDS)
+
+
+@pytest.mark.parametrize("robots", range(1, len(machines.MACHINES) + 1))
+def test_kinds_and_sizes_meet_all_robots_equally_often(robots):
+    made = cases.plan(140, 1001, list(machines.MACHINES)[:robots])
+    for what in set(cases.ORDER):
+        met = Counter(c.robot for c in made if (c.kind, c.size) == what)
+        assert len(met) == robots and max(met.values()) - min(met.values()) <= 1
+
+
+def test_models_that_are_off_are_met_by_all_robots_and_kinds():
+    made = cases.plan(1000, 1001, list(machines.MACHINES)[:3])
+    share = Counter((c.robot, c.kind) for c in made if c.condition.off)
+    whole = Counter((c.robot, c.kind) for c in made)
+    assert all(0.1 < share[key] / count < 0.6 for key, count in whole.items())
 
 
 def test_effects_asked_for_are_single():

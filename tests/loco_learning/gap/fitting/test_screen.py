@@ -50,21 +50,27 @@ def test_what_cannot_explain_anything_does_not(bench):
     assert found.share < IDLE
 
 
-def alone(effect, does, size):
-    """What an effect of one strength explains, if a size does so much of a wave."""
+def alone(effect, does, size, elsewhere=0.0):
+    """What an effect of one strength explains, if a size does so much of a wave.
+
+    A gap `elsewhere`, times the wave, is in a second branch that the effect does not touch.
+    """
     wave = np.sin(np.arange(200.0))
 
     def vector(specs, overrides, only, coarse):
-        return wave * (does(sum(next(iter(strengths(s)), 0.0) for s in specs)) - does(size))
+        here = wave * (does(sum(next(iter(strengths(s)), 0.0) for s in specs)) - does(size))
+        return np.concatenate([here, elsewhere * wave]) if elsewhere else here
 
     def strengths(spec):
         return (spec[c.name] for c in hypothesis.coordinates if c.name in spec)
 
-    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
+    channels = np.repeat([0, 1], 200) if elsewhere else np.zeros(200, int)
+    mask = np.array([True, False]) if elsewhere else None
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: channels)
     hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
     offered = offer(robot.load("servo_pendulum"), ("q",), hints)
     (hypothesis,) = [h for h in offered if h.effect == effect]
-    (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], vector([], {}, [0], 1))
+    (found,) = screened(case, Bundle((hypothesis,), (mask,)), [], {}, [0], vector([], {}, [0], 1))
     return found, next(strengths(hypothesis.term(found.x).params))
 
 
@@ -80,6 +86,19 @@ def test_a_limit_that_is_reached_late_is_found_between_nothing_and_all_there_is(
     found, missing = alone("torque_limit", lambda x: max(x - 0.75, 0.0) ** 2, 0.8)
     assert found.share > 0.5
     assert missing == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.parametrize("elsewhere", [4.0, 40.0, 200.0, 390.0])
+def test_a_gap_elsewhere_does_not_change_the_size_of_a_limit(elsewhere):
+    """On a HyQ with a payload at another leg a limit of 0.84 was sought beyond 0.86."""
+
+    def does(x):
+        return 1e5 * max(x - 0.78, 0.0) ** 2
+
+    found, missing = alone("torque_limit", does, 0.8, elsewhere)
+    assert missing == pytest.approx(alone("torque_limit", does, 0.8)[1])
+    assert missing == pytest.approx(0.8, abs=0.01)
+    assert found.share * (1.0 + elsewhere**2 / does(0.8) ** 2) > IDLE
 
 
 def test_what_is_nothing_at_one_size_and_too_much_at_the_next_is_found_between():

@@ -24,7 +24,8 @@ DEAD = 1e-3  # response over residual below which an effect cannot be seen
 GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
 BACK = 1e-3  # smallest part of a size to which it goes back
 RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
-TOO_LOUD, IDLE = 2.0, 0.05  # response over residual that explains nothing; share that is nothing
+# Response over residual that explains nothing, and share of it that is nothing, both in the branch.
+TOO_LOUD, IDLE = 2.0, 0.05
 ALL = 1.0  # response over residual of what explains all of it
 # Share of the residual beyond noise, and of the noise itself, below both of which nothing is sought
 # in a branch (taste). Little beside a loud gap may be friction, as in two joints of an arm.
@@ -138,9 +139,11 @@ class _Trial:
         passes: bool,
     ):
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
-        self.residual, self.energy = residual, float(residual @ residual)
         self.left = project(residual, tangent)
-        self.whole = max(float(self.left @ self.left), 1e-300)
+        self.whole = max(_square(self.left), 1e-300)
+        own = slice(None) if rows is None else rows  # a gap elsewhere says nothing of sizes here
+        self.energy = max(_square(residual[own]), 1e-300)
+        self.idle = IDLE * _square(self.left[own]) / self.whole
         quiet = passes and rows is not None and _quiet(residual, rows)
         self.starts = [known] if known else [] if quiet else hypothesis.starts()
         self.most = 0 if known else RUNGS
@@ -225,7 +228,7 @@ class _Trial:
         quiet = [x for x in sizes if self.levels[x] < most]
         best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
         reached = any(ALL <= self.levels[x] for x in quiet)
-        if not sizes or best >= IDLE or reached or not self.most:
+        if not sizes or best >= self.idle or reached or not self.most:
             return False
         (at,) = self.hypothesis.strengths
         x, loud = max(quiet, key=abs, default=0.0), []

@@ -84,10 +84,12 @@ def plan(
     order = [o for o in ORDER if not effects or o[0] == "single"]
     rng = np.random.default_rng([seed, 6])
     decks: dict[str, list[str]] = {}
+    turns = {what: order.index(what) for what in order}  # each kind goes through all robots
     planned = []
     for i in range(count):
-        kind, size = order[i % len(order)]
-        robot = robots[(i + i // len(order)) % len(robots)]
+        kind, size = what = order[i % len(order)]
+        robot = robots[turns[what] % len(robots)]
+        turns[what] += 1
         pool = _pool(robot, kind, effects)
         key = f"{robot} {kind == 'outsider'}"
         deck = []
@@ -96,7 +98,7 @@ def plan(
                 decks[key] = [pool[k] for k in rng.permutation(len(pool))]
             deck.append(decks[key].pop())
         own = seed * 10_000 + i
-        how = conditions.draw(i, own)
+        how = conditions.draw(own)
         if robot in walkers.WALKERS:  # its bags are those of `loco run`
             how = replace(how, way="")
         planned.append(Case(f"case_{i:04d}", robot, kind, size, own, tuple(deck), condition=how))
