@@ -122,6 +122,26 @@ def test_a_robot_that_is_soon_told_to_move_starts_at_rest(rest):
         assert start(align.record("r", tracks, plant), plant) == []
 
 
+@pytest.mark.parametrize("before", range(1, 9))
+@pytest.mark.parametrize("encoder", [5e-3, 5e-4])
+def test_a_log_that_begins_just_before_a_step_starts_with_its_speed(before, encoder):
+    """A parabola across the step had 4.0 rad/s for 2.5, and a stop in mid-air was named."""
+    t = np.arange(300) / 100.0
+    told = np.where(t < 0.1, 0.0, np.where(t < 0.3, 0.6, -0.6))[:, None]
+    silent = Record("s", t, {"position": told}, ("pivot",), {"q": 0.0 * told}, ("pivot",))
+    exact = Forward(Model("servo_pendulum"), [silent])()[0]
+    speed = np.gradient(exact[:, 0], t)
+    rows = np.arange(30 - before, 300)
+    q = np.round(exact[rows] / encoder) * encoder
+    cut = Record(
+        "s", t[rows] - t[rows[0]], {"position": told[rows]}, ("pivot",), {"q": q}, ("pivot",)
+    )
+    robot = Forward(Model("servo_pendulum"), [cut]).robot()
+    (found,), (doubt,) = windows.first_state(cut, robot)[1], windows.first_doubt(cut, robot)[1]
+    assert abs(found - speed[rows[0]]) < 3.0 * doubt + 0.5 * encoder / 0.01
+    assert doubt < 1.0
+
+
 def test_a_robot_that_swings_at_first_starts_with_its_speed():
     plant, rng = Model("servo_pendulum").make_robot(), np.random.default_rng(1)
     t = np.arange(0.0, 4.0, 0.01)

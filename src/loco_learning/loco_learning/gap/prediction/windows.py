@@ -31,6 +31,9 @@ HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be f
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
 JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
 CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
+BENT = (
+    0.1  # of its range that a command may be off a parabola there; a step is 0.15 to 0.25 (taste)
+)
 
 
 def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
@@ -175,15 +178,24 @@ def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
     """Measured joints, each with what `_first` says."""
     measured, step = record.joints_of(robot, "q"), record.step("q")
+    told = np.zeros_like(measured)
+    if "position" in record.command:
+        told[:, robot.driven] = record.command_of(robot, "position")
     for joint in range(len(robot.joints)):
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
             rows, values = _of_sensor(measured[:, joint])
             noise = float(np.hypot(noise_of(values), 0.5 * step))  # it jumps by a step
-            yield joint, _first(rows * record.dt, values, noise)
+            command = told[np.rint(rows).astype(int), joint]
+            yield joint, _first(rows * record.dt, values, noise, command)
 
 
-def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, float, float, float]:
+def _first(
+    t: np.ndarray, values: np.ndarray, noise: float, told: np.ndarray
+) -> tuple[float, float, float, float]:
     """Value and rate at time 0 by the longest parabola that leaves no more than noise.
+
+    A command that steps bends the motion sooner than it shows beside a coarse encoder: nor is the
+    parabola longer than the command is one.
 
     Then the deviations of both: of noise, and of a rate at any time within one sample, since
     nothing tells what is wound up in the drive.
@@ -193,10 +205,15 @@ def _first(t: np.ndarray, values: np.ndarray, noise: float) -> tuple[float, floa
     """
     for half in reversed((*HALVES, *LONGER)):
         n = min(2 * half + 1, len(t))
+        line = np.polynomial.Legendre.fit(t[:n], told[:n], 2)
+        bent = np.sqrt(np.mean((line(t[:n]) - told[:n]) ** 2))
         found = np.polynomial.Legendre.fit(t[:n], values[:n], 3)
         left = np.sqrt(np.mean((found(t[:n]) - values[:n]) ** 2))
-        if left <= noise and abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n):
+        straight = abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n)
+        if left <= noise and straight and bent <= max(noise, BENT * np.ptp(told[:n])):
             break
+    else:  # through what a step has reached by its speed at most
+        n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
     parabola = np.polynomial.Legendre.fit(t[:n], values[:n], 2)
     spread = noise * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
     change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
