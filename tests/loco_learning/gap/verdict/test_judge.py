@@ -95,6 +95,35 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
     assert at == tuple(x for x in sizes if x)
 
 
+@pytest.mark.parametrize(
+    ("effects", "adequate", "rivals"),
+    [(2, False, ["sensor_gain + push"]), (2, True, []), (1, False, [])],
+)
+def test_what_does_most_beside_the_others_is_a_rival_where_a_gap_is_left(effects, adequate, rivals):
+    """A stiffness in two joints was named for a gain that did less beside it."""
+    size = Coordinate("size", 1.0, (1.0,), 0.0, 10.0, strength=True)
+    stiff, push, gain = (
+        Hypothesis(name, "knee", (), (size,)) for name in ("added_stiffness", "push", "sensor_gain")
+    )
+    best, asked = Some(parts=((stiff, (1.0,)), (push, (1.0,)))[:effects]), []
+
+    def beside(model, before):
+        asked.append(model)
+        return [Screened(h, 0.5, (2.0,)) for h in (stiff, push, gain)]
+
+    judging = Judgement()
+    judging.about, judging.found = None, Some(models=[], screened=[])
+    judging.search = Some(
+        setting=None, adequate=lambda model: adequate, beside=beside, energy=lambda model: 1.0,
+        each=lambda function, tasks: [
+            Some(parts=parts, key=" + ".join(h.effect for h, _ in reversed(parts)))
+            for parts, _ in tasks
+        ],
+    )  # fmt: skip
+    assert [m.key for m in judging._swaps(best, 0, "without it")] == rivals
+    assert asked == ["without it"] * len(rivals)
+
+
 def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():
     asked = []
 

@@ -265,6 +265,10 @@ class Search:
         found = self._tried(model, wanted, self.only, (start, stop), starts)
         return found if before else self._alone(model, found, stop)
 
+    def beside(self, model: Fitted, before: Sequence[Screened]) -> list[Screened]:
+        """Effects that explain most on top of a model, from where they explained most before."""
+        return self._chosen(self._screen(model, 0.95, 0.95, before), AT_LEAST)
+
     @staticmethod
     def failed(screened: Sequence[Screened]) -> list[tuple[str, str]]:
         """Hypotheses that the robot cannot be built with, and why."""

@@ -221,7 +221,7 @@ class _Judgement:
         narrower = self._narrowed(best, estimates)
         if narrower and not self.beats(best, narrower, limits):
             return self._judged(narrower, limits)
-        swaps = [self._swaps(best, i) for i in range(len(best.parts))]
+        swaps = [self._swaps(best, i, without) for i, without in enumerate(lost)]
         rest = self._finished([m for each in swaps for m in each])
         candidates, rivals = [], []
         for i, (hypothesis, _) in enumerate(best.parts):
@@ -333,8 +333,12 @@ class _Judgement:
         known = [model for model in self.found.models if model.key == again.key]
         return min((*known, *self._anew([again])), key=self.search.energy)
 
-    def _swaps(self, best: Fitted, index: int) -> list[Fitted]:
-        """The model with another effect, or the same elsewhere, in the place of one."""
+    def _swaps(self, best: Fitted, index: int, without: Fitted) -> list[Fitted]:
+        """The model with another effect, or the same elsewhere, in the place of one.
+
+        Where the model leaves a gap, an effect that does most beside the others may have been
+        passed over, as it did less beside this one.
+        """
         mine = best.parts[index][0]
         others = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
         fitted: dict[str, Fitted] = {}
@@ -351,7 +355,12 @@ class _Judgement:
         ]
         rest = tuple(part for i, part in enumerate(best.parts) if i != index)
         room = max(0, RIVAL_NAMES - len({m.key for m in fitted.values()}))
-        tasks = [((*rest, part), self.search.setting) for part in new[:room]]
+        new = new[:room]
+        if rest and not self.search.adequate(best):
+            beside = self.search.beside(without, self.found.screened)
+            known = {*fitted, *others, mine.key, *(h.key for h, _ in new)}
+            new += [(s.hypothesis, s.x) for s in beside if s.hypothesis.key not in known]
+        tasks = [((*rest, part), self.search.setting) for part in new]
         models = [*fitted.values(), *self.search.each(fit, tasks)]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
         return self._anew(few(models, mine, others))
