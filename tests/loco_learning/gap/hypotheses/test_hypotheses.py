@@ -164,6 +164,17 @@ def test_something_outside_may_pull_at_every_link_of_a_bolted_robot_else_at_the_
         assert places == set(moving if made.fixed_base else moving[:1])
 
 
+def test_a_push_may_end_long_before_the_robot_is_calm():
+    """A rod that was let go after 0.6 s rang for another second: a push of 1.6 s was sought."""
+    made = robot.load("servo_pendulum")
+    hints = Hints(np.full(1, -0.5), np.full(1, 0.5), ((1.07, 2.67),))
+    for push in (h for h in offer(made, SIGNALS, hints) if h.effect == "push"):
+        (stop,) = (c for c in push.coordinates if c.name == "stop")
+        assert stop.low <= 1.07 and stop.high > 2.67
+        tried = [stop.value(x) for x in stop.start]
+        assert all(min(abs(t - end) for t in tried) < 0.45 for end in np.linspace(1.5, 2.67, 20))
+
+
 def test_an_interval_is_found_where_the_residual_is_large_only_there():
     rng = np.random.default_rng(1)
     quiet = [rng.normal(size=(400, 2)) for _ in range(3)]

@@ -66,11 +66,14 @@ class Push(Effect, name="push"):
         """On each link, or the base, during the times in which the residual is large."""
         rows = []
         for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
-            near = 0.5 * (stop - start) + 0.2  # beyond that it is another push
-            times = tuple(
-                Coordinate(name, 0.1, (at / 0.1,), max(0.0, at - near), at + near, "s")
-                for name, at in (("start", start), ("stop", stop))
+            half = 0.5 * (stop - start)
+            near = half + 0.2  # beyond that it is another push
+            early = Coordinate(
+                "start", 0.1, (start / 0.1,), max(0.0, start - near), start + near, "s"
             )
+            ends = stop, start + half  # a robot that was let go rings on
+            late = Coordinate("stop", 0.1, tuple(t / 0.1 for t in ends), start, stop + near, "s")
+            times = early, late
             fixed = (("link", link), ("point", list(com)))
             rows.append(Offer(link, fixed, (*vector(cls, "force"), *times), f"{start:g} s"))
         return rows
