@@ -68,12 +68,14 @@ class Push(Effect, name="push"):
         for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
             half = 0.5 * (stop - start)
             near = half + 0.2  # beyond that it is another push
-            early = Coordinate(
-                "start", 0.1, (start / 0.1,), max(0.0, start - near), start + near, "s"
+            ranges = (  # a robot that was let go rings on
+                ("start", (start,), max(0.0, start - near)),
+                ("stop", (stop, start + half), start),
             )
-            ends = stop, start + half  # a robot that was let go rings on
-            late = Coordinate("stop", 0.1, tuple(t / 0.1 for t in ends), start, stop + near, "s")
-            times = early, late
+            times = tuple(
+                Coordinate(name, 0.1, tuple(t / 0.1 for t in at), low, at[0] + near, "s")
+                for name, at, low in ranges
+            )
             fixed = (("link", link), ("point", list(com)))
             rows.append(Offer(link, fixed, (*vector(cls, "force"), *times), f"{start:g} s"))
         return rows
