@@ -169,6 +169,22 @@ def test_a_size_that_would_rather_be_below_nothing_is_none_though_it_has_no_inte
     assert judge._idle(family, wide) == idle
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "idle"),
+    [(0.2, 3.2, {"hip"}), (1.2, 2.2, set()), (-np.inf, np.inf, set()), (-6.0, 9.4, set()),
+     (-0.5, 1.0, {"hip"})],
+)  # fmt: skip
+def test_a_small_size_whose_interval_nearly_reaches_nothing_may_be_left_out(low, high, idle):
+    """Hysteresis of one knee was given to its hip as well, and neither was established."""
+    joints = ("hip", "knee")
+    size = Coordinate("torque", 1.0, (1.0,), -20.0, 20.0, strength=True)
+    offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
+    ((family, _),) = families([Screened(h, 0.2, (1.0,)) for h in offered], joints)
+    middle = 0.5 * (low + high) if np.isfinite(low) else 1.7
+    both = Estimate("torque hip", middle, low, high), Estimate("torque knee", 12.0, 11.0, 13.0)
+    assert judge._idle(family, both) == idle
+
+
 @pytest.fixture
 def rivals(monkeypatch):
     """Rivals (key, odds against it, its rms over the best), and a judgement of them."""

@@ -55,6 +55,7 @@ INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
 LITTLE_BESIDE = 0.1  # of the largest size in a family: below, a joint is not in it (taste)
+LESS, NEARLY = 0.4, 1.5  # or below this, if so many times its interval reaches nothing (taste)
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
@@ -429,7 +430,7 @@ class _Judgement:
 
 
 def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
-    """Joints of a family whose sizes are nothing, and at most little beside those of others.
+    """Joints of a family whose sizes may be nothing, and are at most little beside those of others.
 
     A size that is only not known may be there: a robot that rubs, rubs everywhere.
     """
@@ -438,11 +439,17 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
     for c, e in pairs:
         if c.strength:
             largest[c.name] = max(largest.get(c.name, 0.0), abs(e.value - e.absent))
+
+    def little(e: Estimate, largest: float) -> bool:
+        most, doubt = max(-e.low, e.high), 0.5 * NEARLY * (e.high - e.low)
+        doubtful = abs(e.value - e.absent) < doubt
+        return most < (LESS if doubtful else LITTLE_BESIDE) * largest
+
     there = {
         c.of
         for c, e in pairs
         if c.strength
         and not (c.one_sided and e.value == e.absent)  # it would rather be below
-        and not max(-e.low, e.high) < LITTLE_BESIDE * largest[c.name]
+        and not little(e, largest[c.name])
     }
     return set(hypothesis.joints) - there

@@ -126,6 +126,7 @@ class ComOffset(Effect, name="com_offset"):
             LookAlike("slope", "turn the robot around: a slope stays, an offset turns with it"),
             LookAlike("imu_tilt", "feet forces: a tilted IMU does not move them"),
             LookAlike("joint_offset", "turn the robot: gravity moves with it"),
+            LookAlike("sensor_bias", "another gain of the drive: a weight gives way, a bias stays"),
         ),
         touches=("model",),
     )

@@ -116,6 +116,7 @@ class SensorBias(LinearSensor, name="sensor_bias"):
             LookAlike("joint_offset", "hold still: with an offset sensor and command agree"),
             LookAlike("rest_angle_error", "joint against its stop: a spring leaves the stop alone"),
             LookAlike("imu_tilt", "turn the robot on its side: a tilt turns with it"),
+            LookAlike("com_offset", "another gain of the drive: a weight gives way, a bias stays"),
         ),
         touches=("q", "tau", "angular_velocity", "linear_acceleration"),
     )
