@@ -159,6 +159,15 @@ def test_late_sensors_are_told_from_a_late_command_where_torques_come_in_time():
     assert not score.row({**case, "robot": "linear_axis"}, named)["right"]
 
 
+@pytest.mark.parametrize(
+    ("robot", "alone"), [("servo_pendulum", True), ("hyq_leg", False), ("hyq_trot", False)]
+)
+def test_a_tilted_bench_and_a_shifted_mass_are_the_same_to_one_joint(robot, alone):
+    case = truth([("com_offset", "rod")], robot=robot)
+    hedged = result("ambiguous", ambiguous=[["com_offset", "slope"]])
+    assert score.row(case, hedged)["right"] is alone
+
+
 def test_a_pair_is_right_when_only_its_twin_is_left():
     delay = ["command_delay", "sensor_latency"]
     case = truth([*FRICTION, ("sensor_latency", "")], "pair")

@@ -21,6 +21,7 @@ from .ground import walkers
 from .physics import machines
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
+LEVEL = {"com_offset", "slope"}  # of one joint: gravity, or the mass that it pulls, is turned
 LATE = frozenset({"command_delay", "sensor_latency"})  # late stamps are what these say
 SURE = (NAMED, MORE)  # a name that is given counts, whether or not more is missing beside it
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
@@ -50,7 +51,8 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "condition": (how.get("way") or "clean", OFF if how.get("off") else EXACT),
         "options": options, "error": result.get("error", ""),
     }  # fmt: skip
-    twin = next((sorted(t) for t in TWINS if set(true) <= t), None) if true else None
+    twins = twins_of(truth["robot"])
+    twin = next((sorted(t) for t in twins if set(true) <= t), None) if true else None
     if true == ["sensor_latency"] and _machine(truth["robot"]).torque_noise:
         twin = None  # its torques come in time
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
@@ -67,7 +69,9 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     )
     cells["right"] = cells["top1"] if twin is None else hedged
     if kind == "pair":
-        cells["right"] = cells["top1"] or verdict == "ambiguous" and _both(true, names, result)
+        cells["right"] = (
+            cells["top1"] or verdict == "ambiguous" and _both(true, names, result, twins)
+        )
     cells["top2"] = cells["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     cells["with_others"] = verdict in SURE and bool(true) and set(true) < set(names)
     cells["false"] = cells["named"] and kind in ("null", "outsider")
@@ -95,11 +99,19 @@ def _groups(result: Mapping[str, Any]) -> list[list[str]]:
     return groups or ([list(result["names"])] if result.get("names") else [])
 
 
-def _both(true: Sequence[str], said: Sequence[str], result: Mapping[str, Any]) -> bool:
+def twins_of(robot: str) -> list[set[str]]:
+    """Sets of effects that no data of a robot can tell apart."""
+    alone = robot not in walkers.WALKERS and len(machines.get(robot).joints) == 1
+    return [*TWINS, LEVEL] if alone else list(TWINS)
+
+
+def _both(
+    true: Sequence[str], said: Sequence[str], result: Mapping[str, Any], twins: Sequence[set[str]]
+) -> bool:
     """All is named, but for twins that are told as such."""
     groups = [set(group) for group in _groups(result)]
     groups_named = {name for group in groups for name in group if name in true}
-    return all(group in TWINS for group in groups) and {*said, *groups_named} == set(true)
+    return all(group in twins for group in groups) and {*said, *groups_named} == set(true)
 
 
 def _options(result: Mapping[str, Any]) -> list[str]:
