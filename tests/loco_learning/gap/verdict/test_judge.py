@@ -124,6 +124,28 @@ def test_what_does_most_beside_the_others_is_a_rival_where_a_gap_is_left(effects
     assert asked == ["without it"] * len(rivals)
 
 
+def test_a_look_alike_is_tried_however_many_rivals_there_are():
+    """A centre of mass was never weighed against an encoder's zero: four others were fitted."""
+    size = Coordinate("size", 1.0, (1.0,), 0.0, 10.0, strength=True)
+
+    def at_knee(name):
+        return Hypothesis(name, "knee", (), (size,)), (1.0,)
+
+    best = Some(parts=(at_knee("sensor_bias"),))
+    others = ("payload", "backlash", "coulomb_friction", "actuator_lag", "slip")
+    known = [Some(parts=(at_knee(name),), key=name) for name in others]
+    judging, asked = Judgement(), []
+
+    def each(function, tasks):
+        asked.extend(parts[0][0].effect for parts, _ in tasks)
+        return [Some(parts=parts, key=parts[0][0].effect) for parts, _ in tasks]
+
+    screened = [Screened(at_knee(n)[0], 0.1, (1.0,)) for n in ("armature", "com_offset", *others)]
+    judging.about, judging.found = None, Some(models=known, screened=screened)
+    judging.search = Some(setting=None, each=each, energy=lambda m: float(m.key != "com_offset"))
+    assert judging._swaps(best, 0, None)[0].key == "com_offset" and asked == ["com_offset"]
+
+
 def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():
     asked = []
 

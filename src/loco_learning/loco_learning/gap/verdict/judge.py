@@ -40,6 +40,7 @@ from .rivals import (
     elsewhere,
     few,
     leading,
+    look_alikes,
     occam,
     on_edge,
     paid,
@@ -54,6 +55,7 @@ BENT = 1.0  # deviations of a value of the robot from which on effects change wh
 INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
 LEAST_SHARE = 0.02  # of the gap that one effect more must close
+LOOK_ALIKES = 2  # of those that were not fitted yet are tried, however many others were
 LITTLE_BESIDE = 0.1  # of the largest size in a family: below, a joint is not in it (taste)
 LESS, NEARLY = 0.4, 1.5  # or below this, if so many times its interval reaches nothing (taste)
 ODDS, INTERVAL = 1, 2  # keys of random streams
@@ -355,8 +357,8 @@ class _Judgement:
             if s.hypothesis.key not in (*fitted, *others)
         ]
         rest = tuple(part for i, part in enumerate(best.parts) if i != index)
-        room = max(0, RIVAL_NAMES - len({m.key for m in fitted.values()}))
-        new = new[:room]
+        alike = min(LOOK_ALIKES, sum(h.effect in look_alikes(mine) for h, _ in new))
+        new = new[: max(alike, RIVAL_NAMES - len({m.key for m in fitted.values()}))]
         if rest and not self.search.adequate(best):
             beside = self.search.beside(without, self.found.screened)
             known = {*fitted, *others, mine.key, *(h.key for h, _ in new)}

@@ -89,9 +89,14 @@ def ratio(a: Fitted, b: Fitted) -> float:
     return more if elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
 
 
+def look_alikes(mine: Hypothesis) -> set[str]:
+    """Names of the effects that are easily taken for one."""
+    return {alike.name for alike in EFFECTS[mine.effect].identity.look_alikes}
+
+
 def leading(screened: Sequence, mine: Hypothesis) -> list:
     """Best hypothesis of each other effect that may explain something, look-alikes first."""
-    alike = {a.name for a in EFFECTS[mine.effect].identity.look_alikes}
+    alike = look_alikes(mine)
     best: dict[str, object] = {}
     for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
         if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
