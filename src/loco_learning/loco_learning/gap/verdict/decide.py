@@ -71,7 +71,7 @@ class Limits(Params):
     )
     trifle: float = parameter(
         3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
-        "too small to matter explains is none", low=1.0
+        "too small to matter explains is none, and a channel may be left alone", low=1.0
     )  # fmt: skip
     edge: float = parameter(
         0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5

@@ -40,7 +40,8 @@ def adequate(
 ) -> bool:
     """In every channel of every record the model is near the floor or most of the gap closed.
 
-    What was left alone is another matter: a small part of the whole gap may be there.
+    What was left alone is another matter: a small part of the whole gap may be there, if it is
+    not loud by itself.
 
     Args:
         before: Whitened residuals of the model as it came, (T, C) per record.
@@ -56,7 +57,7 @@ def adequate(
         for column in left:
             rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
             if not noise[column] and evidence.closed(*rms) < limits.most:
-                if abs(rms[1] - rms[0]) > SAME * rms[0]:
+                if abs(rms[1] - rms[0]) > SAME * rms[0] or total[column] > limits.trifle:
                     return False
                 aside += evidence.excess([new[:, [column]]])
     whole = sum(evidence.excess([r]) for r in before)
