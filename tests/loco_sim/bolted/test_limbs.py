@@ -148,6 +148,13 @@ def test_no_more_is_kept_than_is_allowed():
     assert kept.known == 4
 
 
+def test_two_limbs_that_are_the_same_are_kept_once(kept):
+    a, b = (np.zeros((4, 3, 2)) for _ in range(2))
+    kept._keep(b"leg", a)
+    kept._keep(b"leg", b)
+    assert kept._size == a.nbytes and len(kept._runs) == 1
+
+
 def orders() -> limbs.Orders:
     rng = np.random.default_rng(0)
     laws = Laws(

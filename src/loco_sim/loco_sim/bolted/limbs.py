@@ -127,6 +127,8 @@ class Kept:
             self._keep(keys[k], out[:, :, orders.order[apart[k]]])
 
     def _keep(self, key: bytes, made: np.ndarray) -> None:
+        if key in self._runs:  # two limbs of one run that are the same
+            return
         self._runs[key] = made
         self._size += made.nbytes
         while self._size > self._most:

@@ -31,9 +31,7 @@ HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be f
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
 JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
 CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
-BENT = (
-    0.1  # of its range that a command may be off a parabola there; a step is 0.15 to 0.25 (taste)
-)
+BENT = 0.1  # of its range: so far a command may be off a parabola; steps are by 0.15 (taste)
 
 
 def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
