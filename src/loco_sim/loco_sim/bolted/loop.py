@@ -101,8 +101,7 @@ class Bolted:
         if setting.armature:
             self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
         self._gravity = np.array(setting.gravity)
-        shared = any(getattr(e, "shared", False) and not e.absent() for e in self._effects)
-        self._limbs = [] if shared else limbs.limbs(self._tree.kin)
+        self._limbs = limbs.limbs(self._tree.kin)
 
     def _substeps(self) -> int:
         """Parts of a physics step until damping held over one is harmless: `stability.substeps`.
@@ -178,15 +177,21 @@ class Bolted:
             self._tree, self._order, self._gravity, *pieces, table, which, power, *drive.rows(),
             change, brakes, forces, slow, self.physics_dt,
         )  # fmt: skip
-        if remembered or len(self._limbs) < 2 or self._braked(brakes) > 1:
+        if remembered or self._joined(brakes):
             loop.run(*orders, out, memories)
         else:
             limbs.KEPT.run(orders, self._limbs, out)
         return self._measured(out, pieces.rows, measures, change, memories)
 
-    def _braked(self, brakes: Laws) -> int:
-        """Limbs with brakes: the sweeps of `dynamics.stop` go on until all of them are settled."""
-        return sum(bool(np.isin(brakes.joint, self._order[limb]).any()) for limb in self._limbs)
+    def _joined(self, brakes: Laws) -> bool:
+        """Limbs do not move apart: they are one, share a cause, or several of them are braked.
+
+        The sweeps of `dynamics.stop` go on until all brakes are settled.
+        """
+        if len(self._limbs) < 2 or any(e.shared and not e.absent() for e in self._effects):
+            return True
+        braked = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limbs)
+        return sum(braked) > 1
 
     def _chain(self, hook: str) -> Laws:
         """Laws of the effects that have a hook."""

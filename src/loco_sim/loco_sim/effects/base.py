@@ -47,6 +47,7 @@ class Effect:
     identity: ClassVar[Identity | None] = None
     needs: ClassVar[tuple[str, ...]] = ()  # keys of `NEEDS`: what a robot must have
     lasting: ClassVar[bool] = False  # there from start to end: it is built into the world
+    shared: ClassVar[bool] = False  # one cause in all its joints: a supply, not a gear
     draws: ClassVar[bool] = False  # its course depends on the seed
     blind: ClassVar[bool] = False  # `on_step` looks at nothing: it pushes and sets friction
 

@@ -114,7 +114,6 @@ class JointEffect(Effect):
 
     law = 0  # number of the law
     among: ClassVar[str] = "all"  # joints it applies to, a key of `AMONG`
-    shared: ClassVar[bool] = False  # one cause in all these joints: a supply, not a gear
 
     @classmethod
     def lacks(cls, robot: Any) -> str:

@@ -203,20 +203,24 @@ def _first(
     """
     for half in reversed((*HALVES, *LONGER)):
         n = min(2 * half + 1, len(t))
-        line = np.polynomial.Legendre.fit(t[:n], told[:n], 2)
-        bent = np.sqrt(np.mean((line(t[:n]) - told[:n]) ** 2))
-        found = np.polynomial.Legendre.fit(t[:n], values[:n], 3)
-        left = np.sqrt(np.mean((found(t[:n]) - values[:n]) ** 2))
+        _, bent = _fitted(t[:n], told[:n], 2)
+        found, left = _fitted(t[:n], values[:n], 3)
         straight = abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n)
         if left <= noise and straight and bent <= max(noise, BENT * np.ptp(told[:n])):
             break
     else:  # through what a step has reached by its speed at most
         n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
-    parabola = np.polynomial.Legendre.fit(t[:n], values[:n], 2)
+    parabola, _ = _fitted(t[:n], values[:n], 2)
     spread = noise * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
     change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
     found = parabola(0.0), parabola.deriv()(0.0), spread[0], np.hypot(spread[1], change)
     return tuple(float(x) for x in found)
+
+
+def _fitted(t: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.polynomial.Legendre, float]:
+    """Polynomial through values, and the rms that it leaves."""
+    found = np.polynomial.Legendre.fit(t, values, degree)
+    return found, float(np.sqrt(np.mean((found(t) - values) ** 2)))
 
 
 def _powers(t: np.ndarray) -> np.ndarray:

@@ -58,6 +58,10 @@ class Limits(Params):
     aside: float = parameter(
         0.1, "share of the whole gap that may be in channels that the model leaves alone", high=1.0
     )  # fmt: skip
+    alone: float = parameter(
+        3.0, "rms of a channel [floors] on all records up to which the model may leave it alone "
+        "(battery 10606)", low=1.0
+    )  # fmt: skip
     spread: float = parameter(
         0.3, "deviation of a strength between parts of the data, over its value, from which on "
         "it is no constant of the robot", low=0.0
@@ -71,7 +75,7 @@ class Limits(Params):
     )
     trifle: float = parameter(
         3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
-        "too small to matter explains is none, and a channel may be left alone", low=1.0
+        "too small to matter explains is none", low=1.0
     )  # fmt: skip
     edge: float = parameter(
         0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5

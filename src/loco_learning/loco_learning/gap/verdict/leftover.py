@@ -57,7 +57,7 @@ def adequate(
         for column in left:
             rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
             if not noise[column] and evidence.closed(*rms) < limits.most:
-                if abs(rms[1] - rms[0]) > SAME * rms[0] or total[column] > limits.trifle:
+                if abs(rms[1] - rms[0]) > SAME * rms[0] or total[column] > limits.alone:
                     return False
                 aside += evidence.excess([new[:, [column]]])
     whole = sum(evidence.excess([r]) for r in before)

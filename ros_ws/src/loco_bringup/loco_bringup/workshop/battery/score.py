@@ -101,8 +101,7 @@ def _groups(result: Mapping[str, Any]) -> list[list[str]]:
 
 def twins_of(robot: str) -> list[set[str]]:
     """Sets of effects that no data of a robot can tell apart."""
-    alone = robot not in walkers.WALKERS and len(machines.get(robot).joints) == 1
-    return [*TWINS, LEVEL] if alone else list(TWINS)
+    return [*TWINS, LEVEL] if len(_machine(robot).joints) == 1 else list(TWINS)
 
 
 def _both(
