@@ -11,14 +11,35 @@ the square of the step as long as torques that depend on velocity get it at the 
 
 from __future__ import annotations
 
+import ctypes
+from typing import Any
+
+import llvmlite.binding
 import mujoco
 import numpy as np
+from mujoco import _functions
+from numba import types
 
 from .tree import Tree
 
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of stops and dry friction: as hard as it gets
 DEAD_STOP = 10.0  # damping ratio of stops: what hits one does not come back
 NO_LIMIT = 1e3  # [rad or m] in place of infinity
+
+
+def _compiled(name: str, *arguments: Any) -> types.ExternalFunction:
+    """A function of the engine's library that compiled code calls; pointers are whole numbers."""
+    own = f"loco_battery_{name}"
+    library = ctypes.CDLL(_functions.__file__)  # depends on the library, whatever its file is
+    llvmlite.binding.add_symbol(own, ctypes.cast(library[name], ctypes.c_void_p).value)
+    return types.ExternalFunction(own, types.void(*arguments))
+
+
+pointer = types.intp
+take_step = _compiled("mj_step", pointer, pointer)  # model and data
+apply_force = _compiled(  # model, data, force, torque, point, body, where its torques are added
+    "mj_applyFT", pointer, pointer, pointer, pointer, pointer, types.int32, pointer
+)
 
 
 class Engine:
@@ -30,6 +51,9 @@ class Engine:
         a: Joint accelerations over the last step [rad/s²], (n,).
         tau: Torques on the joints, to be set before each step [N·m], (n,).
         friction: Dry friction of the joints, to be set before each step [N·m], (n,).
+        places: Places of the bodies' frames in the world [m], (bodies, 3).
+        turns: Their axes, row by row, (bodies, 9).
+        pointers: Model and data, for `take_step` and `apply_force`.
     """
 
     def __init__(self, tree: Tree, dt: float, gravity: float):
@@ -57,29 +81,11 @@ class Engine:
         m.dof_solref[:] = 2.0 * dt, 1.0
         m.jnt_solref[:] = 2.0 * dt, DEAD_STOP
         m.dof_solimp[:] = m.jnt_solimp[:] = RIGID
-        self._bodies = [m.body(link).id for link in tree.links]
+        self.bodies = [m.body(link).id for link in tree.links]
         d = self._data
+        self.places, self.turns, self.pointers = d.xpos, d.xmat, (m._address, d._address)
         self.q, self.v, self.a = d.qpos, d.qvel, d.qacc
         self.tau, self.friction = d.qfrc_applied, m.dof_frictionloss
-
-    def step(self) -> None:
-        """Go on by one step."""
-        mujoco.mj_step(self._model, self._data)
-
-    def point(self, link: int, at: np.ndarray) -> np.ndarray:
-        """Place of a point of a body in the world [m], (3,).
-
-        Args:
-            link: Number of the body.
-            at: Place in the body's frame [m], (3,).
-        """
-        body = self._bodies[link]
-        return self._data.xpos[body] + self._data.xmat[body].reshape(3, 3) @ at
-
-    def pull(self, link: int, point: np.ndarray, force: np.ndarray) -> None:
-        """Add to `tau` what a force [N] on a point of a body [m] does, both in the world."""
-        none, body = np.zeros(3), self._bodies[link]
-        mujoco.mj_applyFT(self._model, self._data, force, none, point, body, self.tau)
 
     def mass(self, q: np.ndarray) -> np.ndarray:
         """Mass matrix at joint positions [kg·m²], (n, n)."""

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from . import laws
-from .engine import Engine
+from .engine import Engine, apply_force, take_step
 from .slots import (
     ACTUATION_DELAY,
     BACKLASH,
@@ -44,7 +44,7 @@ from .slots import (
     V,
 )
 
-LAWS_OF = 2  # see above
+LAWS_OF = 4  # see above
 LINE = 4096  # steps that a delayed torque may be old
 
 
@@ -78,6 +78,14 @@ class Port(NamedTuple):
     a: np.ndarray
     tau: np.ndarray
     friction: np.ndarray
+
+
+class Body(NamedTuple):
+    """Body that a push or a cable acts on: its number, places and turns of all of `Engine`."""
+
+    number: int
+    places: np.ndarray
+    turns: np.ndarray
 
 
 def simulate(
@@ -114,6 +122,20 @@ def simulate(
     memory = _memory(n, start)
     engine.q[:] = start
     port = Port(engine.q, engine.v, engine.a, engine.tau, engine.friction)
+    link = max(0, int(outside[0]))
+    body = Body(engine.bodies[link], engine.places, engine.turns)
+    _run(packed, command, hidden, outside, (*times, total), memory, port, body, engine.pointers,
+         seen, speed, torque, summed)  # fmt: skip
+    torque[0] = torque[1] if ticks > 1 else memory.drive
+    return seen, speed, torque
+
+
+@njit(cache=True, error_model="numpy")
+def _run(
+    packed, command, hidden, outside, times, memory, port, body, engine, seen, speed, torque, summed
+):
+    """All steps of `simulate`, with the engine's own between them."""
+    settle, steps, dt, every, total = times
     late = hidden[COMMAND_DELAY, 0, 0]
     for step in range(-settle * steps, total + 1):
         if step % steps == 0:
@@ -123,14 +145,12 @@ def simulate(
         if step >= 0 and step % every == 0:
             encode(seen[step // every], speed[step // every], memory.state, port, hidden, dt)
         t = (step + 0.5) * dt  # at which positions stand: commands change at whole steps
-        tick = min(max(0, int((t - late) // (steps * dt))), ticks - 1)
+        tick = min(max(0, int((t - late) // (steps * dt))), len(command) - 1)
         torques(packed, hidden, memory, port, command[tick], step, dt)
         if outside[0] >= 0.0:
-            _outside(engine, outside, t)
+            _outside(engine, body, port.tau, outside, t)
         summed += memory.drive
-        engine.step()
-    torque[0] = torque[1] if ticks > 1 else memory.drive
-    return seen, speed, torque
+        take_step(engine[0], engine[1])
 
 
 def _memory(n: int, start: np.ndarray) -> Memory:
@@ -142,18 +162,28 @@ def _memory(n: int, start: np.ndarray) -> Memory:
     )  # fmt: skip
 
 
-def _outside(engine: Engine, outside: np.ndarray, t: float) -> None:
+@njit(cache=True, error_model="numpy")
+def _outside(engine, body, tau, outside, t):
     """Add the torques of a push or a cable."""
-    link, other = int(outside[0]), outside[5:8]  # a force, or an anchor
+    at, force = outside[2:5], outside[5:8].copy()  # a force, or an anchor
+    point = body.places[body.number].copy()
+    for j in range(3):
+        for k in range(3):
+            point[j] += body.turns[body.number, 3 * j + k] * at[k]
     if outside[1] == 0.0:
-        if outside[8] <= t < outside[9]:
-            engine.pull(link, engine.point(link, outside[2:5]), other)
-        return
-    point = engine.point(link, outside[2:5])
-    way = other - point
-    length = float(np.linalg.norm(way))
-    if length > outside[9]:
-        engine.pull(link, point, outside[8] * (length - outside[9]) / length * way)
+        if not outside[8] <= t < outside[9]:
+            return
+    else:
+        force -= point
+        length = np.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+        if length <= outside[9]:
+            return
+        force *= outside[8] * (length - outside[9]) / length
+    none = np.zeros(3)
+    apply_force(
+        engine[0], engine[1], force.ctypes.data, none.ctypes.data, point.ctypes.data, body.number,
+        tau.ctypes.data,
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
