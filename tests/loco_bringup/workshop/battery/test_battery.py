@@ -131,19 +131,47 @@ def test_an_ambiguous_case_is_asked_again_with_the_experiment_it_proposes(tmp_pa
     monkeypatch.setattr(gap_battery_case, "examined", examined)
     case = cases.Case("case_0000", "linear_axis", "null", "", 5)
     first = gap_battery_case.work(tmp_path, case, (), ())
-    assert gap_battery_case.unfinished(first, (), True)
-    assert not gap_battery_case.unfinished(first, (), False)
+    assert gap_battery_case.unfinished(case, first, (), True)
+    assert not gap_battery_case.unfinished(case, first, (), False)
     result = gap_battery_case.work(tmp_path, case, (), (), follow=True)
     assert result["verdict"] == "ambiguous" and result["followed"]["verdict"] == "named"
     assert result["followed"]["experiment"] == "preload"
     assert seen == [["fit_chirp", "fit_ramp", "fit_steps"],
                     ["fit_chirp", "fit_ramp", "fit_steps", "next"]]  # fmt: skip
     assert result == gap_battery_bags.result(tmp_path, "case_0000")
-    assert not gap_battery_case.unfinished(result, (), True)
+    assert not gap_battery_case.unfinished(case, result, (), True)
     (made,) = load(tmp_path / "bags/case_0000/next", robots.load("linear_axis"))
     assert made.duration == pytest.approx(7.5, abs=0.01)
     moved = np.ptp(made.signals["q"]) / np.ptp(made.command["position"])
     assert moved == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_name_is_asked_again_under_other_settings(tmp_path, monkeypatch):
+    """Each is a setting of its own, drawn by the seed; a later run asks those that are missing."""
+    seen = []
+
+    def find(model, fit, held, params):
+        seen.append((params.window, held[0].name, params.accuracy))
+        assert sorted(r.name for r in [*fit, *held]) == [
+            "fit_chirp", "fit_ramp", "fit_steps", "hold_out",
+        ]  # fmt: skip
+        return {"verdict": "named", "names": ["payload"], "terms": []}
+
+    monkeypatch.setattr(gap_battery_case.workflow, "find", find)
+    case = cases.Case("case_0000", "linear_axis", "null", "", 5)
+    two = gap_battery_case.work(tmp_path, case, (), (), settings=2)
+    assert len(two["settings"]) == 2 and not gap_battery_case.unfinished(case, two, (), settings=2)
+    assert gap_battery_case.unfinished(case, two, (), settings=26)
+    all_of_them = gap_battery_case.work(tmp_path, case, (), (), settings=26)
+    assert all_of_them["settings"][:2] == two["settings"]
+    assert len(seen) == len(set(seen)) == 27 and seen[0] == (0.0, "hold_out", 0.0)
+
+
+def test_nothing_is_asked_again_where_nothing_is_named(tmp_path, monkeypatch):
+    result = {"verdict": "unknown", "names": [], "terms": []}
+    monkeypatch.setattr(gap_battery_case.workflow, "find", lambda *a: dict(result))
+    case = cases.Case("case_0000", "linear_axis", "null", "", 5)
+    assert "settings" not in gap_battery_case.work(tmp_path, case, (), (), settings=3)
 
 
 def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
@@ -172,7 +200,12 @@ def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["--cases", "0"], "--cases must be above 0"), (["--baselines", "luck"], "unknown baseline")],
+    [
+        (["--cases", "0"], "--cases must be above 0"),
+        (["--baselines", "luck"], "unknown baseline"),
+        (["--settings", "27"], "--settings must be 0 to 26, got 27"),
+        (["--settings", "1", "--robots", "hyq_trot"], "--settings is for robots that are held"),
+    ],
 )
 def test_mistakes_are_told(words, said):
     with pytest.raises(ParameterError, match=said):

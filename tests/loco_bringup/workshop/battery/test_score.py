@@ -56,6 +56,22 @@ def test_late_stamps_may_be_named_but_are_not_asked_for():
     assert f["by condition"]["late"]["cases"] == 2
 
 
+def test_names_under_other_settings_are_counted_where_any_is_given():
+    named = result("named", [term(*FRICTION[0])])
+    answers = [
+        ("named", ["coulomb_friction"]),
+        ("unknown", []),
+        ("named", ["payload"]),
+        ("ambiguous", ["payload"]),
+        ("named, and more is missing", ["coulomb_friction"]),
+    ]
+    named["settings"] = [{"verdict": verdict, "names": names} for verdict, names in answers]
+    f = score.figures([score.row(truth(FRICTION), named)])
+    assert f["answers under other settings"] == 5
+    assert f["same names under other settings"] == pytest.approx(2 / 3)
+    assert f["no name under other settings"] == pytest.approx(2 / 5)
+
+
 def test_another_leg_is_the_wrong_place_and_a_wrong_size_is_seen():
     found = term("coulomb_friction", "rf_hfe_joint", 0.15, 0.14, 0.16)
     r = score.row(truth(FRICTION), result("named", [found]))

@@ -125,5 +125,8 @@ def battery(p: ArgumentParser) -> None:
                    "`pip install '.[battery]'` was run; none of robots that walk)")  # fmt: skip
     p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
                    "experiment that it proposes on the robot, and look again")  # fmt: skip
+    p.add_argument("--settings", type=int, default=0, metavar="N", help="ask each name again under "
+                   "N of 26 other settings: pieces of 0.5 or 2 s, another record that judges, an "
+                   "accuracy of 1 or 3 %% (default 0)")  # fmt: skip
     p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")
     add_out(p, "folder of the battery (default results/gap_battery_SEED)")

@@ -92,7 +92,7 @@ def note_time(folder: Path, case: str, what: str, wall: float, cpu: float) -> No
     Args:
         folder: Folder of the battery.
         case: Name of the case.
-        what: The part: search, followed or baselines.
+        what: The part: search, followed, settings or baselines.
         wall: Time [s].
         cpu: Processor time [s].
     """

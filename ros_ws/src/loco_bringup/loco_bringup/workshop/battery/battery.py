@@ -21,7 +21,7 @@ from ...gap.run import read_json
 from . import bags, cases, sysid
 from .baselines import METHODS
 from .ground.walkers import WALKERS
-from .trial import make, unfinished, work
+from .trial import OTHERS, make, unfinished, work
 
 SETTINGS = "battery.json"
 SYSID = "sysid"  # the baseline that needs packages of its own
@@ -38,9 +38,11 @@ def check(a: argparse.Namespace) -> None:
     for what in ("cases", "workers", "limit"):
         if getattr(a, what) <= 0:
             raise ParameterError(f"--{what} must be above 0, got {getattr(a, what):g}")
+    if not 0 <= a.settings <= len(OTHERS):
+        raise ParameterError(f"--settings must be 0 to {len(OTHERS)}, got {a.settings}")
     walking = [robot for robot in a.robots if robot in WALKERS]
-    if walking and (a.baselines or a.follow):
-        what = "--follow" if a.follow else "--baselines"
+    if walking and (asked := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
+        what = f"--{asked[0]}"
         raise ParameterError(
             f"{what} is for robots that are held, not for {walking[0]}; leave it out"
         )
@@ -73,12 +75,13 @@ def run(
     _settle(a, folder)
     kept = {c.name: bags.result(folder, c.name) for c in planned}
     baselines = tuple(a.baselines)
-    missing = [c for c in planned if unfinished(kept[c.name], baselines, a.follow)]
+    wanted = baselines, a.follow, a.settings
+    missing = [c for c in planned if unfinished(c, kept[c.name], *wanted)]
     if a.bags_only:
         missing = [c for c in planned if not bags.ready(folder, c.name)]
     tell(len(planned) - len(missing), "", "")
     done = len(planned) - len(missing)
-    jobs: list[tuple] = [(folder, c, tuple(a.effects), baselines, a.follow) for c in missing]
+    jobs: list[tuple] = [(folder, c, tuple(a.effects), *wanted) for c in missing]
     if a.bags_only:
         jobs = [job[:3] for job in jobs]
     with pool.start(make if a.bags_only else work, workers=a.workers, limit=a.limit) as place:

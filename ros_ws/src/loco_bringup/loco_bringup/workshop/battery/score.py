@@ -82,6 +82,10 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["baselines"] = {
         name: {"after": found.get("after")} for name, found in result.get("baselines", {}).items()
     }
+    cells["settings"] = [
+        sorted(set(answer["names"]) - besides) if answer["verdict"] in SURE else []
+        for answer in result.get("settings", [])
+    ]
     later = result.get("followed")
     cells["experiment"] = later["experiment"] if later else ""
     cells["then"] = row(truth, later) if later else None
@@ -206,6 +210,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     nulls = [r for r in rows if r["kind"] == "null"]
     strange = [r for r in rows if r["kind"] == "outsider"]
     sizes = [s for r in rows for s in r["sizes"]]
+    again = [(r["said"], names) for r in rows for names in r["settings"]]
     return {
         "cases": len(rows),
         "errors": sum(r["verdict"] == "error" for r in rows),
@@ -232,6 +237,9 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "outsiders named": share(r["named"] for r in strange),
         "false names": share(_false(r) for r in rows),
         "abstained": share(r["abstained"] for r in [*singles, *pairs]),
+        "answers under other settings": len(again),
+        "same names under other settings": share(now == then for then, now in again if now),
+        "no name under other settings": share(not now for _, now in again),
         "place right": share(r["place"] for r in rows if r["place"] is not None),
         "places judged": sum(r["place"] is not None for r in rows),
         "size error median": median(s["error"] for s in sizes),

@@ -11,6 +11,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from loco_control.files import write_whole
 from loco_learning.gap import workflow
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.proposals import pool
+from loco_learning.gap.verdict.decide import MORE, NAMED
 from loco_sim.plant.model import Model
 
 from ...gap.importing import load
@@ -32,6 +34,12 @@ from .physics import machines
 from .physics.machines import Machine
 
 KEPT = ("verdict", "names", "terms", "rivals", "ambiguous", "gap", "next")
+HELD = "hold_out"
+WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
+OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[
+    1:
+]  # the first is what a case is searched with
+OTHER = 6  # key of the stream that draws among them
 
 
 def work(
@@ -40,6 +48,7 @@ def work(
     effects: tuple[str, ...],
     baselines: tuple[str, ...],
     follow: bool = False,
+    settings: int = 0,
 ) -> dict:
     """Do what is missing of a case: make it, run the workflow, run baselines; keep the result.
 
@@ -49,6 +58,7 @@ def work(
         effects: Patterns that single effects match.
         baselines: Names of the baselines to run.
         follow: Whether an ambiguous verdict gets the experiment that it proposes.
+        settings: Number of other settings under which a name is asked again.
     """
     make(folder, case, effects)
     place = folder / bags.BAGS / case.name
@@ -60,6 +70,11 @@ def work(
     if follow and unfollowed(result):
         with _timed(folder, case.name, "followed"):
             result["followed"] = followed(folder, case, result)
+        bags.keep(folder, result)
+    for setting in unasked(result, case.seed, settings):
+        with _timed(folder, case.name, "settings"):
+            answer = asked(place, case.robot, case.seed, setting)
+        result.setdefault("settings", []).append(answer)
         bags.keep(folder, result)
     missing = lacking(result, baselines)
     if missing:
@@ -85,15 +100,40 @@ def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ..
     return tuple(name for name in baselines if name not in done)
 
 
-def unfinished(result: dict[str, Any] | None, baselines: tuple[str, ...], follow: bool) -> bool:
+def unfinished(
+    case: Case,
+    result: dict[str, Any] | None,
+    baselines: tuple[str, ...],
+    follow: bool = False,
+    settings: int = 0,
+) -> bool:
     """Something of a case is still to be done; arguments as of `work`."""
-    return result is None or bool(lacking(result, baselines)) or (follow and unfollowed(result))
+    if result is None or lacking(result, baselines) or (follow and unfollowed(result)):
+        return True
+    return bool(unasked(result, case.seed, settings))
 
 
 def unfollowed(result: dict[str, Any]) -> bool:
     """A verdict is ambiguous, proposes an experiment, and that was not run."""
     ambiguous = result["verdict"] == "ambiguous" and bool(result.get("next"))
     return ambiguous and "followed" not in result
+
+
+def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
+    """Other settings under which a name is still to be asked: window, judging record, accuracy."""
+    if result["verdict"] not in (NAMED, MORE) or not result["names"]:
+        return []
+    drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]
+    return [OTHERS[i] for i in drawn[len(result.get("settings", [])) :]]
+
+
+def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float]) -> dict[str, Any]:
+    """Setting, verdict and names of a search under it; other arguments as of `examined`."""
+    window, judge, accuracy = setting
+    params = GapParams(seed=seed, window=window, accuracy=accuracy)
+    found = _found(*read(place, robot, (HELD,), judge), params)
+    said = {"window": window, "judge": judge, "accuracy": accuracy}
+    return {**said, "verdict": found["verdict"], "names": found["names"]}
 
 
 def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]:
@@ -130,9 +170,13 @@ def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> 
         seed: Seed of the workflow.
         more: Names of further bags to fit.
     """
-    model, fit, held = read(place, robot, more)
+    return _found(*read(place, robot, more), GapParams(seed=seed))
+
+
+def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, Any]:
+    """Parts of `gap.json` that a battery keeps of a search; an error is a verdict."""
     try:
-        found = workflow.find(model, fit, held, GapParams(seed=seed))
+        found = workflow.find(model, fit, held, params)
         return {key: found[key] for key in KEPT if key in found}
     except LocoError as error:
         return {"verdict": "error", "names": [], "terms": [], "error": str(error)}
@@ -196,16 +240,19 @@ def _foreign(machine: Machine) -> Path:
     return path
 
 
-def read(place: Path, robot: str, more: tuple[str, ...] = ()) -> tuple[Any, list, list]:
+def read(
+    place: Path, robot: str, more: tuple[str, ...] = (), judge: str = HELD
+) -> tuple[Any, list, list]:
     """Model of a robot as it should be, records to fit and records to judge on.
 
     Args:
         place: Folder with fit_* and hold_out bags.
         robot: Name of the robot.
         more: Names of further bags to fit.
+        judge: Name of the bag to judge on, which is not fitted.
     """
     model = model_of(robot)
     machine = model.make_robot()
-    bags_to_fit = [*sorted(place.glob("fit_*")), *(place / name for name in more)]
-    fit = [r for path in bags_to_fit for r in load(path, machine)]
-    return model, fit, load(place / "hold_out", machine)
+    names = [*sorted(path.name for path in place.glob("fit_*")), *more]
+    fit = [r for name in names if name != judge for r in load(place / name, machine)]
+    return model, fit, load(place / judge, machine)
