@@ -81,6 +81,16 @@ def test_a_model_that_is_a_little_off_has_no_gap_and_is_put_right(slide):
     assert said["drives.slide.kp"] / said["bodies.carriage.mass"] == pytest.approx(wanted, 1e-3)
 
 
+def test_a_model_that_explains_nothing_is_not_said_to(slide):
+    """A mass a thousandth off is refitted, too, but a delay too small to matter is what shows."""
+    late = slide.records(
+        [{"name": "sensor_latency", "delay": 1.5e-4}], overrides={"bodies.carriage.mass": 1.001}
+    )
+    gap = workflow.find(slide.model, *late, QUICK)
+    assert (gap["verdict"], gap["names"]) == ("no gap", [])
+    assert gap["evidence"].endswith("command_delay too small to matter explains it.")
+
+
 def test_what_is_a_little_off_hides_neither_friction_nor_a_mass(slide):
     unsure = Model(slide.model.robot, UNSURE)
     rubs = {"name": "coulomb_friction", "torque": 3.0}

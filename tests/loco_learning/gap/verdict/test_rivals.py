@@ -81,6 +81,16 @@ def test_a_trifle_is_told_only_where_sizes_compare():
     assert not rivals.trifle(COULOMB, [1e-9])
 
 
+def test_a_length_is_no_trifle_but_on_a_joint_that_turns():
+    """A quarter of a millimetre is five floors of a slide's encoder (battery 10606: 76)."""
+    zero = Coordinate("q", 1e-3, (1.0,), -0.1, 0.1, "rad", strength=True)
+    law = hypothesis("sensor_bias", zero)
+    assert rivals.trifle(law, [0.26]) and rivals.trifle(law, [0.26], {"another"})
+    assert not rivals.trifle(law, [0.26], {law.place})
+    family = replace(law, place="*_joint", joints=("a_joint", "b_joint"))
+    assert not rivals.trifle(family, [0.26], {"b_joint"})
+
+
 STRENGTHS = [(name, key) for name, cls in EFFECTS.items() for key in cls.identity.strengths]
 
 

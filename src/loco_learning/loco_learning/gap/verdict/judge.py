@@ -19,6 +19,7 @@ from ..fitting.seen import finish
 from ..hypotheses.families import fewer
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
+from ..prediction.channels import slides
 from ..statistics import evidence, identify
 from . import stable
 from .candidates import Candidate, Estimate, Rival
@@ -138,7 +139,8 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         judged = replace(judged, decision=decision, over_settings=table)
     judged = replace(judged, asked=search.asked)
     refitted = [*search.nominal, *little_off(case, base)]
-    if refitted and judged.decision.verdict == NO_GAP and has_gap(found.given.whole, limits):
+    no_gap = judged.decision.verdict == NO_GAP
+    if refitted and little and no_gap and has_gap(found.given.whole, limits):
         text = (
             f"The model is a little off. With {', '.join(refitted)} refitted it explains the data: "
             f"{found.given.held.rms:.2f} noise floors before, {base.held.rms:.2f} after."
@@ -161,6 +163,7 @@ class _Judgement:
         self.done: dict[str, Fitted] = {}
         self.nominal = nominal
         self.about: list[dict] | None = None
+        self.sliding = slides(case.forward.channels)
         size = np.nanstd(np.concatenate(case.forward.measured), axis=0) / case.floor
         self.enough = search.params.accuracy * size
 
@@ -175,6 +178,9 @@ class _Judgement:
             judged = self._established(judged, limits)
         return replace(judged, left_out=tuple(out))
 
+    def _trifle(self, part: tuple) -> bool:
+        return trifle(*part, self.sliding)
+
     def _swapped(self, judged: Judged, out: Sequence, limits: Limits) -> Judged:
         """The same for the best rival where that beats the selected model."""
         known = {o.model.key for o in out}
@@ -183,7 +189,7 @@ class _Judgement:
             for model, _ in judged.rivals
             if self.beats(model, judged.best, limits)
             and model.key not in known
-            and not any(trifle(*part) for part in model.parts)
+            and not any(self._trifle(part) for part in model.parts)
         ]
         best = min(better, key=lambda m: (self.search.energy(m), m.key), default=None)
         return self._judged(best, limits) if best else judged
@@ -417,14 +423,16 @@ class _Judgement:
             other, _ = part
             closed, worse = self._closed(model), ratio(model, best)
             edge = on_edge(*part, limits.edge)
-            made.append(Rival(other.effect, other.place, over, closed, trifle(*part), worse, edge))
+            made.append(
+                Rival(other.effect, other.place, over, closed, self._trifle(part), worse, edge)
+            )
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
             estimates,
             *self._gain(best, without),
             tuple(made),
-            trifle(*best.parts[index]),
+            self._trifle(best.parts[index]),
             total=self._total(best, without),
             worse=ratio(without, best),
             elsewhere=elsewhere(without),

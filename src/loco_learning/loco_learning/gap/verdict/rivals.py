@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from loco_sim.effects.base import EFFECTS
@@ -34,17 +34,24 @@ def occam(a: Fitted, b: Fitted) -> float:
     return sum(min(max(nat, -most), most) for nat in both)
 
 
-def trifle(hypothesis: Hypothesis, x: Sequence[float]) -> bool:
+def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] = ()) -> bool:
     """All strengths are far below what the effect has on any robot.
 
-    Only where that can be said: friction in N·m is large on one robot and nothing on another.
+    Only where that can be said: friction in N·m is large on one robot and nothing on another, and
+    so are lengths.
+
+    Args:
+        hypothesis: Effect and place.
+        x: Coordinates.
+        sliding: Joints that slide, whose positions are lengths.
     """
     priors = EFFECTS[hypothesis.effect].identity.priors
+    lengths = any(joint in sliding for joint in (hypothesis.place, *hypothesis.joints))
     for c, at in zip(hypothesis.coordinates, x, strict=True):
         if not c.strength:
             continue
         prior = priors.get(c.name)
-        if prior is None or c.unit not in COMPARABLE:
+        if prior is None or c.unit not in COMPARABLE or (lengths and c.unit == "rad"):
             return False
         least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
         if abs(c.value(at)) > least:
