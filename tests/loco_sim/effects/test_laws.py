@@ -149,14 +149,18 @@ def test_limits_and_errors_of_the_drive():
     assert by_hand("supply_sag", tau=half.min(), sag=0.0) == pytest.approx(half.min())
 
 
-def test_a_lag_is_exact():
-    effect = effects.make("actuator_lag", time=0.01)
+@pytest.mark.parametrize("time", [0.01, 0.0007])
+def test_a_lag_is_exact_in_the_mean_of_each_step(time):
+    """Also where it is shorter than a step: it delays the impulse of a torque by its time."""
+    effect = effects.make("actuator_lag", time=time)
     effect.configure(Bare())
     effect.reset(np.random.default_rng(0))
-    zero = np.zeros(12)
-    effect.on_torque(zero, zero, zero, 0.001, 0.0)
-    out = [effect.on_torque(zero + 1.0, zero, zero, 0.001, 0.0)[0] for _ in range(30)]
-    np.testing.assert_allclose(out, 1.0 - np.exp(-np.arange(1, 31) / 10.0), rtol=1e-12)
+    zero, dt = np.zeros(12), 0.001
+    effect.on_torque(zero, zero, zero, dt, 0.0)
+    out = [effect.on_torque(zero + 1.0, zero, zero, dt, 0.0)[0] for _ in range(200)]
+    late = time * np.exp(-np.arange(201) * dt / time)  # of the impulse, at the ends of steps
+    np.testing.assert_allclose(out, 1.0 + np.diff(late) / dt, rtol=1e-9)
+    assert np.sum(1.0 - np.array(out)) * dt == pytest.approx(time, rel=1e-6)
 
 
 def test_play_gives_no_torque_until_the_motor_is_across():

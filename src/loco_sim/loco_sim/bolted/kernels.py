@@ -12,7 +12,7 @@ from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "1c8ce546e71d"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "10c4c175cf3b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

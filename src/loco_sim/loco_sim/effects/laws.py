@@ -80,13 +80,17 @@ def delay(first, last, joint, const, memory, line, tau):
 
 @njit(cache=True)
 def lag(first, last, joint, const, memory, tau, q, dq, dt):
-    """T dy/dt = tau - y, tau <- y; const: exp(-dt / T). memory: begun, y."""
+    """T dy/dt = tau - y, tau <- mean of y over the step; memory: begun, y at its end.
+
+    The end itself would come half a step early. const: exp(-dt / T), and its mean from 0 to dt.
+    """
     for r in range(first, last):
         j = joint[r]
         if memory[r, 0] == 0.0:
             memory[r, 0], memory[r, 1] = 1.0, tau[j]
-        memory[r, 1] = tau[j] + const[r, 0] * (memory[r, 1] - tau[j])
-        tau[j] = memory[r, 1]
+        wanted, lead = tau[j], memory[r, 1] - tau[j]
+        memory[r, 1] = wanted + const[r, 0] * lead
+        tau[j] = wanted + const[r, 1] * lead
 
 
 @njit(cache=True)

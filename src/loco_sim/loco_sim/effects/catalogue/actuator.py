@@ -49,7 +49,10 @@ class ActuatorLag(TorqueEffect, name="actuator_lag"):
     )  # fmt: skip
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
-        return (np.exp(-world.dt / self.time) if self.time > 0.0 else 0.0,)
+        if self.time <= 0.0:
+            return 0.0, 0.0
+        steps = world.dt / self.time
+        return np.exp(-steps), -np.expm1(-steps) / steps
 
 
 @dataclass
