@@ -11,6 +11,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
 from loco_sim.bolted.loop import Bolted
 from loco_sim.drives.servo_kernels import given
+from loco_sim.effects.readings import Layout, behind
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.world.braking import split
@@ -282,3 +283,31 @@ def test_what_a_motor_gives_at_a_speed(effect, speed, left):
     assert given(changed[0], 1.0, speed) == pytest.approx(left, rel=1e-3)
     tau = np.array([9.0])
     np.testing.assert_array_equal(made.on_torque(tau, *np.zeros((2, 1)), 1e-3, 0.0), tau)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("sensor_bias", {"q": 0.01}), ("sensor_gain", {"q": -0.2}), ("joint_offset", {"offset": 0.02}),
+     ("sensor_nonlinearity", {"quadratic": 0.3, "cubic": -0.2})],
+)  # fmt: skip
+def test_what_sensors_that_are_off_say_leads_back_to_what_is(name, values):
+    """Of one time and of many, by one effect and by another after it."""
+    rng, world = np.random.default_rng(3), Bare()
+    wrong = [effects.make(name, **values), effects.make("sensor_gain", q=0.05)]
+    for effect in wrong:
+        effect.configure(world)
+        effect.reset(rng)
+    at, rest = Layout(12, 4), world.robot.standing
+    true = rng.uniform(-0.3, 0.3, (5, at.size))
+    true[:, at["q"]] += rest
+    said = true.copy()
+    for effect in wrong:
+        effect.measure(said, at, 0.0)
+    for row, read in zip(true, said, strict=True):
+        one = row.copy()
+        for effect in wrong:
+            effect.measure(one, at, 0.0)
+        np.testing.assert_array_equal(one, read)
+        q, dq = behind(wrong, read[at["q"]], read[at["dq"]], feet=4)
+        np.testing.assert_allclose(q, row[at["q"]], atol=1e-4)
+        np.testing.assert_allclose(dq, row[at["dq"]], atol=1e-3)

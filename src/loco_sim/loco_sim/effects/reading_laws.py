@@ -14,18 +14,19 @@ def bend(values, joints, n, rest, quadratic, cubic):
     """Q <- q + quadratic x^2 + cubic x^3 about `rest`, and dq with the slope of it.
 
     Args:
-        values: Readings: n joint positions, n joint velocities and more.
+        values: Readings: n joint positions, n joint velocities and more, in rows.
         joints: Indices of the joints, (k,).
         n: Number of joints.
         rest: Angle at which x is zero [rad], (k,).
         quadratic: [1/rad].
         cubic: [1/rad²].
     """
-    for k in range(len(joints)):
-        j = joints[k]
-        x = values[j] - rest[k]
-        values[n + j] *= 1.0 + (2.0 * quadratic + 3.0 * cubic * x) * x
-        values[j] += (quadratic + cubic * x) * x * x
+    for row in range(len(values)):
+        for k in range(len(joints)):
+            j = joints[k]
+            x = values[row, j] - rest[k]
+            values[row, n + j] *= 1.0 + (2.0 * quadratic + 3.0 * cubic * x) * x
+            values[row, j] += (quadratic + cubic * x) * x * x
 
 
 @njit(cache=True)

@@ -17,6 +17,8 @@ from loco_control.types import RobotState
 from .base import span
 from .identity import SENSOR_SIGNALS
 
+SOUGHT = 8  # times that what sensors say is compared with what they should
+
 
 class Layout:
     """Places of the signals in the vector of a robot with n joints and m feet.
@@ -82,6 +84,29 @@ class Readings:
             if first <= step < last:
                 measure(values, self._at, state.t)
         return self._at.unpack(values, state)
+
+
+def behind(
+    effects: Sequence[Measuring], q: np.ndarray, dq: np.ndarray, feet: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint positions and velocities of which sensors with effects say `q` and `dq`.
+
+    Args:
+        effects: Effects that are `by_itself`, configured, in the order in which they act.
+        q: Positions that were read [rad or m], (n,).
+        dq: Velocities that were read, (n,).
+        feet: Number of the robot's feet.
+    """
+    at = Layout(len(q), feet)
+    read = np.zeros(at.size)
+    read[at["q"]], read[at["dq"]] = q, dq
+    true = read.copy()
+    for _ in range(SOUGHT):
+        said = true.copy()
+        for effect in effects:
+            effect.measure(said, at, 0.0)
+        true += read - said
+    return true[at["q"]], true[at["dq"]]
 
 
 class Measuring:

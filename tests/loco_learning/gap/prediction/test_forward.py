@@ -160,6 +160,28 @@ def test_a_bolted_leg_that_has_sagged_begins_where_it_hangs():
     assert np.abs(error.mean(axis=0)).max() < 0.01 * sag
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [("sensor_bias", {"q": 0.004}), ("sensor_gain", {"q": 0.1}),
+     ("sensor_nonlinearity", {"quadratic": 1.0, "cubic": -4.0}),
+     ("sensor_latency", {"delay": 0.004})],
+)  # fmt: skip
+def test_a_robot_that_moves_begins_where_it_is_and_not_where_bent_or_late_sensors_say(
+    effect, values
+):
+    t = np.arange(500) / 250.0
+    wanted = (0.1 * np.sin(9.0 * t))[:, None]
+    empty = Record("r", t, {"position": wanted}, ("slide",), {"q": wanted}, ("slide",))
+    spec = {"name": effect, **values}
+    (said,) = Forward(Model("linear_axis"), [empty])([spec])
+    cut = replace(empty.rows(188, 500), signals={"q": said[188:]})
+    forward = Forward(Model("linear_axis"), [cut])
+    assert abs(forward.starts[0][0].dq[0]) > 0.7
+    (none,), (right,) = forward(), forward([spec])
+    wrong = np.abs(none - said[188:])[1:].max()  # before the first nobody knows what was
+    assert np.abs(right - said[188:])[1:].max() < 0.05 * wrong  # its speed is late, too
+
+
 def test_a_shift_of_whole_samples_moves_rows():
     wave = np.sin(np.arange(60) * 0.2)[:, None]
     assert shifted(wave, 2.0)[10:-10] == pytest.approx(wave[8:-12], abs=1e-4)

@@ -22,9 +22,12 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 from loco_sim.effects import EFFECTS, from_list
+from loco_sim.effects.base import Effect
 from loco_sim.effects.identity import READ_AS
+from loco_sim.effects.readings import Measuring, behind
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
+from loco_sim.world.world import Setting
 
 from ..recordings.record import Record, bridged
 from ..statistics import noise
@@ -185,16 +188,33 @@ class Forward:
         rows = range(len(self.records)) if only is None else only
         late = [e for e in effects if _late(e)]
         effects = [e for e in effects if not _late(e)]
-        found = [self._run(i, effects, overrides or {}, step) for i in rows]
-        behind = self._behind(late, shift)
-        for by in np.unique(behind[behind != 0.0]):
+        lag = self._lag(late, shift)
+        moved = self._ahead(late)
+        found = [moved._run(i, effects, overrides or {}, step) for i in rows]
+        for by in np.unique(lag[lag != 0.0]):
             found = [
-                np.where(behind == by, shifted(p, by / self.records[i].dt), p)
+                np.where(lag == by, shifted(p, by / self.records[i].dt), p)
                 for i, p in zip(rows, found, strict=True)
             ]
         return found
 
-    def _behind(self, late: Sequence[Mapping[str, Any]], shift: float) -> np.ndarray:
+    def _ahead(self, late: Sequence[Mapping[str, Any]]) -> Forward:
+        """The same with bolted robots that begin where they are: what was read there is late."""
+        times = [
+            spec[EFFECTS[spec["name"]].identity.late]
+            for spec in late
+            if spec.get("channel", "all") in ("all", "q")
+        ]
+        if not any(times):
+            return self
+        other, by = copy(self), sum(times)
+        other._starts = [
+            starts if self.on_ground(i) else [s._replace(q=s.q + by * s.dq) for s in starts]
+            for i, starts in enumerate(self._starts)
+        ]
+        return other
+
+    def _lag(self, late: Sequence[Mapping[str, Any]], shift: float) -> np.ndarray:
         """Delay of each channel [s], (C,)."""
         named = np.array([READ_AS.get(c.signal, c.signal) for c in self.channels])
         times = np.full(len(named), shift)
@@ -275,9 +295,10 @@ class Forward:
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
         starts, dt = self._starts[index], running.period(self.records[index])
-        starts = turned(self.records[index], robot, specs, starts)
+        effects = from_list(specs)
+        starts = unbent(robot, effects, turned(self.records[index], robot, effects, starts), dt)
         if self.on_ground(index):
-            starts = windows.begun(robot, from_list(specs), starts, self.legs(index))
+            starts = windows.begun(robot, effects, starts, self.legs(index))
         return running.run(robot, specs, self._told[index], starts, dt, self.channels)
 
     @cached_property
@@ -346,23 +367,36 @@ def idle(told: running.Orders) -> int:
 
 
 def turned(
-    record: Record, robot: Robot, specs: Sequence[Mapping[str, Any]], starts: list[Start]
+    record: Record, robot: Robot, effects: Sequence[Effect], starts: list[Start]
 ) -> list[Start]:
-    """Starts where joints that are bolted on with a turn really are: their sensors say less."""
-    offsets = np.zeros(len(robot.joints))
-    for spec in specs:
-        turn = EFFECTS[spec["name"]].identity.turned
-        if turn and not spec.get("start"):
-            named = [fnmatchcase(joint, spec.get("joint") or "*") for joint in robot.joints]
-            driven = np.isin(np.arange(len(robot.joints)), robot.driven)
-            offsets[np.array(named) & driven] += spec.get(turn, 0.0)
-    if not offsets.any():
+    """Starts of a robot that stands elsewhere than it is told, since joints are bolted on turned.
+
+    They are where sensors say that it stands.
+    """
+    patterns = [e.joint or "*" for e in effects if e.identity.turned and _whole(e)]
+    if starts or not patterns:
         return starts
-    if not starts:
-        q = record.joints_of(robot, "q")[0]
-        at = np.where(np.isfinite(q) & (offsets != 0.0), q, robot.standing)
-        starts = _still(record, at)
-    return [piece._replace(q=piece.q + offsets) for piece in starts]
+    q = record.joints_of(robot, "q")[0]
+    driven = np.isin(np.arange(len(q)), robot.driven)
+    named = [any(fnmatchcase(joint, p) for p in patterns) for joint in robot.joints]
+    return _still(record, np.where(np.isfinite(q) & driven & named, q, robot.standing))
+
+
+def unbent(robot: Robot, effects: Sequence[Effect], starts: list[Start], dt: float) -> list[Start]:
+    """Starts in which joints really are, if what was read there is off as effects say."""
+    wrong = [e for e in effects if isinstance(e, Measuring) and e.by_itself and _whole(e)]
+    if not wrong or not starts:
+        return starts
+    for effect in wrong:
+        effect.configure(Setting(robot, robot.sim, dt))
+        effect.reset(np.random.default_rng(0))
+    states = [behind(wrong, s.q, s.dq, len(robot.feet)) for s in starts]
+    return [s._replace(q=q, dq=dq) for s, (q, dq) in zip(starts, states, strict=True)]
+
+
+def _whole(effect: Effect) -> bool:
+    """The effect is there from start to end."""
+    return not effect.absent() and effect.start == 0.0 and np.isinf(effect.stop)
 
 
 def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> list[Start]:

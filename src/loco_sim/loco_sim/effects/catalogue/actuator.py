@@ -257,6 +257,7 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
 
     offset: float = parameter(0.0, "true angle when the sensor says 0", "rad", -3.2, 3.2)
     among, needs = "driven", ("follower",)
+    by_itself = True
 
     identity = Identity(
         site="actuator",
@@ -286,7 +287,10 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
         return self._turned, dq
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        reading_laws.add_at(values, self.joints, 0, self._offsets, -1.0)
+        if values.ndim == 1:
+            reading_laws.add_at(values, self.joints, 0, self._offsets, -1.0)
+        else:
+            values[:, self.joints] -= self._offsets
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return ()

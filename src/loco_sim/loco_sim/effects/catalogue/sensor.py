@@ -179,6 +179,7 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
 
     quadratic: float = parameter(0.0, "bend about the joint's rest", "1/rad", -5.0, 5.0)
     cubic: float = parameter(0.0, "bend about the joint's rest", "1/rad²", -10.0, 10.0)
+    by_itself = True
 
     identity = Identity(
         site="sensor",
@@ -203,7 +204,8 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         bent = self.quadratic, self.cubic
-        reading_laws.bend(values, self._joints, at.n, self._rest, *bent)
+        rows = values.reshape(-1, at.size)  # of one time or of many
+        reading_laws.bend(rows, self._joints, at.n, self._rest, *bent)
 
 
 @dataclass
