@@ -49,7 +49,7 @@ DOORS = {
     Path("loco_learning/reinforce/environment.py"): {"gymnasium"},
     Path("loco_learning/reinforce/ppo.py"): {"stable_baselines3", "torch"},
     # The blind battery must not make its robots with the code that is judged on them.
-    Path("loco_bringup/workshop/battery/physics/engine.py"): {"mujoco"},
+    Path("loco_bringup/workshop/battery/physics/engine.py"): {"mujoco", "llvmlite"},
     Path("loco_bringup/workshop/battery/ground/plant.py"): {"pybullet"},
     Path("loco_bringup/workshop/battery/sysid.py"): {"mujoco"},  # a rival of the search
     Path("loco_bringup/workshop/docs/site_hooks.py"): {"mkdocs"},

@@ -16,8 +16,9 @@ import numpy as np
 from loco_control.exceptions import DivergedError
 from loco_control.files import write_whole
 from loco_learning.gap.prediction import running
-from loco_learning.gap.prediction.forward import Forward, turned
+from loco_learning.gap.prediction.forward import Forward, true_starts
 from loco_learning.gap.recordings.record import Record
+from loco_sim.effects import from_list
 from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import ELASTIC, FREE, IMPEDANCE, SERVO, Joint, Portable, portable
 from loco_sim.plant.model import Model
@@ -113,7 +114,8 @@ def begins(
     record: Record, robot: Robot, forward: Forward, index: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and velocities of the joints in which a record of a forward model begins."""
-    starts = turned(record, robot, forward.model.effects, forward.starts[index])
+    effects = from_list(forward.model.effects)
+    starts = true_starts(record, robot, effects, forward.starts[index])
     return (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
 
 

@@ -296,7 +296,7 @@ class Forward:
         robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
         starts, dt = self._starts[index], running.period(self.records[index])
         effects = from_list(specs)
-        starts = unbent(robot, effects, turned(self.records[index], robot, effects, starts), dt)
+        starts = true_starts(self.records[index], robot, effects, starts)
         if self.on_ground(index):
             starts = windows.begun(robot, effects, starts, self.legs(index))
         return running.run(robot, specs, self._told[index], starts, dt, self.channels)
@@ -366,29 +366,31 @@ def idle(told: running.Orders) -> int:
     return int(np.argmax(moved)) - 1 if moved.any() else len(rows)
 
 
-def turned(
+def true_starts(
     record: Record, robot: Robot, effects: Sequence[Effect], starts: list[Start]
 ) -> list[Start]:
-    """Starts of a robot that stands elsewhere than it is told, since joints are bolted on turned.
+    """Starts in which joints really are, if what was read there is off as effects say.
 
-    They are where sensors say that it stands.
+    A robot that stands elsewhere than it is told, since joints are bolted on turned, is where
+    sensors say that it stands.
+
+    Args:
+        record: Record of the robot.
+        robot: The robot.
+        effects: Effects of the model.
+        starts: Starts as they were read; none is standing at rest.
     """
-    patterns = [e.joint or "*" for e in effects if e.identity.turned and _whole(e)]
-    if starts or not patterns:
-        return starts
-    q = record.joints_of(robot, "q")[0]
-    driven = np.isin(np.arange(len(q)), robot.driven)
-    named = [any(fnmatchcase(joint, p) for p in patterns) for joint in robot.joints]
-    return _still(record, np.where(np.isfinite(q) & driven & named, q, robot.standing))
-
-
-def unbent(robot: Robot, effects: Sequence[Effect], starts: list[Start], dt: float) -> list[Start]:
-    """Starts in which joints really are, if what was read there is off as effects say."""
     wrong = [e for e in effects if isinstance(e, Measuring) and e.by_itself and _whole(e)]
+    patterns = [e.joint or "*" for e in wrong if e.identity.turned]
+    if patterns and not starts:
+        q = record.joints_of(robot, "q")[0]
+        driven = np.isin(np.arange(len(q)), robot.driven)
+        named = [any(fnmatchcase(joint, p) for p in patterns) for joint in robot.joints]
+        starts = _still(record, np.where(np.isfinite(q) & driven & named, q, robot.standing))
     if not wrong or not starts:
         return starts
     for effect in wrong:
-        effect.configure(Setting(robot, robot.sim, dt))
+        effect.configure(Setting(robot, robot.sim, running.period(record)))
         effect.reset(np.random.default_rng(0))
     states = [behind(wrong, s.q, s.dq, len(robot.feet)) for s in starts]
     return [s._replace(q=q, dq=dq) for s, (q, dq) in zip(starts, states, strict=True)]
