@@ -293,13 +293,12 @@ class Forward:
         return other
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
-        robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
-        starts, dt = self._starts[index], running.period(self.records[index])
-        effects = from_list(specs)
-        starts = true_starts(self.records[index], robot, effects, starts)
+        robot, record = self._robot(index, overrides, step), self.records[index]
+        effects, dt = from_list([*self.model.effects, *effects]), running.period(record)
+        starts = true_starts(record, robot, effects, self._starts[index])
         if self.on_ground(index):
             starts = windows.begun(robot, effects, starts, self.legs(index))
-        return running.run(robot, specs, self._told[index], starts, dt, self.channels)
+        return running.run(robot, effects, self._told[index], starts, dt, self.channels)
 
     @cached_property
     def numeric(self) -> np.ndarray:

@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from loco_control.params import limits
 from loco_sim.bolted.loop import Bolted
-from loco_sim.effects import EFFECTS
+from loco_sim.effects import EFFECTS, from_list
 from loco_sim.params import SimParams
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
@@ -168,11 +168,12 @@ class Led(Forward):
         return super()._robot(0, overrides or {}, 1.0)
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
-        robot, specs = self._robot(index, overrides, step), (*self.model.effects, *effects)
+        robot = self._robot(index, overrides, step)
+        effects = from_list([*self.model.effects, *effects])
         told, record = self._told[index], self.records[index]
         starts = [running.Start(0, len(record.t), told.q[0], told.dq[0])]
         dt = running.period(record)
-        found = running.run(robot, specs, told, starts, dt, self._joints)
+        found = running.run(robot, effects, told, starts, dt, self._joints)
         n = len(robot.joints)
         led = [robot.drives[joint] for joint in robot.joints]
         torque = np.array([d.kp for d in led]) * (_heard(told.q) - found[:, :n])

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from loco_control.exceptions import DivergedError, ParameterError
 from loco_sim.bolted.loop import Bolted, Pieces, needs_engine
-from loco_sim.effects import from_list
+from loco_sim.effects.base import Effect
 from loco_sim.plant.orders import Orders
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot.robot import Robot
@@ -85,7 +85,7 @@ def _servos(drives: Sequence[Any]) -> np.ndarray:
 
 def run(
     robot: Robot,
-    specs: Sequence[Mapping[str, Any]],
+    effects: Sequence[Effect],
     told: Orders,
     starts: Sequence[Start],
     dt: float,
@@ -95,7 +95,7 @@ def run(
 
     Args:
         robot: The robot.
-        specs: Effects on the robot.
+        effects: Effects on the robot.
         told: Commands.
         starts: Pieces; none at all is the whole record, from standing at rest.
         dt: Time between rows [s].
@@ -104,7 +104,7 @@ def run(
     Raises:
         LocoError: An effect is not possible.
     """
-    made = [effect for effect in from_list(specs) if not effect.identity.noise]
+    made = [effect for effect in effects if not effect.identity.noise]
     if needs_engine(robot, made):
         return _with_engine(robot, made, told, starts, dt, channels)
     pieces = None

@@ -23,7 +23,6 @@ from loco_control.files import write_whole
 from loco_learning.gap import workflow
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.proposals import pool
-from loco_learning.gap.verdict.decide import MORE, NAMED
 from loco_sim.plant.model import Model
 
 from ...gap.importing import load
@@ -32,13 +31,13 @@ from .cases import Case
 from .ground import trots, walkers
 from .physics import machines
 from .physics.machines import Machine
+from .score import SURE
 
 KEPT = ("verdict", "names", "terms", "rivals", "ambiguous", "gap", "next")
 HELD = "hold_out"
 WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
-OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[
-    1:
-]  # the first is what a case is searched with
+# The first is that of every search.
+OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[1:]
 OTHER = 6  # key of the stream that draws among them
 
 
@@ -121,7 +120,7 @@ def unfollowed(result: dict[str, Any]) -> bool:
 
 def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
     """Other settings under which a name is still to be asked: window, judging record, accuracy."""
-    if result["verdict"] not in (NAMED, MORE) or not result["names"]:
+    if result["verdict"] not in SURE or not result["names"]:
         return []
     drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]
     return [OTHERS[i] for i in drawn[len(result.get("settings", [])) :]]
