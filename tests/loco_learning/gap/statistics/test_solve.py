@@ -89,3 +89,19 @@ def test_differences_are_taken_only_where_slopes_lead_nowhere(sign, alone):
     found = guided(fun, np.zeros(12), bounds, 0.1, (11, 60), sign * 10.0 * a, 1.0)
     assert found.z == pytest.approx(truth, abs=0.05)
     assert (len(asked) <= 11) is alone
+
+
+@pytest.mark.parametrize("stiffness", [0.8, 1.0, 1.2, 1.6, 2.0, 3.0])
+def test_a_step_to_where_nothing_happens_is_not_the_end(stiffness):
+    """A cable pulls where it is taut, and one that is too long not at all: that says nothing."""
+    x = 1.04 + 0.15 * np.sin(np.linspace(0.0, 30.0, 400))
+
+    def pull(k, length):
+        return 30.0 * k * np.maximum(0.0, x - length)
+
+    def fun(z):
+        return pull(z[0], 0.8 * np.exp(0.7 * z[1])) - pull(5.0, 0.98)
+
+    found = minimise(fun, np.array([stiffness, 0.0]), OPEN, 0.12, 40)
+    assert found.cost < 1.0
+    assert found.z == pytest.approx([5.0, np.log(0.98 / 0.8) / 0.7], rel=0.01)

@@ -138,7 +138,7 @@ class _Search:
             tried = self.at(z + dz)
             new = 0.5 * float(tried @ tried)
             length = float(dz @ dz)
-            if length > 0.0:
+            if length > 0.0 and (new < cost or not fresh):  # a far step tells nothing of here
                 jacobian = jacobian + np.outer(tried - model, dz) / length
             if new < cost:
                 small = cost - new < max(10.0 * SMALL * cost, FEW)
