@@ -183,6 +183,17 @@ def test_a_fit_from_where_it_was_is_short_and_gets_longer_with_the_model(refitte
     assert counts[1] == stable.REFIT and counts[2] <= counts[1] and min(counts.values()) >= 4
 
 
+def test_what_the_other_answer_names_as_well_stays_named(table):
+    """A hardening spring stays one, whether its soft part is called this or that."""
+    whole = decision()
+    other = replace(whole.rulings[0], name="armature")
+    row = stable.Row("floor", "twice", (LAGS, RUBS), 0.2, (LAGS, RUBS), 0.9, True)
+    said = stable.downgraded(replace(whole, rulings=(*whole.rulings, other)), [row])
+    assert said.verdict == AMBIGUOUS and said.names == (RUBS,)
+    assert said.rulings[0] == whole.rulings[0]
+    assert said.ambiguous == ((LAGS, "armature"),)
+
+
 def test_the_verdict_tells_the_setting_with_the_worst_odds_and_all_names(table):
     row = stable.Row("floor", "twice", (RUBS,), 5.0, (LAGS,), 0.9, False)
     lost = replace(row, setting="half", names=(LAGS,), odds=0.2, against=(LAGS,), flips=True)

@@ -131,7 +131,7 @@ def _row(vary: str, words: str, names: list, residuals: list, seed: int) -> Row:
 
 
 def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
-    """The decision, ambiguous where another name wins under a setting.
+    """The decision, ambiguous where another answer wins under a setting, but for what both name.
 
     Args:
         decision: Verdict with the settings as they are.
@@ -146,12 +146,23 @@ def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
         f"The name hangs on the settings: with {row.vary} {row.setting!r} {said} has odds of "
         f"{min(1.0 / max(row.odds, 1e-9), evidence.MOST_ODDS):.3g} to 1. {decision.evidence}"
     )
-    new = {name for flip in flips for name in flip.names}
-    rulings = tuple(_unsure(r, new - set(decision.names), text) for r in decision.rulings)
+    rulings = tuple(_unsure(r, flips, decision.names, text) for r in decision.rulings)
     return replace(decision, verdict=AMBIGUOUS, rulings=rulings, evidence=text)
 
 
-def _unsure(ruling: Ruling, others: set[str], text: str) -> Ruling:
+def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: str) -> Ruling:
+    """A ruling, ambiguous where an answer that wins lacks its name.
+
+    Args:
+        ruling: Ruling with the settings as they are.
+        flips: Settings under which another answer wins.
+        named: All effects that are named with the settings as they are.
+        text: What hangs on which setting.
+    """
+    without = [flip for flip in flips if ruling.name not in flip.names]
+    if not without:
+        return ruling
+    others = {name for flip in without for name in flip.names} - set(named)
     alike = tuple(sorted({*ruling.look_alikes, *others}))
     return replace(ruling, verdict=AMBIGUOUS, look_alikes=alike, odds=min(ruling.odds, 1.0),
                    evidence=f"{ruling.evidence} {text.split('. ')[0]}.")  # fmt: skip
