@@ -157,7 +157,7 @@ def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: st
         ruling: Ruling with the settings as they are.
         flips: Settings under which another answer wins.
         named: All effects that are named with the settings as they are.
-        text: What hangs on which setting.
+        text: Sentences of evidence, the first of which goes with the ruling.
     """
     without = [flip for flip in flips if ruling.name not in flip.names]
     if not without:
