@@ -21,13 +21,16 @@ def test_small_terms_go():
     assert np.flatnonzero(found).tolist() == [1]
 
 
-def test_viscous_friction_is_among_the_terms():
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_viscous_friction_is_among_the_terms(lost):
+    """Also where readings were lost on their way."""
     m = machines.get("linear_axis")
     moved = excitation.command(m, "chirp", 3)
     hidden = Hidden("viscous_friction", "slide", "damping", {"damping": 20.0})
     r = plant.record(m, [hidden], moved, 1)
     command = {"position": r.command, "velocity": r.rate}
-    record = Record("x", r.t, command, r.driven, {"q": r.q}, r.joints)
+    q = np.where(np.random.default_rng(2).random((len(r.q), 1)) < lost, np.nan, r.q)
+    record = Record("x", r.t, command, r.driven, {"q": q}, r.joints)
     found = sparse.discover("linear_axis", [record], 0.08, 0.15)
     damping = next(e["damping"] for e in found if e["name"] == "viscous_friction")
     assert 14.0 < damping < 26.0

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
-from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.record import Record, bridged
 
 from .physics import machines, slots
 from .physics.engine import Engine
@@ -95,7 +95,8 @@ def _library(block: dict[str, np.ndarray], j: int, rest: float) -> np.ndarray:
 
 def _signals(machine: Machine, record: Record, smooth: float) -> dict[str, np.ndarray]:
     """Smoothed motion, torque of the drives, and what the model lacks; (T, n) each."""
-    q = np.stack([record.signals["q"][:, record.joints.index(n)] for n in machine.joints], axis=1)
+    columns = [record.joints.index(name) for name in machine.joints]
+    q = bridged(record.signals["q"][:, columns])
     window = max(5, int(smooth / record.dt) | 1)
     q, v, a = (
         savgol_filter(q, window, 3, deriv, record.dt, axis=0, mode="interp") for deriv in range(3)
