@@ -16,7 +16,10 @@ from loco_sim.effects.coordinates import Coordinate
 
 
 class Judgement(judge._Judgement):
-    """Models are tuples of effects; a verdict is given for each, unknown for all others."""
+    """Models are tuples of effects; a verdict is given for each, unknown for all others.
+
+    Or verdicts of its effects, of which one at least is not established.
+    """
 
     def __init__(self, **named):
         self.named = {tuple(key): verdict for key, verdict in named.items()}
@@ -24,8 +27,10 @@ class Judgement(judge._Judgement):
 
     def _judged(self, best, limits):
         self.judged.append(best)
-        verdict = self.named.get(tuple(getattr(best, "key", best)), UNKNOWN)
-        return Some(decision=Some(verdict=verdict), best=best)
+        given = self.named.get(tuple(getattr(best, "key", best)), ())
+        if isinstance(given, tuple):
+            return Some(decision=weighed(*given).decision, best=best)
+        return Some(decision=Some(verdict=given), best=best)
 
     def _finished(self, models):
         return list(models)
@@ -48,6 +53,14 @@ def weighed(*verdicts):
 def test_what_is_established_stands_without_the_rest(verdicts, left):
     found = Judgement(**{left: NAMED})._established(weighed(*verdicts), LIMITS)
     assert found.best == tuple(left) and found.decision.verdict == NAMED
+
+
+@pytest.mark.parametrize(("last", "left"), [(NAMED, "a"), ((UNKNOWN,), "abc")])
+def test_what_is_not_established_without_the_rest_goes_as_well(last, left):
+    judging = Judgement(ab=(NAMED, UNKNOWN), a=last)
+    found = judging._established(weighed(NAMED, NAMED, UNKNOWN), LIMITS)
+    assert found.best == tuple(left)
+    assert judging.judged == [tuple("ab"), tuple("a")]
 
 
 def test_what_does_not_stand_without_the_rest_stays_unknown():

@@ -219,6 +219,8 @@ class _Judgement:
         for i in reversed(idle):
             best = self._without(best, i)
         other = self._judged(self._finished([best])[0], limits)
+        if other.decision.verdict == UNKNOWN:
+            other = self._established(other, limits)
         return judged if other.decision.verdict == UNKNOWN else other
 
     def _judged(self, best: Fitted, limits: Limits) -> Judged:
