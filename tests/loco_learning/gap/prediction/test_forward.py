@@ -113,6 +113,7 @@ def test_recordings_in_the_air_and_on_the_ground_go_together():
     assert any(base)
     assert np.all(np.isnan(forward.measured[0][:, base]))
     assert np.any(np.isfinite(forward.measured[1][:, base]))
+    assert len(forward.starts[1]) > 1 and forward.begun() == [[], []]
     assert forward.channels == Forward(Model("tigrillo"), [ground]).channels
 
 

@@ -49,7 +49,16 @@ def test_what_the_data_do_not_show_has_no_interval():
     assert np.isinf(one).all()
 
 
-def test_few_records_are_halved():
+def test_each_record_pulls_once_and_few_are_divided_until_students_law_says_something():
     two = [np.zeros((4, 2)), np.zeros((2, 2))]
-    assert robust.clusters(two).tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 2
-    assert len(np.unique(robust.clusters([np.zeros((4, 1))] * 5))) == 5
+    assert robust.clusters(two, [[], []]).tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 2
+    for records, clusters in {1: 4, 2: 4, 3: 6, 4: 4, 5: 5}.items():
+        found = robust.clusters([np.zeros((8, 1))] * records, [[]] * records)
+        assert len(np.unique(found)) == clusters
+
+
+def test_pieces_that_begin_anew_pull_by_themselves():
+    records = [np.zeros((7, 2)), np.zeros((5, 1))]
+    found = robust.clusters(records, [[2, 4], []])
+    assert found.tolist() == [0] * 4 + [1] * 4 + [2] * 6 + [3] * 5
+    assert robust.clusters(records[:1], [[3]])[::2].tolist() == [0, 0, 1, 2, 2, 3, 3]

@@ -273,6 +273,16 @@ class Forward:
         """A record is compared in pieces since its robot stands on feet."""
         return bool(self._lengths[index]) and not self.robot(index).fixed_base
 
+    def begun(self) -> list[list[int]]:
+        """Rows at which each record begins anew from what was measured, after its first.
+
+        On the ground none: what IMU and legs say of the base errs alike within a record.
+        """
+        return [
+            [] if self.on_ground(i) else [s.row for s in starts[1:]]
+            for i, starts in enumerate(self._starts)
+        ]
+
     def fewer(self, most: int) -> Forward:
         """The same with few pieces of each record on the ground; nothing is compared elsewhere."""
         other = copy(self)

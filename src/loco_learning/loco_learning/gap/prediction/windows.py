@@ -9,6 +9,7 @@ measurements do.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -141,15 +142,22 @@ def carried_states(
 
 
 def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed positions [rad or m] and velocities of the joints, (T, n) each."""
+    """Smoothed positions [rad or m] and velocities of the joints, (T, n) each.
+
+    Velocities of a bolted robot are those of its positions where a sensor of speed is noisier, as
+    that of a drive often is. On the ground they are the sensor's, which jumps where contacts do.
+    """
     measured, step = record.joints_of(robot, "q"), record.step("q")
     said, own = record.joints_of(robot, "dq"), record.step("dq")
     never = np.all(np.isnan(measured), axis=0)
     q, dq = np.where(never, robot.standing, measured), np.zeros(measured.shape)
     for joint in np.flatnonzero(~never):
-        q[:, joint], dq[:, joint] = smoothed(measured[:, joint], record.dt, step)
-        if np.isfinite(said[:, joint]).all():  # a sensor of speed jumps where contacts do
-            dq[:, joint] = smoothed(said[:, joint], record.dt, own)[0]
+        seen = smoothed(measured[:, joint], record.dt, step)
+        q[:, joint], dq[:, joint] = seen.level, seen.rate
+        if np.isfinite(said[:, joint]).all():
+            heard = smoothed(said[:, joint], record.dt, own)
+            if not robot.fixed_base or heard.level_noise <= seen.rate_noise:
+                dq[:, joint] = heard.level
     return q, dq
 
 
@@ -238,10 +246,8 @@ def base_states(record: Record) -> list[Base | None]:
     turn = np.array([multiply(home, row) for row in turned.tolist()])
     flips = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
     turn[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, np.where(flips < 0.0, -1.0, 1.0)))[:, None]
-    x, v = (np.stack(c, axis=1) for c in zip(*(smoothed(c, record.dt) for c in place.T),
-                                             strict=True))  # fmt: skip
-    r, w = (np.stack(c, axis=1) for c in zip(*(smoothed(c, record.dt) for c in turn.T),
-                                             strict=True))  # fmt: skip
+    x, v = _smoothed_columns(place, record.dt)
+    r, w = _smoothed_columns(turn, record.dt)
     r /= np.linalg.norm(r, axis=1, keepdims=True)
     found: list[Base | None] = []
     for row in range(len(record.t)):
@@ -252,11 +258,28 @@ def base_states(record: Record) -> list[Base | None]:
     return found
 
 
-def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Values and their rate, each (T,), by local parabolas; NaN where nothing was measured.
+class Smooth(NamedTuple):
+    """Smoothed samples of a signal.
 
-    The parabolas are as long as they can be without leaving more than noise. They count samples
-    of the sensor, which may be rarer than those of the axis: between them is nothing to smooth.
+    Attributes:
+        level: Values, (T,); NaN where nothing was measured.
+        rate: Their rate [1/s], (T,).
+        level_noise: Standard deviation of what noise is left in the values.
+        rate_noise: The same of their rate [1/s].
+    """
+
+    level: np.ndarray
+    rate: np.ndarray
+    level_noise: float
+    rate_noise: float
+
+
+def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
+    """Values by local parabolas, and their rate by cubics through as many samples.
+
+    The parabolas are as long as they can be without leaving more than noise: so long that their
+    slope would be off by many times its noise. They count samples of the sensor, which may be
+    rarer than those of the axis: between them is nothing to smooth.
 
     Args:
         values: Samples, (T,); single gaps are bridged.
@@ -265,7 +288,8 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> tuple[np.ndarr
     """
     known = np.isfinite(values)
     if known.sum() < 2 * HALVES[0] + 1:
-        return np.full(len(values), np.nan), np.full(len(values), np.nan)
+        nothing = np.full(len(values), np.nan)
+        return Smooth(nothing, nothing.copy(), np.inf, np.inf)
     own, filled = _of_sensor(values)
     stride = own[1] - own[0]
     noise = max(noise_of(filled), step / np.sqrt(12.0))
@@ -277,11 +301,21 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> tuple[np.ndarr
         if np.sqrt(np.mean(left**2)) > 1.1 * noise:
             break
         best = half
-    width = 2 * best + 1
-    rate = signal.savgol_filter(filled, width, 2, deriv=1, delta=stride * dt, mode="interp")
-    level = signal.savgol_filter(filled, width, 2, mode="interp")
-    smooth = (np.interp(np.arange(len(values)), own, x) for x in (level, rate))
-    return tuple(np.where(known, x, np.nan) for x in smooth)
+    found, noises = [], []
+    for order in (0, 1):
+        shape = {"window_length": 2 * best + 1, "polyorder": 2 + order, "deriv": order}
+        shape["delta"] = stride * dt
+        smooth = signal.savgol_filter(filled, **shape, mode="interp")
+        smooth = np.interp(np.arange(len(values)), own, smooth)
+        found.append(np.where(known, smooth, np.nan))
+        noises.append(noise * float(np.linalg.norm(signal.savgol_coeffs(**shape))))
+    return Smooth(*found, *noises)
+
+
+def _smoothed_columns(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed columns and their rates, (T, k) each."""
+    columns = [smoothed(column, dt) for column in values.T]
+    return tuple(np.stack([c[i] for c in columns], axis=1) for i in (0, 1))
 
 
 def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,8 +2,9 @@
 """Intervals for residuals that are no noise, of a robot that is not quite as its file says.
 
 Residuals of a model that is never exact hang together in time and are alike within a record.
-What a whole record pulls at a parameter is therefore one draw: the sandwich over records
-(White 1980; Liang and Zeger 1986), with Student's law for as few draws as there are.
+What a whole record pulls at a parameter is therefore one draw, or what a piece of it does that
+begins anew from measurements: the sandwich over these (White 1980; Liang and Zeger 1986), with
+Student's law for as few draws as there are.
 """
 
 from __future__ import annotations
@@ -15,16 +16,27 @@ from scipy.special import stdtrit
 
 from .identify import DEAD
 
-FEW = 4  # records from which on each is a cluster; fewer are halved
+FEW = 4  # clusters at least: Student's law of one draw says nothing (taste)
 
 
-def clusters(whole: Sequence[np.ndarray]) -> np.ndarray:
-    """Cluster of each value of `identify.flat`, (N,): its record, its half where these are few."""
-    parts = 1 if len(whole) >= FEW else 2
-    groups = [
-        np.repeat(parts * i + np.arange(len(r)) * parts // max(len(r), 1), r.shape[1])
-        for i, r in enumerate(whole)
-    ]
+def clusters(whole: Sequence[np.ndarray], begun: Sequence[Sequence[int]]) -> np.ndarray:
+    """Cluster of each value of `identify.flat`, (N,).
+
+    A record is one, or each of its pieces where it begins anew from what was measured; where
+    these are fewer than `FEW` in all, each is divided evenly.
+
+    Args:
+        whole: Residuals of each record, (T, C).
+        begun: First row of each of its pieces but the first, for each record.
+    """
+    parts = -(-FEW // max(sum(len(rows) + 1 for rows in begun), 1))
+    groups, before = [], 0
+    for r, rows in zip(whole, begun, strict=True):
+        ends = np.array([0, *rows, len(r)])
+        piece = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+        part = (np.arange(len(r)) - ends[piece]) * parts // np.diff(ends)[piece]
+        groups.append(np.repeat(before + parts * piece + part, r.shape[1]))
+        before += parts * (len(ends) - 1)
     return np.concatenate(groups)
 
 

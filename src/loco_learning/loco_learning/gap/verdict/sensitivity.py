@@ -49,9 +49,10 @@ def sensitivities(
     weight = identify.weights(model.score)
     known = identify.analyse(matrix, names, list(model.overrides), weight)
     doubts = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
-    half, spread = _half_widths(matrix, model, weight, doubts)
+    groups = robust.clusters(model.whole, case.forward.begun())
+    half, spread = _half_widths(matrix, model, weight, doubts, groups)
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
-    with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, doubts)
+    with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, doubts, groups)
     found, start = {}, 0
     for hypothesis, x in model.parts:
         rows = slice(start, start + len(x))
@@ -66,6 +67,7 @@ def _half_widths(
     model: Fitted,
     weight: np.ndarray,
     doubts: tuple[np.ndarray, np.ndarray],
+    groups: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Half of the 95 % interval of each column's parameter, and where parts of the data differ."""
     left = identify.flat(model.whole)
@@ -73,7 +75,6 @@ def _half_widths(
     errors = identify.standard_errors(matrix, weight)
     errors = np.sqrt(errors**2 + steady.spread**2 / len(steady.shifts))
     columns, at = doubts
-    groups = robust.clusters(model.whole)
     half = robust.half_widths(matrix, columns, left, groups, weight, at)
     spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
     return np.maximum(half, NORMAL * errors), spread
