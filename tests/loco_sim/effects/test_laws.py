@@ -2,6 +2,7 @@
 """Laws of the effects in the joints, on one-joint benches and by hand."""
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -311,3 +312,22 @@ def test_what_sensors_that_are_off_say_leads_back_to_what_is(name, values):
         q, dq = behind(wrong, read[at["q"]], read[at["dq"]], feet=4)
         np.testing.assert_allclose(q, row[at["q"]], atol=1e-4)
         np.testing.assert_allclose(dq, row[at["dq"]], atol=1e-3)
+
+
+@pytest.mark.parametrize("cubic", [0.4, -0.4, 10.0])
+def test_where_a_bent_curve_leads_nowhere_a_robot_is_where_it_was_read(cubic):
+    wrong = effects.make("sensor_nonlinearity", cubic=cubic)
+    wrong.configure(Bare())
+    wrong.reset(np.random.default_rng(0))
+    at, far, rest = Layout(12, 4), np.linspace(-3.0, 3.0, 12), Bare().robot.standing
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        q, dq = behind([wrong], rest + far, far, feet=4)
+    assert np.isfinite([q, dq]).all()
+    outer = np.abs(far) > 2.0
+    np.testing.assert_array_equal(q[outer], (rest + far)[outer])
+    said = np.zeros(at.size)
+    said[at["q"]] = q
+    wrong.measure(said, at, 0.0)
+    off, was = np.abs(said[at["q"]] - rest - far), np.abs(cubic * far**3)
+    assert (off <= was + 1e-9).all()

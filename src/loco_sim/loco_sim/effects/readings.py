@@ -91,6 +91,8 @@ def behind(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joint positions and velocities of which sensors with effects say `q` and `dq`.
 
+    What is said of a curve that turns back on itself may be true nowhere: it stays as it was read.
+
     Args:
         effects: Effects that are `by_itself`, configured, in the order in which they act.
         q: Positions that were read [rad or m], (n,).
@@ -100,12 +102,19 @@ def behind(
     at = Layout(len(q), feet)
     read = np.zeros(at.size)
     read[at["q"]], read[at["dq"]] = q, dq
-    true = read.copy()
-    for _ in range(SOUGHT):
+
+    def missed(true: np.ndarray) -> np.ndarray:
         said = true.copy()
         for effect in effects:
             effect.measure(said, at, 0.0)
-        true += read - said
+        return read - said
+
+    true = read.copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(SOUGHT):
+            true += missed(true)
+        nearer = np.abs(missed(true)) <= np.abs(missed(read))
+    true = np.where(nearer, true, read)
     return true[at["q"]], true[at["dq"]]
 
 

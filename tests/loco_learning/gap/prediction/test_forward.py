@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.prediction.forward import Forward, shifted
+from loco_learning.gap.prediction.forward import Forward, ForwardParams, shifted
 from loco_learning.gap.recordings.record import Record
 from loco_learning.params import JointLearnerParams
 from loco_learning.runs.experiment import Experiment
@@ -113,8 +113,15 @@ def test_recordings_in_the_air_and_on_the_ground_go_together():
     assert any(base)
     assert np.all(np.isnan(forward.measured[0][:, base]))
     assert np.any(np.isfinite(forward.measured[1][:, base]))
-    assert len(forward.starts[1]) > 1 and forward.begun() == [[], []]
     assert forward.channels == Forward(Model("tigrillo"), [ground]).channels
+
+
+@pytest.mark.pybullet
+def test_pieces_in_the_air_begin_anew_and_those_on_the_ground_err_alike():
+    records = [recorded("tigrillo", EXACT | AIR), recorded("tigrillo", EXACT)]
+    forward = Forward(Model("tigrillo"), records, ForwardParams(window=0.2))
+    assert min(len(starts) for starts in forward.starts) > 1
+    assert forward.begun() == [[s.row for s in forward.starts[0][1:]], []]
 
 
 def test_the_numerical_error_is_small_and_of_the_model_alone():
