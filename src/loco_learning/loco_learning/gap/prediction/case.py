@@ -465,7 +465,7 @@ def prepare(
     signals = [c.signal for c in forward.channels]
     correction, numeric = errors.step_error(forward, fine)
     more = [errors.stepped(forward, correction[1.0])]
-    more += [errors.doubts(forward, likely)] if ground else []
+    more += [errors.doubts(forward, likely)] if forward.in_pieces else []
     for about in more:
         numeric = [np.hypot(n, a) for n, a in zip(numeric, about, strict=True)]
     sensors = noise.floor(forward.measured, steps, signals)

@@ -47,7 +47,7 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def doubts(forward: Any, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
-    """Deviation about each time, (T, C) each, that nobody can know better on the ground."""
+    """Deviation about each time, (T, C) each, that nobody can know better in pieces."""
     return _rms(horizon.doubt(forward, likely), forward.records)
 
 

@@ -273,6 +273,11 @@ class Forward:
         """A record is compared in pieces since its robot stands on feet."""
         return bool(self._lengths[index]) and not self.robot(index).fixed_base
 
+    @property
+    def in_pieces(self) -> bool:
+        """Some record is compared in pieces that begin in the measured state."""
+        return any(self._lengths)
+
     def begun(self) -> list[list[int]]:
         """Rows at which each record begins anew from what was measured, after its first.
 
@@ -294,10 +299,10 @@ class Forward:
         return other
 
     def shaken(self, seed: int) -> Forward:
-        """The same, with pieces on the ground that begin as far off as their states are known."""
+        """The same, with pieces that begin as far off as their states are known."""
         other, rng = copy(self), np.random.default_rng([seed, len(self.records)])
         other._starts = [
-            windows.shaken(record, self.robot(i), starts, rng) if self.on_ground(i) else starts
+            windows.shaken(record, self.robot(i), starts, rng) if self._lengths[i] else starts
             for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
         ]
         return other

@@ -65,8 +65,9 @@ def length(model: Model, records: Sequence[Record]) -> float:
 def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
     """Deviation of predictions that nobody can know better, (T, C) each; 0 outside of pieces.
 
-    That of starts, and that of engines where another one is installed. Two engines that agree
-    on the model as it came may part where effects change its contacts: the larger one counts.
+    That of starts, and on the ground that of engines where another one is installed. Two engines
+    that agree on the model as it came may part where effects change its contacts: the larger one
+    counts.
 
     Args:
         forward: Forward model.
@@ -79,7 +80,7 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
     apart = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
     found = [chance * np.nan_to_num(each) for each in apart]
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
-    if other is None:
+    if other is None or not any(map(forward.on_ground, range(len(forward.records)))):
         return found
     there = {"sim.engine": other}
     pairs = [(here, forward((), there))]

@@ -99,11 +99,10 @@ def shaken(
     record: Record, robot: Robot, starts: list[Start], rng: np.random.Generator
 ) -> list[Start]:
     """Pieces that begin as far off as their states are known, drawn."""
-    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
-    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
-    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
-    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
-    seen = odometry.legs(record, robot, *joint_states(record, robot))
+    off, speed = _doubts(record, robot)
+    seen = None
+    if not robot.fixed_base:
+        seen = odometry.legs(record, robot, *joint_states(record, robot))
     moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
     turn = deviation(record.signals["orientation"][:, 0]) * 2.0 if seen else 0.0
     gyro = deviation(record.signals["gyro"][:, 0]) if "gyro" in record.signals else 0.0
@@ -117,8 +116,24 @@ def shaken(
             tuple(s.base.velocity + moved * v),
             tuple(s.base.angular_velocity + gyro * w),
         )
-        found.append(s._replace(q=s.q + off["q"] * q, dq=s.dq + speed * dq, base=base))
+        found.append(s._replace(q=s.q + off[s.row] * q, dq=s.dq + speed[s.row] * dq, base=base))
     return found
+
+
+def _doubts(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Deviation of positions [rad or m] and velocities where a piece begins, (T, n) each."""
+    shape = len(record.t), len(robot.joints)
+    if robot.fixed_base:
+        both = np.zeros((2, *shape))
+        for joint, seen in enumerate(_joints(record, robot)):
+            if seen is not None:
+                both[:, :, joint] = seen.level_noise, seen.rate_noise
+        return both[0], both[1]
+    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
+    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
+    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
+    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
+    return np.broadcast_to(off["q"], shape), np.broadcast_to(speed, shape)
 
 
 def deviation(values: np.ndarray) -> float:
@@ -147,18 +162,29 @@ def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     Velocities of a bolted robot are those of its positions where a sensor of speed is noisier, as
     that of a drive often is. On the ground they are the sensor's, which jumps where contacts do.
     """
+    q = np.repeat(robot.standing[None].astype(float), len(record.t), axis=0)
+    dq = np.zeros(q.shape)
+    for joint, seen in enumerate(_joints(record, robot)):
+        if seen is not None:
+            q[:, joint], dq[:, joint] = seen.level, seen.rate
+    return q, dq
+
+
+def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
+    """What is known of each joint, with the speed that `joint_states` says; None if nothing is."""
     measured, step = record.joints_of(robot, "q"), record.step("q")
     said, own = record.joints_of(robot, "dq"), record.step("dq")
-    never = np.all(np.isnan(measured), axis=0)
-    q, dq = np.where(never, robot.standing, measured), np.zeros(measured.shape)
-    for joint in np.flatnonzero(~never):
-        seen = smoothed(measured[:, joint], record.dt, step)
-        q[:, joint], dq[:, joint] = seen.level, seen.rate
-        if np.isfinite(said[:, joint]).all():
-            heard = smoothed(said[:, joint], record.dt, own)
-            if not robot.fixed_base or heard.level_noise <= seen.rate_noise:
-                dq[:, joint] = heard.level
-    return q, dq
+    found: list[Smooth | None] = []
+    for read, speed in zip(measured.T, said.T, strict=True):
+        seen = None if np.all(np.isnan(read)) else smoothed(read, record.dt, step)
+        if seen is not None and np.isfinite(speed).all():
+            heard = smoothed(speed, record.dt, own)
+            better = (heard.level_noise <= seen.rate_noise) | (not robot.fixed_base)
+            pairs = (heard.level, seen.rate), (heard.level_noise, seen.rate_noise)
+            rate, left = (np.where(better, *pair) for pair in pairs)
+            seen = seen._replace(rate=rate, rate_noise=left)
+        found.append(seen)
+    return found
 
 
 def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
@@ -264,22 +290,22 @@ class Smooth(NamedTuple):
     Attributes:
         level: Values, (T,); NaN where nothing was measured.
         rate: Their rate [1/s], (T,).
-        level_noise: Standard deviation of what noise is left in the values.
-        rate_noise: The same of their rate [1/s].
+        level_noise: Standard deviation of the noise left in the values, (T,); more at the ends.
+        rate_noise: The same of their rate [1/s], (T,).
     """
 
     level: np.ndarray
     rate: np.ndarray
-    level_noise: float
-    rate_noise: float
+    level_noise: np.ndarray
+    rate_noise: np.ndarray
 
 
 def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
-    """Values by local parabolas, and their rate by cubics through as many samples.
+    """Values and their rate by local cubics.
 
-    The parabolas are as long as they can be without leaving more than noise: so long that their
-    slope would be off by many times its noise. They count samples of the sensor, which may be
-    rarer than those of the axis: between them is nothing to smooth.
+    They are as long as parabolas can be without leaving more than noise: so long that a
+    parabola's slope would be off by many times its noise. They count samples of the sensor, which
+    may be rarer than those of the axis: between them is nothing to smooth.
 
     Args:
         values: Samples, (T,); single gaps are bridged.
@@ -288,8 +314,7 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
     """
     known = np.isfinite(values)
     if known.sum() < 2 * HALVES[0] + 1:
-        nothing = np.full(len(values), np.nan)
-        return Smooth(nothing, nothing.copy(), np.inf, np.inf)
+        return Smooth(*np.full((2, len(values)), np.nan), *np.full((2, len(values)), np.inf))
     own, filled = _of_sensor(values)
     stride = own[1] - own[0]
     noise = max(noise_of(filled), step / np.sqrt(12.0))
@@ -301,14 +326,19 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
         if np.sqrt(np.mean(left**2)) > 1.1 * noise:
             break
         best = half
-    found, noises = [], []
+    rows, found, noises = np.arange(len(values)), [], []
+    width, last = 2 * best + 1, len(filled) - 1
+    place = np.arange(len(filled))  # within the window: its middle, but for the ends
+    place = np.minimum(place, best) + np.maximum(place - (last - best), 0)
     for order in (0, 1):
-        shape = {"window_length": 2 * best + 1, "polyorder": 2 + order, "deriv": order}
-        shape["delta"] = stride * dt
-        smooth = signal.savgol_filter(filled, **shape, mode="interp")
-        smooth = np.interp(np.arange(len(values)), own, smooth)
-        found.append(np.where(known, smooth, np.nan))
-        noises.append(noise * float(np.linalg.norm(signal.savgol_coeffs(**shape))))
+        shape = {"polyorder": 3, "deriv": order, "delta": stride * dt}
+        smooth = signal.savgol_filter(filled, width, **shape, mode="interp")
+        found.append(np.where(known, np.interp(rows, own, smooth), np.nan))
+        weights = [signal.savgol_coeffs(width, **shape, pos=p) for p in range(width)]
+        noises.append(noise * np.interp(rows, own, np.linalg.norm(weights, axis=1)[place]))
+        if not order:  # what it leaves beyond noise is its own
+            bias = np.mean(np.square(filled - smooth)) - noise**2 * (1.0 - weights[best][best])
+            noises[0] = np.sqrt(np.square(noises[0]) + max(bias, 0.0))
     return Smooth(*found, *noises)
 
 
