@@ -9,6 +9,7 @@ measurements do.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,8 @@ from .running import Start
 
 signal = lazy.module("scipy.signal")  # half a second, which no record needs that begins at rest
 
-HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local parabola may be fitted to
+HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local cubic may be fitted to
+AGREES = 1.5  # deviations within which it must agree with shorter ones (least doubt on a wave)
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
 JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
 CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
@@ -171,7 +173,7 @@ def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
-    """What is known of each joint, with the speed that `joint_states` says; None if nothing is."""
+    """Smoothed position of each joint with the speed of `joint_states`; None if not measured."""
     measured, step = record.joints_of(robot, "q"), record.step("q")
     said, own = record.joints_of(robot, "dq"), record.step("dq")
     found: list[Smooth | None] = []
@@ -290,7 +292,7 @@ class Smooth(NamedTuple):
     Attributes:
         level: Values, (T,); NaN where nothing was measured.
         rate: Their rate [1/s], (T,).
-        level_noise: Standard deviation of the noise left in the values, (T,); more at the ends.
+        level_noise: Standard deviation of the values from the truth, (T,); more at the ends.
         rate_noise: The same of their rate [1/s], (T,).
     """
 
@@ -303,9 +305,10 @@ class Smooth(NamedTuple):
 def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
     """Values and their rate by local cubics.
 
-    They are as long as parabolas can be without leaving more than noise: so long that a
-    parabola's slope would be off by many times its noise. They count samples of the sensor, which
-    may be rarer than those of the axis: between them is nothing to smooth.
+    At each sample the cubic is as long as its value, or slope, agrees with those of all shorter
+    ones: short where the motion bends, long where it is smooth (intersection of confidence
+    intervals: Goldenshluger and Nemirovski 1997, Katkovnik 1999). Cubics count samples of the
+    sensor, which may be rarer than those of the axis: between them is nothing to smooth.
 
     Args:
         values: Samples, (T,); single gaps are bridged.
@@ -316,30 +319,40 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
     if known.sum() < 2 * HALVES[0] + 1:
         return Smooth(*np.full((2, len(values)), np.nan), *np.full((2, len(values)), np.inf))
     own, filled = _of_sensor(values)
-    stride = own[1] - own[0]
+    delta, rows = (own[1] - own[0]) * dt, np.arange(len(values))
     noise = max(noise_of(filled), step / np.sqrt(12.0))
-    best = HALVES[0]
-    for half in HALVES:
-        if 2 * half + 1 > len(filled):
-            break
-        left = filled - signal.savgol_filter(filled, 2 * half + 1, 2, mode="interp")
-        if np.sqrt(np.mean(left**2)) > 1.1 * noise:
-            break
-        best = half
-    rows, found, noises = np.arange(len(values)), [], []
-    width, last = 2 * best + 1, len(filled) - 1
-    place = np.arange(len(filled))  # within the window: its middle, but for the ends
-    place = np.minimum(place, best) + np.maximum(place - (last - best), 0)
+    found, doubts = [], []
     for order in (0, 1):
-        shape = {"polyorder": 3, "deriv": order, "delta": stride * dt}
-        smooth = signal.savgol_filter(filled, width, **shape, mode="interp")
-        found.append(np.where(known, np.interp(rows, own, smooth), np.nan))
-        weights = [signal.savgol_coeffs(width, **shape, pos=p) for p in range(width)]
-        noises.append(noise * np.interp(rows, own, np.linalg.norm(weights, axis=1)[place]))
-        if not order:  # what it leaves beyond noise is its own
-            bias = np.mean(np.square(filled - smooth)) - noise**2 * (1.0 - weights[best][best])
-            noises[0] = np.sqrt(np.square(noises[0]) + max(bias, 0.0))
-    return Smooth(*found, *noises)
+        best, off = np.zeros(len(filled)), np.full(len(filled), np.inf)
+        low, high = np.full((2, len(filled)), -np.inf) * [[1.0], [-1.0]]
+        for half in HALVES:
+            if 2 * half + 1 > len(filled):
+                break
+            shape = {"window_length": 2 * half + 1, "polyorder": 3, "deriv": order}
+            said = signal.savgol_filter(filled, **shape, delta=delta, mode="interp")
+            doubt = noise / delta**order * _kept(half, order, len(filled))
+            low = np.maximum(low, said - AGREES * doubt)
+            high = np.minimum(high, said + AGREES * doubt)
+            longer = (low <= high) & (doubt < off)
+            best[longer], off[longer] = said[longer], doubt[longer]
+        found.append(np.where(known, np.interp(rows, own, best), np.nan))
+        doubts.append(np.hypot(1.0, AGREES) * np.interp(rows, own, off))
+    return Smooth(*found, *doubts)
+
+
+def _kept(half: int, order: int, count: int) -> np.ndarray:
+    """Share of the noise that a cubic through 2 half + 1 of so many samples keeps, (count,)."""
+    place, last = np.arange(count), count - 1
+    place = np.minimum(place, half) + np.maximum(place - (last - half), 0)  # its middle but at ends
+    return _shares(half, order)[place]
+
+
+@lru_cache
+def _shares(half: int, order: int) -> np.ndarray:
+    """Share of the noise that a cubic keeps at each place of its window, (2 half + 1,)."""
+    width = 2 * half + 1
+    rows = [signal.savgol_coeffs(width, 3, deriv=order, pos=p) for p in range(width)]
+    return np.linalg.norm(rows, axis=1)
 
 
 def _smoothed_columns(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
