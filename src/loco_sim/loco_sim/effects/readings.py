@@ -109,11 +109,12 @@ def behind(
             effect.measure(said, at, 0.0)
         return read - said
 
-    true = read.copy()
+    first = missed(read)
+    true = read + first
     with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(SOUGHT):
+        for _ in range(SOUGHT - 1):
             true += missed(true)
-        nearer = np.abs(missed(true)) <= np.abs(missed(read))
+        nearer = np.abs(missed(true)) <= np.abs(first)
     true = np.where(nearer, true, read)
     return true[at["q"]], true[at["dq"]]
 

@@ -461,7 +461,7 @@ def prepare(
         fit_rows.append(rows)
         held_rows.append(judges)
     steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
-    fine, ground = errors.finest(forward), any(map(forward.on_ground, range(len(both))))
+    fine, ground = errors.finest(forward), forward.grounded
     signals = [c.signal for c in forward.channels]
     correction, numeric = errors.step_error(forward, fine)
     more = [errors.stepped(forward, correction[1.0])]

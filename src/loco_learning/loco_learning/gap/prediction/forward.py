@@ -274,6 +274,11 @@ class Forward:
         return bool(self._lengths[index]) and not self.robot(index).fixed_base
 
     @property
+    def grounded(self) -> bool:
+        """Some record is on the ground."""
+        return any(self.on_ground(i) for i in range(len(self.records)))
+
+    @property
     def in_pieces(self) -> bool:
         """Some record is compared in pieces that begin in the measured state."""
         return any(self._lengths)
@@ -298,14 +303,21 @@ class Forward:
         other.measured = [other._weighed(i, m.copy()) for i, m in enumerate(self.measured)]
         return other
 
-    def shaken(self, seed: int) -> Forward:
-        """The same, with pieces that begin as far off as their states are known."""
-        other, rng = copy(self), np.random.default_rng([seed, len(self.records)])
-        other._starts = [
-            windows.shaken(record, self.robot(i), starts, rng) if self._lengths[i] else starts
-            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
+    def shaken(self, count: int) -> list[Forward]:
+        """As many of these, with pieces that begin as far off as their states are known."""
+        off = [
+            windows.doubts(record, self.robot(i)) if self._lengths[i] else None
+            for i, record in enumerate(self.records)
         ]
-        return other
+        found = []
+        for seed in range(count):
+            other, rng = copy(self), np.random.default_rng([seed, len(self.records)])
+            other._starts = [
+                windows.shaken(starts, known, rng) if known else starts
+                for starts, known in zip(self._starts, off, strict=True)
+            ]
+            found.append(other)
+        return found
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, record = self._robot(index, overrides, step), self.records[index]

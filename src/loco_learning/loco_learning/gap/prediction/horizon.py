@@ -41,7 +41,7 @@ def length(model: Model, records: Sequence[Record]) -> float:
     forward = Forward(model, records, ForwardParams(ground=LONGEST, most=FEW))
     if not any(forward.starts):
         return 0.0
-    here, others = forward(), [forward.shaken(k)() for k in range(2)]
+    here, others = forward(), [shaken() for shaken in forward.shaken(2)]
     dt = records[0].dt
     rows = np.arange(round(LONGEST / dt))
     size = np.zeros((len(rows), len(forward.channels)))
@@ -74,13 +74,13 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
         likely: Effects that the robot may have.
     """
     here = forward()
-    runs = [here, *(forward.shaken(k)() for k in range(DRAWS))]
+    runs = [here, *(shaken() for shaken in forward.shaken(DRAWS))]
     # An error of a start stays for all of its piece, and pieces are few.
     chance = np.sqrt(1.0 + CHANCE * np.sqrt(2.0 / max(sum(map(len, forward.starts)), 1)))
     apart = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
     found = [chance * np.nan_to_num(each) for each in apart]
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
-    if other is None or not any(map(forward.on_ground, range(len(forward.records)))):
+    if other is None or not forward.grounded:
         return found
     there = {"sim.engine": other}
     pairs = [(here, forward((), there))]

@@ -29,9 +29,9 @@ from .running import Start
 
 signal = lazy.module("scipy.signal")  # half a second, which no record needs that begins at rest
 
-HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local cubic may be fitted to
-AGREES = 1.5  # deviations within which it must agree with shorter ones (least doubt on a wave)
+HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local polynomial may be fitted to
 LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
+AGREES = 1.5  # deviations within which it must agree with shorter ones (least doubt on a wave)
 JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
 CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
 BENT = 0.1  # of its range: so far a command may be off a parabola; steps are by 0.15 (taste)
@@ -97,45 +97,62 @@ def spread(starts: list[Start], most: int) -> list[Start]:
     return [starts[i] for i in chosen]
 
 
-def shaken(
-    record: Record, robot: Robot, starts: list[Start], rng: np.random.Generator
-) -> list[Start]:
-    """Pieces that begin as far off as their states are known, drawn."""
-    off, speed = _doubts(record, robot)
-    seen = None
-    if not robot.fixed_base:
-        seen = odometry.legs(record, robot, *joint_states(record, robot))
+class Doubts(NamedTuple):
+    """Standard deviations of the states in which the pieces of a record begin.
+
+    Attributes:
+        q: Deviation of joint positions [rad or m], (T, n).
+        dq: Deviation of joint velocities, (T, n).
+        velocity: Deviation of the velocity of the base [m/s].
+        height: Deviation of the height of the base [m].
+        turn: Deviation of the attitude of the base [rad].
+        spin: Deviation of the angular velocity of the base [rad/s].
+    """
+
+    q: np.ndarray
+    dq: np.ndarray
+    velocity: float
+    height: float
+    turn: float
+    spin: float
+
+
+def doubts(record: Record, robot: Robot) -> Doubts:
+    """Deviations of the states in which the pieces of a record begin."""
+    shape = len(record.t), len(robot.joints)
+    if robot.fixed_base:
+        q, dq = np.zeros((2, *shape))
+        for joint, seen in enumerate(_joints(record, robot)):
+            if seen is not None:
+                q[:, joint], dq[:, joint] = seen.level_noise, seen.rate_noise
+        return Doubts(q, dq, 0.0, 0.0, 0.0, 0.0)
+    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
+    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
+    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
+    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
+    seen = odometry.legs(record, robot, *joint_states(record, robot))
     moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
     turn = deviation(record.signals["orientation"][:, 0]) * 2.0 if seen else 0.0
-    gyro = deviation(record.signals["gyro"][:, 0]) if "gyro" in record.signals else 0.0
+    spin = deviation(record.signals["gyro"][:, 0]) if "gyro" in record.signals else 0.0
+    joints = (np.broadcast_to(each, shape) for each in (off["q"], speed))
+    return Doubts(*joints, moved, high, turn, spin)
+
+
+def shaken(starts: list[Start], off: Doubts, rng: np.random.Generator) -> list[Start]:
+    """Pieces that begin as far off as their states are known, drawn."""
     found = []
     for s in starts:
         q, dq = (rng.standard_normal(len(s.q)) for _ in range(2))
         v, w, r = rng.standard_normal((3, 3))
         base = s.base and Base(
-            (*s.base.position[:2], s.base.position[2] + high * rng.standard_normal()),
-            multiply((*(0.5 * turn * r), 1.0), s.base.orientation),
-            tuple(s.base.velocity + moved * v),
-            tuple(s.base.angular_velocity + gyro * w),
+            (*s.base.position[:2], s.base.position[2] + off.height * rng.standard_normal()),
+            multiply((*(0.5 * off.turn * r), 1.0), s.base.orientation),
+            tuple(s.base.velocity + off.velocity * v),
+            tuple(s.base.angular_velocity + off.spin * w),
         )
-        found.append(s._replace(q=s.q + off[s.row] * q, dq=s.dq + speed[s.row] * dq, base=base))
+        q, dq = s.q + off.q[s.row] * q, s.dq + off.dq[s.row] * dq
+        found.append(s._replace(q=q, dq=dq, base=base))
     return found
-
-
-def _doubts(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Deviation of positions [rad or m] and velocities where a piece begins, (T, n) each."""
-    shape = len(record.t), len(robot.joints)
-    if robot.fixed_base:
-        both = np.zeros((2, *shape))
-        for joint, seen in enumerate(_joints(record, robot)):
-            if seen is not None:
-                both[:, :, joint] = seen.level_noise, seen.rate_noise
-        return both[0], both[1]
-    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
-    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
-    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
-    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
-    return np.broadcast_to(off["q"], shape), np.broadcast_to(speed, shape)
 
 
 def deviation(values: np.ndarray) -> float:
