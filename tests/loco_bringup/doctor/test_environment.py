@@ -31,6 +31,11 @@ def named(found):
     return {finding.fault for finding in found}
 
 
+def alone(found, *faults):
+    """Each fault is found once: an onlooker may hear a node of a busy machine late."""
+    return all([finding.fault for finding in found].count(fault) == 1 for fault in faults)
+
+
 def the(found, fault):
     """The only finding of a fault."""
     (one,) = [finding for finding in found if finding.fault == fault]
@@ -199,7 +204,7 @@ def test_a_stopped_node_is_named_as_the_one_that_owes_the_tick(tmp_path):
         assert all(name in shown for name in ("robot_sim", "stance_controller", "recorder"))
         pid = graph.pid("stance_controller")
         os.kill(pid, signal.SIGSTOP)
-        found, _ = look(4.0, until=lambda found: {"ticks", "node silent"} <= named(found))
+        found, _ = look(4.0, until=lambda found: alone(found, "ticks", "node silent"))
         owes = the(found, "ticks").text
         assert "trunk_torque does not come from stance_controller" in owes
         assert "is stopped (SIGSTOP)" in owes
