@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from loco_bringup.cli.clone import add_workshop
 from loco_bringup.testing import isolate
 from loco_control.exceptions import MissingPackageError, ParameterError
 from loco_sim.engines import installed
@@ -19,6 +20,7 @@ from . import quadrupeds
 UNTRACED = Path(__file__).with_name("untraced.txt")
 
 isolate()  # before anything reads the environment
+add_workshop()  # its packages are imported by tests and by the processes that they start
 
 
 @pytest.fixture(autouse=True)

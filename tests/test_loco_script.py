@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
-TOOLS = "sh cat cksum cp chmod dirname env flock mkdir readlink rm sleep tail".split()
+TOOLS = "sh cat cksum cp chmod dirname env flock grep mkdir readlink rm sed sleep tail".split()
 
 # Each stage by a part of the command that does it, in order.
 VENV = "-m venv"
@@ -18,23 +19,23 @@ REQUIREMENTS = "requirements/lock.txt"
 MESSAGES = "messages.py install"
 PACKAGES = "pip install --no-deps --no-build-isolation -e"
 KERNELS = "--layout rollout"
-COMMAND = "-m loco_bringup.cli.main"
+COMMAND = ".venv/bin/loco"
 TOOLS_STAGE = "requirements/tools.txt"
 GENERATORS = "requirements/build.txt"
 BUILD = "messages.py build"
 STAGES = [VENV, REQUIREMENTS, MESSAGES, PACKAGES]
 
 STAND_IN = """#!/bin/sh
-case "$1 $2" in "-c "* | *"messages.py check") ;; *) echo "$*" >>"$CALLS" ;; esac
+case "$1 $2" in "-I -c"* | *"messages.py check") ;; *) echo "$*" >>"$CALLS" ;; esac
 case "$*" in
 *${KILL_AT:-nothing}*) kill -9 $PPID; exit ;;
 *${FAIL_AT:-nothing}*) echo "out of cheese" >&2; exit 3 ;;
 esac
 case "$1 $2" in
-"-c "*) echo "$0" ;;
+"-I -c"*) echo "$0" ;;
 *"messages.py check") [ -z "${MISFIT:-}" ] || { echo "$MISFIT"; exit 1; } ;;
 "-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
-"-m loco_bringup.cli.main") env >"$CALLS.env" ;;
+*".venv/bin/loco"*) env >"$CALLS.env" ;;
 esac
 """
 
@@ -113,7 +114,7 @@ def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
     status, told, calls = checkout.start("report", "a bag")
     assert status == 0
     assert stages(calls) == [*STAGES, COMMAND]
-    assert calls[-1] == "-m loco_bringup.cli.main report a bag"
+    assert calls[-1] == f"{checkout.root}/.venv/bin/loco report a bag"
     assert "ready" in told
 
 
@@ -163,7 +164,7 @@ def test_tools_are_installed_when_they_are_asked_for(checkout, command):
 
 def test_second_start_only_runs_the_command(checkout):
     checkout.start()
-    assert checkout.start("list") == (0, "", ["-m loco_bringup.cli.main list"])
+    assert checkout.start("list") == (0, "", [f"{checkout.root}/.venv/bin/loco list"])
 
 
 def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
@@ -171,7 +172,7 @@ def test_started_through_a_link_it_finds_its_folder(checkout, tmp_path):
     link = tmp_path / "link"
     link.symlink_to(checkout.root / "loco")
     subprocess.run([link], env=checkout.environment, cwd="/", check=True)
-    assert checkout.calls.read_text().endswith("-m loco_bringup.cli.main\n")
+    assert checkout.calls.read_text().endswith("/.venv/bin/loco\n")
 
 
 @pytest.mark.parametrize(
@@ -299,13 +300,10 @@ def seen_by_the_command(checkout: Checkout) -> dict[str, str]:
     return dict(line.partition("=")[::2] for line in text.splitlines())
 
 
-def test_threads_and_discovery_are_limited(checkout):
+def test_threads_are_limited(checkout):
     checkout.start()
     seen = seen_by_the_command(checkout)
     assert seen["OMP_NUM_THREADS"] == seen["OPENBLAS_NUM_THREADS"] == "1"
-    assert seen["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    checkout.start(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
-    assert seen_by_the_command(checkout)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
 
 
 @pytest.mark.parametrize("sign", ["AMENT_PREFIX_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"])
@@ -319,6 +317,96 @@ def test_colcon_runs_in_the_workspace_with_the_environment(checkout):
     (checkout.root / "ros_ws").mkdir()
     _, _, calls = checkout.start("colcon", "build", "--packages-select", "loco_sim")
     assert calls[-1] == "-m colcon build --packages-select loco_sim"
+
+
+def direct_url(checkout: Checkout) -> Path:
+    """The file in which pip says where it took the packages from."""
+    packages = checkout.root / ".venv/lib/python3.11/site-packages"
+    path = packages / "loco_gap-0.2.0.dist-info/direct_url.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        '{"dir_info": {}, "url": "file:///here"}',
+        '{"dir_info": {"editable": true}, "url": "file:///there"}',
+        None,
+    ],
+    ids=["a copy", "another folder", "uninstalled"],
+)
+def test_packages_that_point_elsewhere_are_installed_anew(checkout, other):
+    checkout.start()
+    path = direct_url(checkout)
+    path.write_text('{"dir_info": {"editable": true}, "url": "file:///here"}')
+    assert stages(checkout.start("list")[2]) == [PACKAGES, COMMAND]
+    assert stages(checkout.start("list")[2]) == [COMMAND]
+    path.unlink() if other is None else path.write_text(other)
+    assert stages(checkout.start("list")[2]) == [PACKAGES, COMMAND]
+
+
+@pytest.fixture
+def extras(checkout: Checkout, repository: Path) -> Checkout:
+    """A checkout with the real extras and two locked requirements."""
+    shutil.copy(repository / "pyproject.toml", checkout.root)
+    lines = [
+        "numpy==2.0.1 \\",
+        "    --hash=sha256:0",
+        "x==1 ; python_version < '4' \\",
+        "    --hash=sha256:1",
+    ]
+    lock = "\n".join(lines) + "\n"
+    (checkout.root / "requirements/lock.txt").write_text(lock)
+    checkout.start()
+    return checkout
+
+
+def texts(repository: Path) -> dict[Path, str]:
+    """Content of each program and each page that users read."""
+    folders = [
+        repository / name
+        for name in ("src", "ros_ws/src", "tests/workshop", "docs", "requirements")
+    ]
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file()]
+    kinds = {".py", ".md", ".in", ".ipynb"}
+    return {path: path.read_text() for path in files if path.suffix in kinds}
+
+
+def test_every_printed_hint_installs_its_extra(extras, repository):
+    printed = set(re.findall(r"\./loco install ([a-z]+)", " ".join(texts(repository).values())))
+    assert {"view", "rl", "ppo", "battery", "dynamixel", "docs", "test"} <= printed
+    for extra in printed:
+        status, _, calls = extras.start("install", extra)
+        assert status == 0, extra
+        assert calls[-1].endswith(f"-e {extras.root}[{extra}]")
+
+
+def test_extras_leave_the_packages_editable_and_what_is_locked_alone(extras):
+    status, _, calls = extras.start("install", "view", "rl")
+    pins = extras.root / ".venv/pins.txt"
+    assert status == 0
+    assert calls == [f"-m pip install --no-build-isolation -c {pins} -e {extras.root}[view,rl]"]
+    assert pins.read_text() == "numpy==2.0.1\nx==1 ; python_version < '4'\n"
+
+
+@pytest.mark.parametrize("names", [(), ("veiw",), ("view", "."), ("view,rl",), ("",)])
+def test_extras_that_do_not_exist_are_refused_and_the_others_listed(extras, names):
+    status, told, calls = extras.start("install", *names)
+    assert (status, calls) == (1, [])
+    assert "view" in told.split("there are:")[-1].split() or "lerobot" in told
+
+
+def test_extras_that_fail_to_install_show_why(extras):
+    status, told, _ = extras.start("install", "view", FAIL_AT="[view]")
+    assert status == 1
+    assert "out of cheese" in told
+
+
+def test_no_hint_replaces_the_packages_of_a_clone(repository):
+    """`pip install '.[view]'` in the environment of ./loco puts a copy in their place."""
+    hint = re.compile(r"pip install ['\"]?(\.|loco-gap)\[")
+    assert [path for path, text in texts(repository).items() if hint.search(text)] == []
 
 
 def test_the_probe_accepts_this_python(checkout):

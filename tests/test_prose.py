@@ -18,6 +18,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ("src/loco_control", "src/loco_sim", "src/loco_learning", "ros_ws/src/loco_bringup")
+SOURCES += ("tests/workshop/loco_workshop",)
 SECTIONS = ("Args", "Attributes", "Returns", "Yields", "Raises")
 ENTRY = re.compile(r"\*{0,2}[A-Za-z_][\w.]*(?:, \*{0,2}\w+)*:(?: (?P<text>.*)|$)")
 

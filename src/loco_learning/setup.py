@@ -24,7 +24,6 @@ setup(
                 "json",
                 "rviz",
                 "txt",
-                "c",
             )
         ]
     },

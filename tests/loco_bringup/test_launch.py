@@ -18,7 +18,7 @@ import rclpy
 import yaml
 
 from loco_bringup.bag.reader import Bag
-from loco_bringup.workshop.docs.reference import root
+from loco_bringup.cli.clone import root
 
 FOLDER = root() / "ros_ws/src/loco_bringup/launch"
 PATIENCE = 120.0  # [s]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whatever is wrong with a text or file of others is one error of ours, and costs little."""
 
+import copy
 import gzip
 import io
 import json
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loco_control import reading
+from loco_control import packed, reading
 from loco_control.exceptions import LocoError, MissingFileError, ParameterError
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -70,8 +71,8 @@ def test_yaml_that_is_right_is_read_with_numbers_as_people_write_them():
 
 def test_a_text_that_is_too_long_is_not_read():
     with pytest.raises(ParameterError, match="101 characters, at most 100"):
-        reading.parse_yaml("a" * 101, "x", most=100)
-    assert reading.parse_yaml("a" * 100, "x", most=100) == "a" * 100
+        reading.parse_yaml("a" * 101, "x", max_size=100)
+    assert reading.parse_yaml("a" * 100, "x", max_size=100) == "a" * 100
 
 
 @pytest.mark.parametrize("text", ["{", "[" * 100_000, "9" * 5000 + "", '{"a": }', "", "nul"])
@@ -102,7 +103,7 @@ def test_a_compressed_file_is_read_up_to_a_limit(tmp_path):
     assert reading.read_text(path) == "a,b\n1,2\n"
     path.write_bytes(gzip.compress(bytes(2**20)))
     with pytest.raises(ParameterError, match="larger than 0.5 MiB decompressed"):
-        reading.read_text(path, most=2**19)
+        reading.read_text(path, max_size=2**19)
     whole = path.read_bytes()
     for broken in (whole[:20], whole[:-4], whole[:30] + b"\xff" * 9 + whole[39:], b"no gzip"):
         path.write_bytes(broken)
@@ -139,19 +140,62 @@ def test_every_truncation_and_many_flips_of_an_archive_are_errors_of_ours(tmp_pa
 
 def test_an_archive_that_expands_too_far_or_holds_pickles_is_refused(tmp_path):
     path = tmp_path / "w.npz"
-    path.write_bytes(archive(a=np.zeros(10**6)))
-    with pytest.raises(ParameterError, match="larger than 1 MiB decompressed"):
-        reading.read_npz(path, most=2**20)
+    path.write_bytes(archive(a=np.zeros(packed.FREE // 8 - 100)))
+    assert len(reading.read_npz(path)["a"]) == packed.FREE // 8 - 100
+    path.write_bytes(archive(a=np.zeros(packed.FREE // 8)))
+    with pytest.raises(ParameterError, match="at most 67108864 are unpacked of"):
+        reading.read_npz(path)
     stream = io.BytesIO()
     np.savez(stream, a=np.array([{"x": 1}], dtype=object))
     path.write_bytes(stream.getvalue())
     with pytest.raises(ParameterError, match="not a file"):
         reading.read_npz(path)
     with zipfile.ZipFile(path, "w") as z:  # a header that promises more than there is
-        header = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, "
-        z.writestr("a.npy", (header + b"'shape': (999999999999,), }").ljust(127) + b"\n")
-    with pytest.raises(ParameterError):
+        z.writestr("a.npy", npy("<f8", "(999999999999,)"))
+    with pytest.raises(ParameterError, match="of shape .* has 0 bytes"):
         reading.read_npz(path)
+
+
+def npy(kind, shape):
+    header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
+    return b"\x93NUMPY\x01\x00v\x00" + header.encode().ljust(117) + b"\n"
+
+
+@pytest.mark.parametrize("kind", ["<U0", "|V0", "|O", "<M8[s]"])
+def test_arrays_of_other_things_than_numbers_and_texts_are_refused(tmp_path, kind):
+    with zipfile.ZipFile(tmp_path / "w.npz", "w") as z:  # no bytes need any shape of nothings
+        z.writestr("a.npy", npy(kind, f"({2**40},)"))
+    with pytest.raises(ParameterError, match="read are numbers and texts"):
+        reading.read_npz(tmp_path / "w.npz")
+
+
+def test_a_packed_text_fills_no_more_than_its_size_allows(tmp_path):
+    path = tmp_path / "t.csv.gz"
+    path.write_bytes(gzip.compress(bytes(packed.FREE)))
+    assert len(reading.read_bytes(path)) == packed.FREE
+    path.write_bytes(gzip.compress(bytes(packed.FREE + 1)))
+    with pytest.raises(ParameterError, match="larger than 64 MiB decompressed"):
+        reading.read_bytes(path)
+
+
+@pytest.mark.parametrize("how", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_zip_of_other_methods_is_refused(tmp_path, how):
+    with zipfile.ZipFile(tmp_path / "w.npz", "w", how) as z:  # LZMA asks for gigabytes
+        z.writestr("a.npy", npy("<f8", "(0,)"))
+    with pytest.raises(ParameterError, match="another method than deflation"):
+        reading.read_npz(tmp_path / "w.npz")
+
+
+def test_files_in_a_zip_that_share_their_bytes_are_counted_each(tmp_path):
+    """A megabyte of zeros in a kilobyte, named a thousand times: no quadratic work."""
+    with zipfile.ZipFile(tmp_path / "w.npz", "w", zipfile.ZIP_DEFLATED) as z:
+        z.writestr("a.npy", bytes(2**20))
+        for k in range(1000):
+            entry = copy.copy(z.infolist()[0])
+            entry.filename = f"b{k}.npy"
+            z.filelist.append(entry)
+    with pytest.raises(ParameterError, match="unpacked it has 10496"):
+        reading.read_npz(tmp_path / "w.npz")
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../x", "a/b", "a\\b", "a\0b", "a\nb", "x" * 201])
@@ -180,17 +224,17 @@ def test_numpy_is_loaded_by_those_who_read_arrays():
 def test_a_value_is_shown_whole_or_cut_to_the_length_with_a_sign():
     assert reading.shown("x" * 58) == repr("x" * 58)
     assert reading.shown("x" * 59) == "'" + "x" * 58 + "…"
-    assert reading.shown([1, 2], most=6) == "[1, 2]"
-    assert reading.shown([1, 2], most=5) == "[1, …"
+    assert reading.shown([1, 2], max_length=6) == "[1, 2]"
+    assert reading.shown([1, 2], max_length=5) == "[1, …"
 
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_a_file_at_the_limit_is_read_whole_and_a_byte_more_is_refused(tmp_path, packed):
     path, pack = (tmp_path / "a.gz", gzip.compress) if packed else (tmp_path / "a", bytes)
     path.write_bytes(pack(b"x" * 4096))
-    assert reading.read_bytes(path, most=4096) == b"x" * 4096
+    assert reading.read_bytes(path, max_size=4096) == b"x" * 4096
     with pytest.raises(ParameterError, match="which is the limit"):
-        reading.read_bytes(path, most=4095)
+        reading.read_bytes(path, max_size=4095)
 
 
 def test_a_loader_that_stumbles_names_its_source_cut_to_200_characters():

@@ -44,7 +44,8 @@ def test_encoded_bytes_deserialise_to_the_values_that_were_written(template):
     record = codec.record()
     fill(record, np.random.default_rng(1))
     message = deserialize_message(record.tobytes(), type(template))
-    again = codec.decode(bytes(serialize_message(message)))
+    # Its Python interface leaves room behind a message that a native node does not send.
+    again = codec.decode(bytes(serialize_message(message))[: codec.dtype.itemsize])
     for name in codec.dtype.names:
         np.testing.assert_array_equal(again[name], record[name], err_msg=name)
 

@@ -23,6 +23,8 @@ def page(repository, tmp_path):
     blocks = dict(re.findall(r"```(\w+)\n(.*?)```", text, re.DOTALL))
     (tmp_path / "my_controller.py").write_text(blocks["python"])
     (tmp_path / "my_nodes.yaml").write_text(blocks["yaml"])
+    for name in ("queue", "random", "yaml"):  # the folder is searched last
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('not the library')")
     return tmp_path, blocks["sh"].split()[1:]
 
 

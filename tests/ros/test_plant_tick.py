@@ -13,13 +13,14 @@ import pytest
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import UInt64
 
+from loco_control.exceptions import GraphError
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from loco_control.ros.messages.topics import LOST_TICK
 from loco_control.types import MotionCommand
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim.ros import plant_node
 from loco_sim.ros.joint_sim_node import JointSimNode
-from loco_sim.ros.plant_node import FIRST, NUDGE, PATIENCE, PlantNode
+from loco_sim.ros.plant_node import FIRST, GRACE, NUDGE, PATIENCE, PlantNode
 
 pytestmark = pytest.mark.ros
 
@@ -204,13 +205,43 @@ def test_before_the_first_command_it_is_damped_and_nobody_is_late(bench):
     assert not plant.said("timeout", "estop")
 
 
-def test_words_about_a_command_that_cannot_be_read_are_told_once(bench):
+def test_a_controller_that_cannot_be_read_ends_the_run_with_its_first_fault(bench):
     plant = Plant(bench)
     plant.command(0)
     plant.node._refuse("two positions, expected one")
     plant.node._refuse("three positions, expected one")
+    assert plant.node._grace.timer_period_ns == GRACE * 1e9
+    with pytest.raises(GraphError, match="two positions, expected one"):
+        plant.node._judge_unreadable()
     assert plant.said("error") == [("error", "two positions, expected one", 1, 0.01)]
     assert plant.sent == [0, 1]
+
+
+def test_a_command_that_cannot_be_read_beside_one_that_can_ends_nothing(bench):
+    """A stranger sent it: the right one of the same tick came, or there are two writers."""
+    plant = Plant(bench)
+    plant.command(0)
+    plant.node._refuse("two positions, expected one")
+    plant.command(1)
+    plant.node._judge_unreadable()
+    plant.node._refuse("two positions, expected one")
+    plant.node._strangers = lambda: "joint_command has 2 writers"
+    plant.node._judge_unreadable()
+    assert not plant.said("error") and plant.node._grace is None
+
+
+def test_a_plant_that_has_not_begun_is_ended_by_no_command(bench):
+    plant = Plant(bench)
+    plant.node.started = False
+    plant.node._refuse("two positions, expected one")
+    assert plant.node._grace is None
+
+
+@pytest.mark.parametrize("tick", [3, 2**63, 2**64 - 1])
+def test_a_recorder_cannot_be_ahead_of_the_plant(bench, tick):
+    plant = Plant(bench, recorded=True, flow_window=2)
+    plant.node._on_recorder(RecorderStatus(tick=tick))
+    assert plant.node._refused["recorder_status"] == 1 and plant.node._recorder_tick < tick
 
 
 def test_a_command_that_is_not_finite_ends_its_tick_and_no_other(bench):

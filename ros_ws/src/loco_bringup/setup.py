@@ -26,7 +26,6 @@ setup(
                 "json",
                 "rviz",
                 "txt",
-                "c",
             )
         ]
     },

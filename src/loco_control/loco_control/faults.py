@@ -45,8 +45,8 @@ class Fault(Params):
     kind: ClassVar[str]
     needs: ClassVar[str] = ""  # what a message must have: numbers or a stamp
 
-    def __init_subclass__(cls, kind: str, needs: str = "", **more: Any) -> None:
-        super().__init_subclass__(**more)
+    def __init_subclass__(cls, kind: str, needs: str = "", **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
         cls.kind, cls.needs = kind, needs
         FAULTS[kind] = cls
 
@@ -220,11 +220,11 @@ def to_text(topic: str, fault: Fault) -> str:
     return f"{topic}:{fault.kind}{''.join(values)}"
 
 
-def check(texts: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, Fault]]:
+def check(specs: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, Fault]]:
     """Faults of texts, for a graph.
 
     Args:
-        texts: Faults as a user writes them, ``TOPIC:KIND:KEY=VALUE,...``.
+        specs: Faults as a user writes them, ``TOPIC:KIND:KEY=VALUE,...``.
         topics: Contents of each topic's messages that a fault may change: numbers, stamp.
 
     Raises:
@@ -232,7 +232,7 @@ def check(texts: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, 
         NameUnknownError: There is no such kind of fault, or the graph has no such topic.
     """
     faults = []
-    for text in texts:
+    for text in specs:
         topic, fault = parse(text)
         if topic not in topics:
             raise NameUnknownError("topic", topic, topics)

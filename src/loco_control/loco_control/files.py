@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .exceptions import ParameterError
+from .exceptions import ParameterError, cut
 
 _NAME = 100  # longest name of an abstract socket that is used as it is [bytes]
 
@@ -39,7 +39,7 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
-    with _alone(part) as file:
+    with _is_unused(part) as file:
         try:
             if callable(content):
                 content(file)
@@ -54,7 +54,7 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
     return path
 
 
-def _alone(path: Path) -> BinaryIO:
+def _is_unused(path: Path) -> BinaryIO:
     """An empty file that this process alone has open; waits for others that write the same."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
@@ -113,27 +113,27 @@ def check_writable(folder: str | Path) -> None:
     Raises:
         ParameterError: No file can be made in it or in the nearest folder above it.
     """
-    there = Path(folder).absolute()
+    folder_path = Path(folder).absolute()
     try:
-        while not _exists(there):
-            there = there.parent
-        with tempfile.TemporaryFile(dir=there) as file:
+        while not _exists(folder_path):
+            folder_path = folder_path.parent
+        with tempfile.TemporaryFile(dir=folder_path) as file:
             file.write(b"x")
     except (OSError, ValueError) as error:
         # A ValueError is a null byte in the name, for which Pythons have different words.
         system = isinstance(error, OSError)
-        why = error.strerror or error if system else "the name holds a null byte"
+        reason = error.strerror or error if system else "the name holds a null byte"
         raise ParameterError(
-            f"nothing can be written in {str(folder)[:200]!r}: {why}; choose another --out"
+            f"nothing can be written in {cut(str(folder))!r}: {reason}; choose another --out"
         ) from None
 
 
-def claim(folder: Path, *own: str) -> None:
+def claim(folder: Path, *own_files: str) -> None:
     """Refuse a folder for results that holds something else or cannot be written.
 
     Args:
         folder: The folder; it need not exist, and is not made.
-        own: Names of files of which earlier results of the same command have one; they are
+        own_files: Names of files of which earlier results of the same command have one; they are
             replaced.
 
     Raises:
@@ -141,7 +141,11 @@ def claim(folder: Path, *own: str) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not any((folder / o).is_file() for o in own):
+    if (
+        folder.is_dir()
+        and any(folder.iterdir())
+        and not any((folder / o).is_file() for o in own_files)
+    ):
         raise ParameterError(f"{folder} holds other files; choose another --out")
     check_writable(folder)
 

@@ -108,6 +108,6 @@ class _Timespec(ctypes.Structure):
 
 def sleep_until(deadline: float) -> None:
     """Sleep until a time of `time.monotonic` [s], or until a signal."""
-    whole = int(deadline)
-    until = _Timespec(whole, int((deadline - whole) * 1e9))
+    seconds = int(deadline)
+    until = _Timespec(seconds, int((deadline - seconds) * 1e9))
     _LIBC.clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None)

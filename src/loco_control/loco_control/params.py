@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .exceptions import NameUnknownError, ParameterError
+from .reading import shown
 
 T = TypeVar("T", bound="Params")
 
@@ -73,7 +74,9 @@ class Params:
         return dataclasses.replace(self, **changes)
 
 
-_hints = functools.cache(typing.get_type_hints)  # reading annotations takes longer than all else
+_field_types = functools.cache(
+    typing.get_type_hints
+)  # reading annotations takes longer than all else
 
 
 def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T:
@@ -93,13 +96,13 @@ def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T
     if not isinstance(values, dict):
         raise ParameterError(f"{where or cls.__name__} must be a mapping, got {values!r}")
     fields = {f.name: f for f in dataclasses.fields(cls)}
-    hints = _hints(cls)
+    types = _field_types(cls)
     arguments = {}
     for key, value in values.items():
         if key not in fields:
             raise NameUnknownError(f"parameter in {where or cls.__name__}", key, fields)
         path = f"{where}.{key}" if where else key
-        kind = hints[key]
+        kind = types[key]
         if dataclasses.is_dataclass(kind):
             arguments[key] = from_dict(kind, value, path)
         else:
@@ -109,16 +112,16 @@ def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T
 
 def to_dict(params: Params) -> dict[str, Any]:
     """Plain nested values, ready for YAML: tuples become lists, absent blocks are left out."""
-    plain = {}
+    values = {}
     for f in dataclasses.fields(params):
         value = getattr(params, f.name)
         if value is None and f.metadata.get("optional"):
             continue
         if dataclasses.is_dataclass(value):
-            plain[f.name] = to_dict(value)
+            values[f.name] = to_dict(value)
         else:
-            plain[f.name] = list(value) if isinstance(value, tuple) else value
-    return plain
+            values[f.name] = list(value) if isinstance(value, tuple) else value
+    return values
 
 
 def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
@@ -133,7 +136,7 @@ def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
         listed = isinstance(value, (list, tuple, np.ndarray))
         if not listed or (many and not len(value)):
             size = "one or more" if many else len(default)
-            raise ParameterError(f"{name} must be a list of {size} numbers, got {value!r}")
+            raise ParameterError(f"{name} must be a list of {size} numbers, got {shown(value)}")
         if len(default) and len(value) != len(default) and not many:
             raise ParameterError(f"{name} must have {len(default)} values, got {len(value)}")
         kind = default[0] if default else 0.0
@@ -144,18 +147,19 @@ def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
 def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
     if isinstance(default, bool):
         if not isinstance(value, bool):
-            raise ParameterError(f"{name} must be true or false, got {value!r}")
+            raise ParameterError(f"{name} must be true or false, got {shown(value)}")
         return value
     if isinstance(default, str):
         if not isinstance(value, str):
-            raise ParameterError(f"{name} must be text, got {value!r}")
+            raise ParameterError(f"{name} must be text, got {shown(value)}")
         choices = meta.get("choices")
         if choices and value not in choices:
             raise NameUnknownError(f"choice for {name}", value, choices)
         return value
     unit = meta.get("unit", "-")
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
-        raise ParameterError(f"{name} must be a number [{unit}], got {value!r}")
+    huge = isinstance(value, int) and abs(value) >= 10**300  # beyond floating point
+    if huge or isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise ParameterError(f"{name} must be a number [{unit}], got {shown(value)}")
     low, high = meta.get("low"), meta.get("high")
     too_low = low is not None and value < low
     too_high = high is not None and value > high
@@ -165,9 +169,9 @@ def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
         low = "-inf" if low is None else f"{low:g}"
         high = "inf" if high is None else f"{high:g}"
         finite = " and finite" if infinite else ""
-        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}{finite}, got {value!r}")
+        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}{finite}, got {shown(value)}")
     if isinstance(default, int):
-        if value != int(value):
-            raise ParameterError(f"{name} must be a whole number, got {value!r}")
+        if value != int(value) or abs(value) >= 2**63:  # larger ones fit into no array
+            raise ParameterError(f"{name} must be a whole number below 2**63, got {shown(value)}")
         return int(value)
     return float(value)

@@ -8,6 +8,7 @@ anything is built, so a small file cannot fill the memory or end the process.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import functools
 import gzip
@@ -16,30 +17,31 @@ import json
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from .exceptions import LocoError, MissingFileError, ParameterError
+from . import packed
+from .exceptions import LocoError, MissingFileError, ParameterError, cut, shown
+from .packed import MOST_BYTES
 
 if TYPE_CHECKING:
     import numpy as np
 
 __all__ = [
     "FOLDERS", "allowed", "as_text", "parse_csv", "parse_json", "parse_yaml", "read_bytes",
-    "read_json", "read_npz", "read_text", "read_yaml", "shown", "understood", "within",
+    "read_json", "read_npz", "read_text", "read_yaml", "shown", "understanding", "understood",
+    "within",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 FOLDERS = ("bags",)  # that peers may name files of, unless the operator says others
 MOST_YAML = 2 * 2**20  # characters of a YAML text
-MOST_BYTES = 2**30  # bytes of a file, as it is and decompressed
 DEEPEST = 64  # mappings and lists within each other
 MOST_NODES = 200_000  # values of a YAML text with its aliases written out
-_SHOWN = 60  # characters of a value in a message
 
 # What the parsers raise beside their own errors: dates that are none, numbers of too many
 # digits, keys that cannot be hashed, files that end early.
@@ -50,51 +52,46 @@ _BROKEN = (
 )  # fmt: skip
 
 
-def shown(value: Any, most: int = _SHOWN) -> str:
-    """A value as messages show it: its repr, cut after `most` characters."""
-    text = repr(value)
-    return text if len(text) <= most else f"{text[: most - 1]}…"
-
-
 # ---- files
 
 
-def read_bytes(path: str | Path, what: str = "file", most: int = MOST_BYTES) -> bytes:
+def read_bytes(path: str | Path, what: str = "file", max_size: int = MOST_BYTES) -> bytes:
     """Contents of a file; of one whose name ends in ``.gz``, decompressed.
 
     Args:
         path: The file.
         what: Kind of file, for messages.
-        most: Limit of its size, compressed and not [bytes].
+        max_size: Limit of its size, compressed and not [bytes].
 
     Raises:
         MissingFileError: There is no such file, or it cannot be read.
-        ParameterError: It is larger than `most`, or it is not gzip as its name says.
+        ParameterError: It is larger than `max_size`, decompressed larger than `packed.room`, or it is
+            not gzip as its name says.
     """
     path = Path(path)
-    packed = path.suffix.lower() == ".gz"
     try:
         # A FIFO or a device has no end.
         if not path.is_file():
             raise MissingFileError(f"there is no {what} at {path}")
         with open(path, "rb") as file:
-            data = file.read(most + 1)
+            data = file.read(max_size + 1)
     except MissingFileError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL in it
         raise MissingFileError(f"{what} {shown(str(path))} cannot be read: {_why(error)}") from None
-    _check_size(path, len(data), most)
-    if packed:
+    _check_size(path, len(data), max_size)
+    if path.suffix.lower() == ".gz":
+        max_size = min(max_size, packed.room(len(data)))
         try:
             with gzip.open(io.BytesIO(data)) as file:
-                data = file.read(most + 1)
+                data = file.read(max_size + 1)
         except _BROKEN as error:
             raise ParameterError(f"{path} is not a gzip file: {_why(error)}") from None
-        _check_size(path, len(data), most, " decompressed")
+        _check_size(path, len(data), max_size, " decompressed")
     return data
 
 
-def read_text(path: str | Path, what: str = "file", most: int = MOST_BYTES) -> str:
+def read_text(path: str | Path, what: str = "file", max_size: int = MOST_BYTES) -> str:
     """Text of a UTF-8 file, with or without a byte order mark.
 
     The arguments are those of `read_bytes`.
@@ -103,52 +100,44 @@ def read_text(path: str | Path, what: str = "file", most: int = MOST_BYTES) -> s
         MissingFileError: There is no such file.
         ParameterError: The file is too large, or not UTF-8.
     """
-    return as_text(read_bytes(path, what, most), path)
+    return as_text(read_bytes(path, what, max_size), path)
 
 
-def read_yaml(path: str | Path, what: str = "file", most: int = MOST_YAML) -> Any:
+def read_yaml(path: str | Path, what: str = "file", max_size: int = MOST_YAML) -> Any:
     """Values of a YAML file; the arguments are those of `read_bytes`.
 
     Raises:
         MissingFileError: There is no such file.
         ParameterError: The file is too large, not UTF-8 or not YAML.
     """
-    return parse_yaml(read_text(path, what, most), path, most)
+    return parse_yaml(read_text(path, what, max_size), path, max_size)
 
 
-def read_json(path: str | Path, what: str = "file", most: int = MOST_BYTES) -> Any:
+def read_json(path: str | Path, what: str = "file", max_size: int = MOST_BYTES) -> Any:
     """Values of a JSON file; the arguments are those of `read_bytes`.
 
     Raises:
         MissingFileError: There is no such file.
         ParameterError: The file is too large, not UTF-8 or not JSON.
     """
-    return parse_json(read_text(path, what, most), path)
+    return parse_json(read_text(path, what, max_size), path)
 
 
-def read_npz(path: str | Path, what: str = "file", most: int = MOST_BYTES) -> dict[str, np.ndarray]:
+def read_npz(path: str | Path, what: str = "file") -> dict[str, np.ndarray]:
     """Arrays of a NumPy archive; nothing in it is unpickled.
 
     Args:
         path: The file.
         what: Kind of file, for messages.
-        most: Limit of the sum of its arrays [bytes].
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not such an archive, or larger than `most`.
+        ParameterError: It is not such an archive, or unpacked larger than `packed.room`.
     """
-    import numpy as np  # the command line imports this module, and NumPy takes long
-
-    data = read_bytes(path, what, most)
+    data = read_bytes(path, what)
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        _check_size(path, size, most, " decompressed")
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name]) for name in archive.files}
-    except ParameterError:
-        raise
+        files = packed.unzip(data)
+        return {name.removesuffix(".npy"): packed.array(inside) for name, inside in files.items()}
     except _BROKEN as error:
         raise ParameterError(f"{path} is not a {what}: {_why(error)}") from None
 
@@ -175,19 +164,19 @@ def as_text(data: bytes, source: str | Path) -> str:
         ) from None
 
 
-def parse_yaml(text: str, source: str | Path, most: int = MOST_YAML) -> Any:
+def parse_yaml(text: str, source: str | Path, max_size: int = MOST_YAML) -> Any:
     """Values of a YAML text: ``1e-3`` is a number, and no key may be given twice.
 
     Args:
         text: The text.
         source: Name of the source, for messages.
-        most: Limit of its length [characters].
+        max_size: Limit of its length [characters].
 
     Raises:
-        ParameterError: It is not YAML, or beyond `most`, `DEEPEST` or `MOST_NODES`.
+        ParameterError: It is not YAML, or beyond `max_size`, `DEEPEST` or `MOST_NODES`.
     """
-    if len(text) > most:
-        raise ParameterError(f"{source} has {len(text)} characters, at most {most} are read")
+    if len(text) > max_size:
+        raise ParameterError(f"{source} has {len(text)} characters, at most {max_size} are read")
     loader = None
     try:
         loader = _Loader(text)
@@ -256,19 +245,28 @@ def understood(what: str) -> Callable[[F], F]:
 
     def decorate(load: F) -> F:
         @functools.wraps(load)
-        def checked(source: Any, *arguments: Any, **more: Any) -> Any:
-            try:
-                return load(source, *arguments, **more)
-            except LocoError:
-                raise
-            except _BROKEN as error:
-                raise ParameterError(
-                    f"{shown(str(source), 200)} is not a {what}: {_why(error)}"
-                ) from error
+        def checked(source: Any, *arguments: Any, **kwargs: Any) -> Any:
+            with understanding(source, what):
+                return load(source, *arguments, **kwargs)
 
         return checked  # type: ignore[return-value]
 
     return decorate
+
+
+@contextlib.contextmanager
+def understanding(source: Any, what: str) -> Iterator[None]:
+    """Block in which values of a file are taken apart; see `understood`.
+
+    Raises:
+        ParameterError: A value is of a wrong kind.
+    """
+    try:
+        yield
+    except LocoError:
+        raise
+    except _BROKEN as error:
+        raise ParameterError(f"{shown(str(source), 200)} is not a {what}: {_why(error)}") from error
 
 
 # ---- names
@@ -285,8 +283,8 @@ def within(folder: str | Path, name: str, what: str = "name") -> Path:
     Raises:
         ParameterError: It would lead out of the folder, or no file can have it.
     """
-    bad = name in ("", ".", "..") or any(c in "/\\" or not c.isprintable() for c in name)
-    if bad or len(name.encode("utf-8", "replace")) > 200:
+    is_invalid = name in ("", ".", "..") or any(c in "/\\" or not c.isprintable() for c in name)
+    if is_invalid or len(name.encode("utf-8", "replace")) > 200:
         raise ParameterError(
             f"{what} must be a plain file name of at most 200 bytes, without / and \\, "
             f"got {shown(name)}"
@@ -355,13 +353,13 @@ class _Loader(yaml.SafeLoader):
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict:
-        seen = set()
+        keys = set()
         for key, _ in getattr(node, "value", ()):
             if isinstance(key, yaml.ScalarNode) and key.value != "<<":
-                if key.value in seen:
+                if key.value in keys:
                     problem = f"{shown(key.value)} is given twice"
                     raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-                seen.add(key.value)
+                keys.add(key.value)
         return super().construct_mapping(node, deep)
 
 
@@ -372,14 +370,14 @@ _Loader.add_implicit_resolver(
 )
 
 
-def _expanded(node: Any, depth: int, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
+def _expanded(node: Any, depth: int, sizes: dict[int, tuple[int, int]]) -> tuple[int, int]:
     """Number of values and depth of a node with its aliases written out.
 
     Raises:
         ComposerError: There are more than `MOST_NODES`, or they contain themselves.
     """
-    if id(node) in known:
-        return known[id(node)]
+    if id(node) in sizes:
+        return sizes[id(node)]
     count, height = 1, 1
     if not isinstance(node, yaml.ScalarNode):
         pairs = isinstance(node, yaml.MappingNode)
@@ -387,18 +385,20 @@ def _expanded(node: Any, depth: int, known: dict[int, tuple[int, int]]) -> tuple
             if depth >= DEEPEST:  # an alias to what holds it never ends
                 problem = f"nested more than {DEEPEST} levels deep with its aliases"
                 raise yaml.composer.ComposerError(None, None, problem, child.start_mark)
-            more, deeper = _expanded(child, depth + 1, known)
+            more, deeper = _expanded(child, depth + 1, sizes)
             count, height = count + more, max(height, deeper + 1)
             if count > MOST_NODES or depth + height > DEEPEST + 1:
                 problem = f"more than {MOST_NODES} values, or {DEEPEST} levels, with its aliases"
                 raise yaml.composer.ComposerError(None, None, problem, child.start_mark)
-    known[id(node)] = count, height
+    sizes[id(node)] = count, height
     return count, height
 
 
-def _check_size(path: str | Path, size: int, most: int, how: str = "") -> None:
-    if size > most:
-        raise ParameterError(f"{path} is larger than {most / 2**20:g} MiB{how}, which is the limit")
+def _check_size(path: str | Path, size: int, max_size: int, how: str = "") -> None:
+    if size > max_size:
+        raise ParameterError(
+            f"{path} is larger than {max_size / 2**20:g} MiB{how}, which is the limit"
+        )
 
 
 def _why(error: BaseException) -> str:
@@ -414,6 +414,5 @@ def _why(error: BaseException) -> str:
     return _line(error) or type(error).__name__
 
 
-def _line(value: Any, most: int = 200) -> str:
-    text = " ".join(str(value).split())
-    return text if len(text) <= most else f"{text[: most - 1]}…"
+def _line(value: Any) -> str:
+    return cut(" ".join(str(value).split()))

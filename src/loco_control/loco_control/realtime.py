@@ -60,8 +60,8 @@ def prepare(requests: RealtimeParams) -> list[str]:
         need = "CAP_SYS_NICE or a higher `ulimit -r`"
         steps.append((f"SCHED_FIFO {requests.fifo}", lambda: _fifo(requests.fifo), need))
     if requests.cpus:
-        there = f"one of {_listed(os.sched_getaffinity(0))}"
-        steps.append((f"processors {requests.cpus}", lambda: _pin(requests.cpu_set()), there))
+        cores = f"one of {_listed(os.sched_getaffinity(0))}"
+        steps.append((f"processors {requests.cpus}", lambda: _pin(requests.cpu_set()), cores))
     if requests.lock_memory:
         need = f"CAP_IPC_LOCK or a higher `ulimit -l` ({_memory_limit()})"
         steps.append(("memory locked", _lock, need))
@@ -71,19 +71,19 @@ def prepare(requests: RealtimeParams) -> list[str]:
     return [_try(*request) for request in steps]
 
 
-def _try(name: str, ask: Callable[[], None], need: str) -> str:
+def _try(name: str, request: Callable[[], None], need: str) -> str:
     try:
-        ask()
+        request()
     except OSError as error:
         return f"{name}: refused ({error.strerror}; needs {need})"
     return f"{name}: granted"
 
 
-def _of_all_threads(ask: Callable[[int], None]) -> None:
+def _of_all_threads(request: Callable[[int], None]) -> None:
     """Ask for each thread of this process; one that has just ended does not matter."""
     for name in os.listdir("/proc/self/task"):
         with contextlib.suppress(ProcessLookupError):
-            ask(int(name))
+            request(int(name))
 
 
 def _fifo(priority: int) -> None:

@@ -3,24 +3,85 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+import numbers
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
-from loco_control.exceptions import ParameterError
+from loco_control.checks import Between, check_file
+from loco_control.exceptions import LocoError, ParameterError
 from loco_control.files import write_whole
-from loco_control.reading import parse_json, read_npz
+from loco_control.reading import parse_json, read_npz, shown, understanding
 
-FORMATS = {  # kinds of file and their versions
-    "weights": 1,
-    "joint_weights": 1,
-    "log": 2,
-    "msd_gait": 1,
-    "msd_loop": 1,
-    "case": 2,
+
+
+class Weights(TypedDict):
+    """Plain values of a weight file; its senses have further ones."""
+
+    learner: dict[str, Any]
+    dt: Annotated[float, Between(1e-6, 1e3)]
+    seed: Annotated[int, Between(0, 2**63 - 1)]
+
+
+class JointWeights(Weights):
+    """Those of a joint reflex."""
+
+    sensors: list[str]
+    outputs: Annotated[int, Between(1, 1000)]
+
+
+class Log(TypedDict):
+    """Plain values of the log of a run."""
+
+    experiment: dict[str, Any]
+    seed: int
+    fall: Any
+    wall_time: numbers.Real
+
+
+class MsdGait(TypedDict):
+    """Plain values of a gait of masses and springs."""
+
+    task: dict[str, Any]
+    parameters: int
+    population: int
+    best: numbers.Real
+    clean: numbers.Real
+    speed: numbers.Real
+    power: numbers.Real
+
+
+class MsdLoop(TypedDict):
+    """Plain values of a closed loop of masses and springs."""
+
+    job: dict[str, Any]
+    values: dict[str, Any]
+
+
+class Case(TypedDict):
+    """Plain values of one run of a study."""
+
+    name: str
+    variant: str
+    seed: int
+    experiment: dict[str, Any]
+    verdict: dict[str, Any]
+    metrics: dict[str, dict[str, numbers.Real | None]]
+    at: dict[str, Any]
+    key: str
+
+
+FORMATS: dict[str, tuple[int, Any]] = {  # kinds of file, their versions and keys
+    "weights": (1, Weights),
+    "joint_weights": (1, JointWeights),
+    "log": (2, Log),
+    "msd_gait": (1, MsdGait),
+    "msd_loop": (1, MsdLoop),
+    "case": (2, Case),
 }
 
 
@@ -32,7 +93,7 @@ def write(
     compress: bool = False,
 ) -> None:
     """Write a file of a kind in `FORMATS`, whole or not at all; makes its folder."""
-    text = json.dumps({"kind": kind, "format": FORMATS[kind], **meta})
+    text = json.dumps({"kind": kind, "format": FORMATS[kind][0], **meta})
     save: Any = np.savez_compressed if compress else np.savez
     write_whole(path, lambda file: save(file, meta=text, **arrays))
 
@@ -42,7 +103,7 @@ def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.nd
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is of none of these kinds, or of another version.
+        ParameterError: It is of none of these kinds, of another version, or a value is wrong.
     """
     kind = kinds[0]
     arrays = read_npz(path, f"{kind} file of loco")
@@ -50,11 +111,31 @@ def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.nd
     if not isinstance(meta, dict):
         raise ParameterError(f"{path} is not a {kind} file of loco (its meta is no mapping)")
     found = (meta.get("kind"), meta.pop("format", None))
-    if len(kinds) == 1:
-        meta.pop("kind", None)
-    if found not in [(kind, FORMATS[kind]) for kind in kinds]:
+    if found not in [(kind, FORMATS[kind][0]) for kind in kinds]:
         raise ParameterError(
-            f"{path} is a {found[0]} file of format {found[1]}; "
-            f"wanted is a {kind} file of format {FORMATS[kind]}"
+            f"{path} is a {str(found[0])[:40]} file of format {shown(found[1])}; "
+            f"wanted is a {kind} file of format {FORMATS[kind][0]}"
         )
+    check_file(meta, FORMATS[meta["kind"]][1], path)
+    if len(kinds) == 1:
+        meta.pop("kind")
     return meta, arrays
+
+
+@contextlib.contextmanager
+def reading(
+    path: str | Path, *kinds: str
+) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+    """Context of the values and arrays of `read`, for a block that makes objects of them.
+
+    Raises:
+        LocoError: See `read`.
+        ParameterError: The block cannot make anything of the values; the message names the file.
+    """
+    values = read(path, *kinds)
+    try:
+        with understanding(path, f"{kinds[0]} file of loco"):
+            yield values
+    except LocoError as error:
+        named = str(path) in str(error)
+        raise error if named else ParameterError(f"{path}: {error}") from None

@@ -14,8 +14,8 @@ from loco_bringup.bag.mcap_scan import HEAD, MAGIC, walk
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.bag.salvage import Salvager
-from loco_bringup.workshop.bench.damage import sample
 from loco_control.exceptions import BagError
+from loco_workshop.bench.damage import sample
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,9 @@ from loco_bringup.bag.parts import mcap_paths
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.bag.writer import BagWriter
-from loco_bringup.workshop.bench.damage import bench_damage, sample
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.ros.messages.definitions import definition, type_hash
+from loco_workshop.bench.damage import bench_damage, sample
 
 
 @pytest.fixture(scope="module")
@@ -381,6 +381,27 @@ def test_metadata_counts_where_it_is_of_these_files_and_whole(tmp_path, spoil):
     else:
         assert recovery.at_least and recovery.lost != 400 - recovery.messages
     assert bag.metadata.get("experiment") == ("sample" if spoil != "other files" else None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("custom_data", 1), ("custom_data", [1]), ("relative_file_paths", {"run_0.mcap": 1}),
+        ("message_count", "many"), ("message_count", 2**70), ("duration", {"nanoseconds": "a"}),
+        ("files", [3]), ("files", [{"path": 3, "message_count": 1}]),
+    ],
+)  # fmt: skip
+def test_metadata_with_a_wrong_value_is_told_and_not_used(tmp_path, key, value):
+    folder = sample(tmp_path / "run", ticks=200)
+    path = folder / "run_0.mcap"
+    path.write_bytes(path.read_bytes()[: Bag(folder).file.chunks[4].start - 200])
+    about = yaml.safe_load((folder / "metadata.yaml").read_text())
+    about["rosbag2_bagfile_information"][key] = value
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(about))
+    recovery = recover(folder)
+    assert recovery.messages > 0
+    assert f"metadata.yaml: rosbag2_bagfile_information.{key}" in recovery.notes[0]
+    assert "must be" in recovery.notes[0]
 
 
 def test_a_whole_file_without_metadata_is_made_a_bag(tmp_path):

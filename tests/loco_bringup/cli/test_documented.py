@@ -52,8 +52,8 @@ def test_commands_are_read_as_a_shell_would(tmp_path):
 
 @pytest.mark.parametrize("line", LINES)
 def test_a_printed_command_parses(line):
-    if line.startswith("colcon"):
-        return  # `./loco` itself runs it
+    if line.split()[0] == "colcon":
+        return  # the script `loco` itself runs it; test_loco_script.py tries it
     name, options = parse(shlex.split(line))
     if name == "test":
         paths = [word for word in options if word.startswith("tests/")]

@@ -14,7 +14,7 @@ from loco_bringup.cli import main as cli
 from loco_bringup.cli.table import parse
 from loco_bringup.record import pace as replay_pace
 from loco_bringup.record.pace import Keys, Pace
-from loco_bringup.workshop.bench.damage import sample
+from loco_workshop.bench.damage import sample
 
 
 @pytest.fixture(scope="module")

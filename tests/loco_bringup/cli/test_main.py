@@ -15,12 +15,12 @@ from loco_bringup.bag.reader import Bag
 from loco_bringup.cli import listing
 from loco_bringup.cli import main as cli
 from loco_bringup.cli.table import COMMANDS, load, parse, split
-from loco_bringup.workshop import tests
-from loco_bringup.workshop.bench import bench
-from loco_bringup.workshop.bench.damage import sample
+from loco_bringup.schemas import KINDS
 from loco_control.exceptions import MissingPackageError
-from loco_learning.schemas import KINDS
 from loco_sim import engines
+from loco_workshop import tests
+from loco_workshop.bench import bench
+from loco_workshop.bench.damage import sample
 
 
 def loco(*arguments, capsys=None):

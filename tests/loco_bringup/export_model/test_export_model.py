@@ -4,14 +4,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import loco
 from loco_bringup.cli import main as cli
 from loco_bringup.export_model.replay import compare
+from loco_bringup.gap import run as runner
+from loco_learning.gap.localisation.curves import load as load_curves
+from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.proposals import pool
+from loco_learning.gap.recordings.record import Record
+from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
 from ..gap.gap_result import result
@@ -118,3 +125,32 @@ def test_a_mistake_is_one_line_and_writes_nothing(arguments, words, tmp_path, ca
     assert call("export-model", *arguments) == 2
     assert words in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def swung(speed):
+    """A servo pendulum that swings at the start of its log, faster than its readings say."""
+    t = np.arange(300) / 100.0
+    told = {"position": 0.4 * np.sin(4.0 * t)[:, None]}, ("pivot",)
+    empty = Record("judge", t, *told, {"q": 0.4 * np.sin(4.0 * t - 0.5)[:, None]}, ("pivot",))
+    forward = Forward(Model("servo_pendulum", EXACT), [empty])
+    (q,) = forward.begun_at([np.array([0.004, speed])])(step=1 / 8)
+    noise = 0.004 * np.random.default_rng(2).standard_normal(q.shape)
+    return replace(empty, signals={"q": q + noise})
+
+
+EXACT = {"drives.pivot.resolution": 0.0}
+
+
+def test_the_replay_of_a_search_begins_where_the_verdict_began(tmp_path, monkeypatch):
+    """Starts that the search refitted are those of the exported replay, and so is the error."""
+    model, record = Model("servo_pendulum", EXACT), swung(0.4)
+    few = {"effects": ["joint_offset"], "most_terms": 1}
+    monkeypatch.setattr(runner, "read_records", lambda job: (model, [swung(0.3)], [record]))
+    runner.run(runner.Job("servo_pendulum", ("a", "b"), options=few, workers=1), tmp_path / "gap")
+    drawn = load_curves(tmp_path / "gap/gap.npz").records[1]
+    judged = np.sqrt(np.nanmean(drawn.residual("after") ** 2))
+    (one,) = loco.export_model(tmp_path / "gap", "mjcf", tmp_path / "out").compared
+    (bare,), _ = compare(models.load(tmp_path / "gap/model.yaml"), [record], tmp_path)
+    assert len(drawn.start) == 2 and bare.ours > 1.5 * judged
+    assert one.ours == pytest.approx(judged, rel=0.02)
+    assert one.theirs == pytest.approx(judged, rel=0.02)

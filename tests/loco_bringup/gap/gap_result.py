@@ -3,8 +3,14 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
+import zlib
+
 import numpy as np
 
+from loco_bringup.page.plot import STEPS, UNKNOWN
 from loco_learning.gap.localisation.curves import FIT, HELD_OUT, Curve, Curves
 
 TERM = {
@@ -51,11 +57,39 @@ def result(verdict="named", **changes):
     return {**found, **changes}
 
 
+def shown(page):
+    """Values of each plot of a page by its title: a list of lines of each panel by its label."""
+    found = {}
+    for text in re.findall(r'<script type="application/json">(.*?)</script>', page, re.S):
+        data = json.loads(text)
+        if "count" not in data:
+            continue
+        packed = zlib.decompress(base64.b64decode(data["steps"]))
+        rows = np.frombuffer(packed, "<i2").reshape(-1, data["count"])
+        panels, at = {}, 0
+        for panel in data["panels"]:
+            panels[panel["label"]] = [
+                _unpacked(row, line["ends"], panel["log"])
+                for row, line in zip(rows[at:], panel["lines"], strict=False)
+            ]
+            at += len(panel["lines"])
+        found[data["title"]] = panels
+    return found
+
+
+def _unpacked(differences, ends, logarithmic):
+    steps = np.cumsum(differences, dtype=np.int16)
+    values = ends[0] + (steps.astype(float) + STEPS // 2) * (ends[1] - ends[0]) / STEPS
+    known = steps != UNKNOWN
+    return np.where(known, 10.0**values if logarithmic else values, np.nan)
+
+
 def curves():
     """Two records of one channel."""
     t = np.arange(400) / 100.0
     made = [
-        Curve(name, role, t, *(np.sin(3.0 * t - lag)[:, None] for lag in (0.0, 0.2, 0.02)))
+        Curve(name, role, t, *(np.sin(3.0 * t - lag)[:, None] for lag in (0.0, 0.2, 0.02)),
+              np.full((400, 1), 0.005), np.full(400, role == HELD_OUT), np.zeros(0))
         for name, role in (("chirp", FIT), ("steps", HELD_OUT))
-    ]
-    return Curves((("q", "pivot", "rad"),), np.full(1, 0.005), tuple(made))
+    ]  # fmt: skip
+    return Curves((("q", "pivot", "rad"),), tuple(made))

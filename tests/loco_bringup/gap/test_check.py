@@ -70,6 +70,15 @@ def test_it_writes_a_page_and_json_and_refuses_what_is_no_use(write, tmp_path, c
     assert any("last third" in line for line in values["missing"])
 
 
+def test_notes_of_reading_are_printed(write, tmp_path, capsys):
+    moved = write("moved.csv", good)
+    lines = moved.read_text().splitlines()
+    lines[20:22] = lines[21:19:-1]
+    moved.write_text("\n".join(lines))
+    assert call(moved, "--robot", "servo_pendulum", "--workers", "1", "--out", tmp_path / "o") == 0
+    assert "moved: samples were not in the order" in " ".join(capsys.readouterr().out.split())
+
+
 def test_one_line_for_every_mistake(write, tmp_path, capsys):
     still = write("still.csv", lambda t: 0.0 * t)
     assert call(still, "--robot", "servo_pendulum", "--out", tmp_path / "out") == 2
@@ -79,3 +88,36 @@ def test_one_line_for_every_mistake(write, tmp_path, capsys):
     assert "--robot" in capsys.readouterr().err
     assert call(still, "--robot", "servo_pendulum", "--out", tmp_path) == 2
     assert "other files" in capsys.readouterr().err
+
+
+def test_a_wrong_set_up_is_told_with_its_line_and_nothing_is_tried(write, tmp_path, capsys):
+    turned = write("turned.csv", lambda t: -good(t))
+    given = "--robot", "servo_pendulum", "--workers", "1"
+    assert call(turned, *given, "--out", tmp_path / "out") == 2
+    said = " ".join(capsys.readouterr().out.split())
+    assert check.WRONG in said and "pivot moves against its command" in said
+    assert "say sign: -1 at q of pivot in mapping.yaml" in said
+    values = json.loads((tmp_path / "out" / check.JSON).read_text())
+    assert values["verdict"] == check.WRONG and values["effects"] == []
+    assert "moves against its command" in (tmp_path / "out" / check.PAGE).read_text()
+
+    with pytest.raises(SystemExit) as end:
+        cli.main(["gap", str(turned), *given, "--out", str(tmp_path / "gap")])
+    assert end.value.code == 2
+    assert "the set-up is wrong" in capsys.readouterr().out
+    result = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert result["verdict"] == "set-up" and result["names"] == [] and result["terms"] == []
+    assert "moves against its command" in (tmp_path / "gap" / "gap.html").read_text()
+
+
+def test_fix_writes_the_lines_into_new_files_and_they_mend(write, tmp_path, capsys):
+    in_degrees = write("degrees.csv", lambda t: -57.29578 * good(t))
+    before = {p: p.read_text() for p in tmp_path.iterdir()}
+    given, out = ("--robot", "servo_pendulum", "--workers", "1"), tmp_path / "out"
+    assert call(in_degrees, *given, "--fix", "--out", out) == 2
+    said = " ".join(capsys.readouterr().out.split())
+    assert "unit: deg at q of pivot" in said and f"--mapping {out / 'mapping.yaml'}" in said
+    assert {p: p.read_text() for p in before} == before
+    assert call(in_degrees, *given, "--fix", "--out", out, "--mapping", out / "mapping.yaml") == 0
+    assert not (out / "mapping_2.yaml").exists()
+    assert json.loads((out / check.JSON).read_text())["setup"] == []

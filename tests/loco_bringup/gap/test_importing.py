@@ -16,11 +16,13 @@ from std_msgs.msg import Float64MultiArray
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.writer import BagWriter
 from loco_bringup.gap import importing as gap_import
+from loco_bringup.gap.fields import FieldSource
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_control.exceptions import LocoError, MissingFileError
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_learning.gap.prediction.forward import Forward, ForwardParams
+from loco_learning.gap.recordings.mapping import Column
 from loco_learning.runs.experiment import load as load_experiment
 from loco_sim.plant.model import Model
 from loco_sim.robot import robot as robots
@@ -308,3 +310,123 @@ def test_gains_of_stance_and_torques_of_the_trunk_reach_the_model_of_hyq(tmp_pat
     assert worst(replace(made, stance={})) > 1.0
     command = {kind: v for kind, v in made.command.items() if kind != "torque"}
     assert worst(replace(made, command=command)) > 1.0
+
+
+def in_turn(*kinds):
+    """Function of time that makes messages of several publishers one after the other."""
+    turn = iter(range(10**9))
+    return lambda t: kinds[next(turn) % len(kinds)](t)
+
+
+@pytest.mark.parametrize("fingers", [["finger"], ["left_finger", "right_finger"], []])
+def test_publishers_of_joints_of_their_own_share_a_topic(tmp_path, fingers):
+    states = in_turn(STATES, joints(fingers, position=lambda t: 0.3))
+    path = bag(tmp_path / "a", joint_states=(states, 200), joint_command=(COMMANDS, 100))
+    (made,) = gap_import.load(path, SERVO)
+    assert made.joints == ("pivot",)
+    q, at = made.signals["q"][:, 0], np.isfinite(made.signals["q"][:, 0])
+    (alone,) = gap_import.load(
+        bag(tmp_path / "b", joint_states=(STATES, 100), joint_command=(COMMANDS, 100)), SERVO
+    )
+    off = np.interp(made.t, alone.t, alone.signals["q"][:, 0])[at] - q[at]
+    assert np.max(np.abs(off)) < 0.8 * 6.0 * 0.02  # no finger's 0.3 is among them
+    assert at.sum() > 50
+    if fingers:
+        words = f"{', '.join(fingers)}: not in the model"
+        assert any(note.startswith(words) for note in made.notes)
+
+
+def test_a_joint_of_two_publishers_is_told_and_not_mixed(tmp_path):
+    zeros = joints(["pivot", "finger"], position=lambda t: 0.0)
+    states = in_turn(STATES, zeros)
+    path = bag(tmp_path / "a", joint_states=(states, 200), joint_command=(COMMANDS, 100))
+    refused(path, SERVO, "joint_states tells of pivot in messages with different joints")
+
+
+def sometimes(main, other, each):
+    """Function of time that makes messages of one publisher, and each so manieth of another."""
+    turn = iter(range(10**9))
+    return lambda t: (main if next(turn) % each else other)(t)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.25])
+@pytest.mark.parametrize("fields", [("position",), ("position", "velocity")])
+def test_a_second_publisher_of_the_same_joints_is_told_and_left_out_by_the_users_word(
+    tmp_path, value, fields
+):
+    """A joint_state_publisher: it has no speeds, or zeros, which are no readings of the joint."""
+    other = joints(["pivot"], **{f: lambda t, f=f: value * (f == "position") for f in fields})
+    states = sometimes(STATES, other, 11)
+    path = bag(tmp_path / "a", joint_states=(states, 110), joint_command=(COMMANDS, 100))
+    words = f"q of pivot: 30 of 330 readings are {value:g}, at 10 Hz, .*missing: {value:g} in the"
+    refused(path, SERVO, words)
+    for rules in (
+        {"missing": value},
+        {"columns": [
+            {"topic": "/joint_states", "column": "position[pivot]", "role": "q", "joint": "pivot",
+             "missing": value},
+            {"topic": "/joint_command", "column": "position[pivot]", "joint": "pivot",
+             "role": "command_position"},
+        ]},
+    ):  # fmt: skip
+        (path / "mapping.yaml").write_text(yaml.safe_dump(rules))
+        (made,) = gap_import.load(path, SERVO)
+        assert any("30 of 330 readings are" in n and "left out" in n for n in made.notes)
+        known = np.isfinite(made.signals["q"][:, 0])
+        assert np.max(np.abs(made.signals["q"][known, 0] - angle(made.t[known]))) < 2e-3
+    if "velocity" in fields:
+        return
+    (path / "mapping.yaml").write_text(yaml.safe_dump({"missing": value}))
+    (made,) = gap_import.load(path, SERVO)
+    known = np.isfinite(made.signals["dq"][:, 0])
+    assert np.max(np.abs(made.signals["dq"][known, 0] - speed(made.t[known]))) < 2e-2
+
+
+@pytest.mark.parametrize("column", ["position[pivot]", "position[0]", "velocity[pivot]"])
+def test_a_mapped_field_of_two_publishers_is_not_mixed(tmp_path, column):
+    zeros = joints(["finger", "pivot"], position=lambda t: 0.0, velocity=lambda t: 0.0)
+    path = bag(tmp_path / "a", joint_states=(in_turn(STATES, zeros), 200))
+    source = FieldSource(Bag(path), "a")
+    with pytest.raises(LocoError, match="300 and 300 of them.: two publishers"):
+        source.series(Column(column, "q", "pivot", topic="joint_states"))
+
+
+def test_a_field_by_name_is_read_where_the_message_has_it(tmp_path):
+    states = in_turn(STATES, joints(["finger"], position=lambda t: 0.3))
+    path = bag(tmp_path / "a", joint_states=(states, 200), joint_command=(COMMANDS, 100))
+    source = FieldSource(Bag(path), "a")
+    t, q = source.series(Column("position[pivot]", "q", "pivot", topic="joint_states"))
+    assert len(t) == len(q) == len(source.series(
+        Column("position[finger]", "q", "finger", topic="joint_states"))[0])  # fmt: skip
+    assert np.allclose(q, [angle(at) for at in t], atol=1e-6)
+    with pytest.raises(LocoError, match="'thumb'"):
+        source.series(Column("position[thumb]", "q", "thumb", topic="joint_states"))
+
+
+@pytest.mark.parametrize("late", [0.03, 0.25, 1.7e9])
+def test_the_clock_of_a_topic_can_be_chosen_and_the_delay_is_told(tmp_path, late):
+    folder = bag(tmp_path / "a", late=late, states=(STATES, 100), goals=(array, 100))
+    columns = [
+        {"topic": "/states", "column": "position[pivot]", "role": "q", "joint": "pivot"},
+        {"topic": "/goals", "column": "data[1]", "role": "command_position", "joint": "pivot"},
+    ]
+    columns[1]["unit"] = "deg"
+    path = tmp_path / "m.yaml"
+    path.write_text(yaml.safe_dump({"columns": columns}))
+    if late > 1e3:
+        refused(folder, SERVO, "no time in common.*clock: log at the columns of both", path)
+    else:
+        (made,) = gap_import.load(folder, SERVO, path)
+        assert f"/states was logged {1e3 * late:.1f} ms after its stamps" in made.notes
+        assert "/goals has no stamps: the times of logging were taken" in made.notes
+    for which in ("log", "receive"):
+        path.write_text(yaml.safe_dump({"columns": [{**c, "clock": which} for c in columns]}))
+        (made,) = gap_import.load(folder, SERVO, path)
+        assert any("goes by the log's clock" in note for note in made.notes)
+        assert np.allclose(made.signals["q"][:, 0], angle(made.t), atol=1e-4)
+    columns[1]["clock"] = "stamp"
+    path.write_text(yaml.safe_dump({"columns": columns}))
+    refused(folder, SERVO, "goals has no stamps for clock: stamp; say clock: log", path)
+    columns[1]["clock"] = "wall"
+    path.write_text(yaml.safe_dump({"columns": columns}))
+    refused(folder, SERVO, "must be stamp, log or receive.*got 'wall'", path)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from html.parser import HTMLParser
@@ -15,7 +16,7 @@ from loco_bringup.cli.table import parser
 from loco_bringup.gap import next as following
 from loco_bringup.gap import page as pages
 from loco_bringup.gap import run as runner
-from loco_bringup.gap import text
+from loco_bringup.gap import terminal, text
 from loco_control.exceptions import LocoError, ParameterError
 from loco_learning.gap import workflow
 from loco_learning.gap.proposals import pool
@@ -46,13 +47,13 @@ def found(monkeypatch, records):
         known = result(
             settings={"seed": np.int64(params.seed), "window": 0.0, "worst": float("nan")}
         )
-        keep({**known, "next": []})
+        keep({**known, "next": []}, curves())
         progress(0.95, "looking for the next experiment", "coulomb_friction")
         return known
 
     monkeypatch.setattr(workflow, "find", find)
     monkeypatch.setattr(
-        runner, "load", lambda path, robot, mapping=None: [records["steps" in str(path)]]
+        runner, "load", lambda path, robot, mapping=None, judge=True: [records["steps" in str(path)]]
     )
     return asked
 
@@ -75,10 +76,10 @@ def test_words_say_what_where_and_how_big():
     (line,) = text.term_lines(result())
     assert line.startswith("coulomb friction in pivot: torque 0.0512 N·m (0.047 to 0.056)")
     assert "over 1000 : 1" in line
-    assert "14.2 before, 1.32 after" in text.gap_line(result())
-    assert "91 %" in text.gap_line(result())
+    assert "14.2 noise floors before, 1.32 after; share closed 94 %" in text.gap_line(result())
+    assert "(of the rms above the noise floor)" in text.gap_line(result())
     line = text.gap_line(result("unknown"))  # nothing is added to the model
-    assert "14.2 before times" in line and "after" not in line and "94" not in line
+    assert line.endswith("14.2 noise floors before") and "94" not in line
     assert text.place_of("*_kfe_joint") == "all kfe"
     assert text.place_of(None) == "the whole robot"
     assert text.next_line(NEXT).startswith("slow ramp tells coulomb friction from stribeck")
@@ -126,6 +127,57 @@ def test_the_page_is_whole_and_names_no_address(verdict):
     assert words.index("14.2") < words.index("Before and after", words.index("Settings"))
     assert "Not shown" not in words
     assert page == pages.page(result(verdict), curves())
+
+
+def test_doubts_about_reading_stand_before_the_name_and_on_the_first_screen(capsys, tmp_path):
+    """A recorder that stopped, or a late clock, can be all that there is of a gap."""
+    note = "steps: angles and commands pause for 0.6 s at row 150 of q of pivot: cut there"
+    shown = result(reading=[note])
+    terminal.show(shown, tmp_path)
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.startswith(f"reading: {note} Named:")
+    words = " ".join(Reader(pages.page(shown, curves())).words)
+    assert words.index(f"Reading: {note}") < words.index("Before and after")
+    terminal.show(result(), tmp_path)
+    assert capsys.readouterr().out.startswith("Named:")
+
+
+def top(**changes):
+    """What stands above the contents of a page."""
+    return pages.page(result(**changes), curves()).partition("<nav")[0]
+
+
+def test_the_size_is_the_largest_number_and_stands_first():
+    shown = top()
+    assert "<b>0.0512 N·m</b>" in shown and "coulomb friction in pivot, torque" in shown
+    assert shown.index("<b>0.0512") < shown.index('<figure class="plot"') < shown.index("14.2 →")
+    two = [result()["terms"][0], dict(result()["terms"][0], place="knee")]
+    assert top(terms=two).count("<b>0.0512 N·m</b>") == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "step"),
+    [
+        ({}, "record slow ramp tells coulomb friction from stribeck friction apart"),
+        ({"next": []}, "loco gap DIR --add BAG"),
+        ({"next": [], "regions": [], "where": []}, "loco gap DIR --add BAG"),
+    ],
+)
+def test_an_unknown_page_leads_with_where_the_gap_lives_and_the_next_step(changes, step):
+    shown = top(verdict="unknown", **changes)
+    places = changes.get("regions", result()["regions"]) or ["all of the data"]
+    where = html.escape(places[0])
+    assert shown.index("The gap lives in") < shown.index(where) < shown.index("Next step")
+    assert step in shown and "model after" not in shown and "Share closed" not in shown
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_one_thing_has_one_word_that_is_defined_where_it_first_stands(verdict):
+    page = re.sub("<figure.*?</figure>", "", pages.page(result(verdict), curves()), flags=re.S)
+    page = page.partition("<body>")[2]
+    first, line = page.index("noise floor"), text.gap_line(result(verdict))
+    assert page[first:].startswith(f"noise floors, on held-out data. {text.FLOOR}")
+    assert "times the noise" not in page + line and "noise floors" in line
 
 
 def test_a_page_of_little_is_drawn_too():
@@ -339,3 +391,55 @@ def test_the_help_names_every_option_of_the_tutorial():
         "--effects",
     ):
         assert re.search(rf"{option}\b", shown)
+
+
+JOB = {"format": 1, "robot": "servo_pendulum", "bags": ["a.csv"], "hold_out": [], "mapping": "",
+       "options": {}}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"robot": 3}, "job.json: robot must be a text, got 3"),
+        ({"bags": "a.csv"}, "job.json: bags must be a list, each a text"),
+        ({"bags": [1]}, r"job.json: bags\[0\] must be a text, got 1"),
+        ({"bags": []}, "job.json: bags must name one recording or more"),
+        ({"hold_out": None}, "job.json: hold_out must be a list"),
+        ({"options": [1]}, "job.json: options must be a mapping"),
+        ({"format": 7}, "job.json is not of format 1"),
+    ],
+)
+def test_a_job_of_others_is_read_key_by_key(tmp_path, change, words):
+    (tmp_path / "job.json").write_text(json.dumps(JOB | change))
+    with pytest.raises(LocoError, match=words):
+        runner.load_job(tmp_path)
+    (tmp_path / "job.json").write_text(json.dumps({k: v for k, v in JOB.items() if k not in change}))
+    with pytest.raises(LocoError, match="job.json"):
+        runner.load_job(tmp_path)
+
+
+@pytest.mark.parametrize("options", [{"effects": 3}, {"effects": [3]}, {"seed": "a"}, {"seed": 1e300}])
+def test_options_of_a_job_are_those_of_the_command(options):
+    with pytest.raises(LocoError, match=f"gap.{next(iter(options))}"):
+        runner.options_of(runner.Job("servo_pendulum", ("a.csv",), options=options))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"next": 3}, "gap.json: next must be a list"),
+        ({"next": [{"experiment": 3}]}, r"gap.json: next\[0\].experiment must be a text, got 3"),
+        ({"next": [{}]}, r"gap.json: next\[0\] lacks the key 'experiment'"),
+        ({"next": [{"experiment": "x", "odds": "a"}]}, r"next\[0\].odds must be a finite number"),
+        ({"terms": {"effect": 1}}, "gap.json: terms must be a list"),
+        ({"terms": [{"effect": "a", "place": "b", "parameters": {"c": {"value": 1e999}}}]},
+         r"gap.json: terms\[0\].parameters.c.value must be a finite number"),
+        ({"verdict": None}, "gap.json: verdict must be a text"),
+    ],
+)  # fmt: skip
+def test_a_result_of_others_is_read_key_by_key(tmp_path, change, words):
+    (tmp_path / "gap.json").write_text(json.dumps(result() | change))
+    (tmp_path / "job.json").write_text(json.dumps(JOB))
+    with pytest.raises(LocoError, match=words) as error:
+        following.write_next(tmp_path)
+    assert "\n" not in str(error.value)

@@ -12,8 +12,8 @@ import pytest
 from loco_bringup.bag.reader import Bag
 from loco_bringup.graph import run as runner
 from loco_bringup.graph.processes import _environment
-from loco_bringup.workshop.stress.faults import time_outs
 from loco_learning.runs.experiment import load
+from loco_workshop.stress.faults import time_outs
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 

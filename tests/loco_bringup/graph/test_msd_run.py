@@ -11,7 +11,7 @@ from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.report import network as msd_report
 from loco_bringup.report.report import write_report
 from loco_control.exceptions import BagError, ParameterError
-from loco_learning.reflex.msd_reservoir import run_loop
+from loco_learning.networks.reservoir import run_loop
 from loco_learning.runs.experiment import from_values, load
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]

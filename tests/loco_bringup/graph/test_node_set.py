@@ -26,6 +26,17 @@ def test_the_set_holds_the_nodes_of_the_topic_table(name, nodes):
     assert {row.writer for row in TABLES[node_set.table_of(name)].values()} >= set(nodes)
 
 
+def test_a_module_beside_the_set_is_named_with_its_folder(tmp_path):
+    (tmp_path / "mine.py").touch()
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/__init__.py").touch()
+    names = ["mine:Node", "parts.legs:Node", "elsewhere:Node"]
+    rows = "".join(f"  - {{name: n{i}, class: '{name}'}}\n" for i, name in enumerate(names))
+    (tmp_path / "set.yaml").write_text(f"table: joint\nnodes:\n{rows}")
+    classes = [spec.cls for spec in node_set.load(str(tmp_path / "set.yaml"))]
+    assert classes == [f"{tmp_path}/mine:Node", f"{tmp_path}/parts.legs:Node", "elsewhere:Node"]
+
+
 def test_every_experiment_value_reaches_a_node():
     overrides = {"gait.speed": 0.11, "learner.memory": 33, "trunk.mass": 70.0, "seed": 9}
     made = content(load("hyq_trot_reflex", overrides))

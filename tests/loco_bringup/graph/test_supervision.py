@@ -12,17 +12,16 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-import loco_bringup
 from loco_bringup.bag.reader import Bag
-from loco_bringup.graph import node_set, processes, shm
+from loco_bringup.graph import node_set, shm
 from loco_bringup.graph import run as runner
-from loco_bringup.graph.guard import start_of
+from loco_bringup.graph.process_info import start_of
 from loco_bringup.graph.processes import Guard, Process, Restart, stop_all
 from loco_bringup.graph.watch import Watch
 from loco_bringup.outcome import KEPT
-from loco_bringup.workshop.stress.traces import opened_by
 from loco_control.exceptions import GraphError, ParameterError
 from loco_learning.runs.experiment import load
+from loco_workshop.stress.traces import opened_by
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 
@@ -255,16 +254,6 @@ def environment():
     env = dict(os.environ)
     env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     return env
-
-
-def test_nodes_get_the_profile_of_a_user_and_not_that_of_the_command_line(monkeypatch):
-    """With a profile they would talk over DDS within a process."""
-    name, own = "FASTRTPS_DEFAULT_PROFILES_FILE", Path(loco_bringup.__file__).with_name("dds.xml")
-    assert own.is_file()
-    monkeypatch.setenv(name, str(own))
-    assert name not in processes._environment()
-    monkeypatch.setenv(name, "mine.xml")
-    assert processes._environment()[name] == "mine.xml"
 
 
 def test_a_supervisor_keeps_the_newest_events_only(tmp_path):

@@ -9,7 +9,7 @@ from loco_bringup.bag.writer import BagWriter
 from loco_bringup.calibrate.bag import read_recording
 from loco_bringup.cli.main import main
 from loco_bringup.live import calibration as live
-from loco_bringup.live.log import is_live, read_live
+from loco_bringup.report.live_log import is_live, read_live
 from loco_bringup.report.report import write_report
 from loco_control.exceptions import BagError, ParameterError
 from loco_learning.calibration.params import CalibrationParams

@@ -20,17 +20,15 @@ from loco_bringup.calibrate import page as calibration_page
 from loco_bringup.gap import check
 from loco_bringup.gap import page as gap_page
 from loco_bringup.graph import run as runner
-from loco_bringup.live import report as live_page
-from loco_bringup.live.log import LiveRun
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.page import html
 from loco_bringup.report import compare, robot
+from loco_bringup.report import live as live_page
 from loco_bringup.report import network as network_page
+from loco_bringup.report.live_log import LiveRun
 from loco_bringup.reproduce import page as reproduction_page
 from loco_bringup.study import page as study_page
-from loco_bringup.workshop.battery import page as battery_page
-from loco_bringup.workshop.battery import score
 from loco_learning.calibration.parameters import parameter_set
 from loco_learning.calibration.segments import Segments
 from loco_learning.drawing import heat
@@ -41,11 +39,13 @@ from loco_learning.study import study as studies
 from loco_learning.thesis import registry
 from loco_learning.thesis.registry import Verdict
 from loco_sim.plant.model import Model
+from loco_workshop.battery import page as battery_page
+from loco_workshop.battery import score
 
 from ...loco_learning.calibration.made import made_result
+from ...workshop.battery.test_score import rows as score_rows
 from ..gap.gap_result import curves, result
 from ..gap.test_check import LATE, MAPPING, T, good
-from ..workshop.battery.test_score import rows as score_rows
 from .test_html import BLOCKS
 
 PHONE = 390  # [pixel]

@@ -56,6 +56,7 @@ BLOCKS = {
     "chart": lambda x: chart_of(x),
     "link": lambda x: html.link(x, "page.html"),
     "beside": lambda x: html.beside(html.note(x), html.note(x)),
+    "answer": lambda x: html.answer([(x, x, x)], html.note(x), html.note(x)),
     "case_panel": lambda x: html.case_panel({x: {x: x}}),
     "movie": lambda x: html.movie(b"GIF89a", x),
     "yaml_block": lambda x: html.yaml_block({x: x}),

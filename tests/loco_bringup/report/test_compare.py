@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs side by side: equal runs do not differ, others do; other robots are refused."""
+"""Runs side by side: equal runs do not differ, pushed ones do; other robots are refused."""
 
 import dataclasses
 
@@ -12,35 +12,51 @@ from loco_control.exceptions import ParameterError
 from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import rollout
 
+SINE = "servo_pendulum_sine"
+
 
 @pytest.fixture(scope="module")
 def log():
-    return rollout(load("servo_pendulum_sine", {"duration": 12.0}))
+    return rollout(load(SINE, {"duration": 12.0}))
 
 
 def test_a_run_and_itself_do_not_differ(log):
     page = compare.page({"a": log, "b": log})
-    assert "metrics differ from a beyond noise" in page and ">0 of " in page
-    assert "alike to the last bit" in page and "Not shown" not in page.partition("Base</h2>")[0]
+    assert "no difference from a in 4 metrics" in page and "nothing differs" in page
+    assert "alike to the last bit" in page and "Not shown" not in page
+    assert 'id="base"' not in page  # it is bolted
 
 
-def test_a_phase_too_short_to_tell_noise_is_not_judged(log):
-    short = log.cut(slice(0, 4))  # pieces of no tick
+def test_a_phase_too_short_to_be_judged_is_grey_and_says_what_is_enough(log):
+    short = log.cut(slice(0, 500))
     page = compare.page({"a": short, "b": short})
-    assert "not judged: the phase is too short" in page and "beyond noise</" not in page
-    assert "± –" not in page
+    assert 'class="verdict grey"' in page
+    assert "too short to be judged: “open loop” lasts 5 s, 12 s are enough" in page
+    assert "differs from" not in page and "no difference" not in page
+    assert "no difference from" in compare.page({"a": log, "b": log})  # 12 s, as it says
 
 
 def test_a_run_that_is_longer_alone_does_not_differ(log):
-    short = log.cut(slice(0, len(log) * 2 // 3))
-    phase = list(log.phases())[-1]
-    assert not any(row[-1] for row in compare.differences({"a": log, "b": short}, phase))
+    longer = rollout(load(SINE, {"duration": 14.0}))
+    assert not any(one.differing for one in compare.compared({"a": log, "b": longer}))
 
 
-def test_a_torque_that_is_larger_is_beyond_noise(log):
-    other = dataclasses.replace(log, columns={**log.columns, "tau": 1.5 * log.tau})
-    rows = compare.differences({"a": log, "b": other}, list(log.phases())[-1])
-    assert "torque_max" in {row[0] for row in rows if row[-1]}
+def test_a_run_that_fell_differs_whatever_its_metrics_say(log):
+    fell = dataclasses.replace(log, fall="roll 1 rad is beyond 0.8 rad")
+    said, well = compare.verdict({"a": log, "b": fell}, compare.compared({"a": log, "b": fell}))
+    assert (said, well) == ("b differs from a", False)
+    assert "b fell at 11.99 s: roll 1 rad" in compare.page({"a": log, "b": fell})
+
+
+def test_what_differs_is_named_at_the_top_and_in_the_terminal(log, tmp_path, capsys, monkeypatch):
+    other = log.changed(tau=1.5 * log.tau)
+    page = compare.page({"a": log, "b": other})
+    assert "b differs from a" in page and "torque max" in page.partition("<nav")[0]
+    monkeypatch.setattr(compare, "read_runs", lambda bags: {"a": log, "b": other})
+    options = type("Options", (), {"bag": [], "out": tmp_path / "compare.html"})
+    assert compare.show_comparison(options) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "b differs from a" in shown and "torque max" in shown and "compare.html" in shown
 
 
 def test_joints_of_all_runs_lie_on_the_same_axes(log):
@@ -53,10 +69,10 @@ def test_joints_of_all_runs_lie_on_the_same_axes(log):
 
 
 def test_what_cannot_be_compared_is_refused_in_a_line(tmp_path):
-    for name in ("servo_pendulum_sine", "tigrillo_hold"):
+    for name in (SINE, "tigrillo_hold"):
         run_rollout(load(name, {"duration": 0.5}),
                     tmp_path / name, lambda progress: None)  # fmt: skip
-    one, other = tmp_path / "servo_pendulum_sine", tmp_path / "tigrillo_hold"
+    one, other = tmp_path / SINE, tmp_path / "tigrillo_hold"
     with pytest.raises(ParameterError, match="compare runs of one robot"):
         compare.read_runs([one, other])
     with pytest.raises(ParameterError, match="2 to 8 bags"):

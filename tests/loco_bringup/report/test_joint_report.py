@@ -106,7 +106,7 @@ def test_a_robot_that_stands_still_and_has_no_feet_has_a_report(tmp_path):
     bag = Bag(tmp_path / "run")
     text = robot.page(bag, read_log(bag), None)
     assert "servo_pendulum ran servo_pendulum_sine for 2.0 s" in text
-    assert "every joint of this robot has a drive" in section(text, "Passive joints")
+    assert "<h2>Passive joints</h2>" not in text and "<h2>Feet</h2>" not in text
     assert "<figure" in section(text, "Driven joints")
 
 
@@ -134,3 +134,19 @@ def test_a_bag_without_ground_truth_says_so(bag, log):
     for title in ("Path", "Base motion", "Feet"):
         assert "the bag has no ground_truth/odom" in section(text, title)
     assert "<figure" in section(text, "Torque and power")
+
+
+@pytest.mark.parametrize("name", ["servo_pendulum", "linear_axis", "hyq_leg"])
+def test_a_bolted_robot_gets_its_tracking_error_first_and_no_words_of_gaits(name, tmp_path):
+    robot_run = load("servo_pendulum_sine", {"robot": name, "duration": 2.5})
+    run_rollout(robot_run, tmp_path / "run", lambda progress: None)
+    text = report.write_report(tmp_path / "run", gif=False).read_text()
+    page = Page(text)
+    first = first_screen(text)
+    assert "2.5 s, to the end" in first and "Its drives missed their command by" in first
+    assert first.index("Tracking error") < first.index("Positive power")
+    visible = re.sub(r"<(script|style).*?</\1>|<!--.*?-->", "", text, flags=re.S)
+    before = visible.partition("<h2>Metrics</h2>")[0].lower()
+    for word in ("stride", "gait", "without a fall", "feet", "oscillator", "limit cycle"):
+        assert word not in before, word
+    assert "Torque and power" in page.texts["h2"]

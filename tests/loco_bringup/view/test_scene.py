@@ -60,10 +60,11 @@ def gap_results(folder, channels, values):
     """Results of a gap on the servo pendulum: a fitted and a held-out record of half a second."""
     t = np.arange(50) / 100.0
     records = [
-        Curve(name, role, t, *(np.full((50, len(channels)), value) for value in values))
+        Curve(name, role, t, *(np.full((50, len(channels)), value) for value in (*values, 1.0)),
+              np.full(50, role == "held-out"), np.zeros(0))
         for name, role in (("slow", "fit"), ("fast", "held-out"))
-    ]
-    Curves(channels, np.ones(len(channels)), tuple(records)).save(folder / "gap.npz")
+    ]  # fmt: skip
+    Curves(channels, tuple(records)).save(folder / "gap.npz")
     Model("servo_pendulum").save(folder / "model.yaml")
     return folder
 
@@ -116,7 +117,7 @@ def test_a_missing_rerun_is_one_line(capsys):
     with pytest.raises(SystemExit) as end:
         cli.main(["view", "somewhere"])
     assert end.value.code == 2
-    assert "pip install '.[view]'" in capsys.readouterr().err
+    assert "./loco install view" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(find_spec("rerun") is None, reason="needs rerun-sdk, the extra `view`")

@@ -41,10 +41,33 @@ def test_a_result_that_is_not_one_is_refused(result, tmp_path):
     with pytest.raises(ParameterError, match="format 99; this version reads 2"):
         results.load(tmp_path)
     path.write_text(json.dumps({"format": 2, "fits": []}))
-    with pytest.raises(ParameterError, match="not a whole calibration result"):
+    with pytest.raises(ParameterError, match="calibration.json: it lacks the key 'robot'"):
         results.load(tmp_path)
     path.write_text("[1, 2")
     with pytest.raises(ParameterError, match="line 1, is not JSON"):
+        results.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("joints",), "a", "joints must be a list"), (("fits",), [], "one entry or more"),
+        (("options", "loss"), 3, "options.loss must be a text"),
+        (("fits", 0, "values"), [1], r"fits\[0\].values must be a mapping"),
+        (("comparisons", 0, "count"), "a", r"comparisons\[0\].count must be a whole number"),
+        (("comparisons", 0, "before"), {"a": "b"}, r"comparisons\[0\].before.a must be a number"),
+        (("comparisons", 0, "curves", "robot"), [[1.0], ["a"]], r"curves.robot\[1\]\[0\] must be"),
+    ],
+)  # fmt: skip
+def test_a_result_of_others_is_read_key_by_key(tmp_path, place, value, words):
+    path = made_result("seven").save(tmp_path)
+    values = json.loads(path.read_text())
+    inside = values
+    for key in place[:-1]:
+        inside = inside[key]
+    inside[place[-1]] = value
+    path.write_text(json.dumps(values))
+    with pytest.raises(ParameterError, match=f"calibration.json: .*{words}"):
         results.load(tmp_path)
 
 

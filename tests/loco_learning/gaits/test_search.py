@@ -159,7 +159,7 @@ def test_a_search_leaves_a_gait_that_says_everything(found, tmp_path):
 def test_another_body_is_another_search(found):
     folder, _, _ = found
     options = PopulationParams(workers=0, evaluations=8, population=4, sigma=0.05)
-    with pytest.raises(ParameterError, match="belongs to other work: problem is"):
+    with pytest.raises(ParameterError, match="belongs to other work: problem.randomise is"):
         gait_search.search(SHORT.replace(randomise=0.1), options, folder)
 
 

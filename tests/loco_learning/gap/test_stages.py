@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap import stages, workflow
+from loco_learning.gap.localisation.curves import Curves
 from loco_learning.gap.recordings.record import Record
 from loco_sim.plant.model import Model
 
@@ -42,7 +43,7 @@ def searched(monkeypatch):
         made.append((model.effects, [r.name for r in records], [r.name for r in held_out]))
         kept = result(model, *found[stages.free(model, records[0])])
         if keep:
-            keep(kept)
+            keep(kept, Curves((), ()))
         return kept
 
     monkeypatch.setattr(workflow, "search", search)
@@ -57,8 +58,9 @@ def test_the_air_comes_first_and_the_ground_on_top_of_it(searched):
     made, _ = searched
     kept = []
     found = workflow.find(
-        Model("tigrillo"), [record("walk"), AIR], [record("trot")], keep=kept.append
-    )
+        Model("tigrillo"), [record("walk"), AIR], [record("trot")],
+        keep=lambda found, curves: kept.append(found),
+    )  # fmt: skip
     assert made == [([], ["air"], []), ([RUBS], ["walk"], ["trot"])]
     assert found["verdict"] == "named"
     assert found["names"] == ["coulomb_friction", "payload"]

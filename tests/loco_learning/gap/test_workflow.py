@@ -149,7 +149,8 @@ def test_a_detail_that_fails_costs_no_search_and_leaves_a_note(found, monkeypatc
 
     kept = []
     monkeypatch.setattr(contents, "following", crash)
-    gap = found([{"name": "viscous_friction", "damping": 20.0}], FEW, keep=kept.append)
+    keep = lambda result, curves: kept.append(result)  # noqa: E731
+    gap = found([{"name": "viscous_friction", "damping": 20.0}], FEW, keep=keep)
     assert (gap["verdict"], gap["next"]) == ("named", [])
     (note,) = gap["notes"]
     assert note == "looking for the next experiment failed: phase must be in [-10, 10]"

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import base64
+import json
+import os
 import pickle
 from contextlib import closing
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.jobs import journal, pool
+from loco_learning.jobs import journal, kept, pool, values
 from loco_learning.jobs.journal import Journal
 from loco_learning.jobs.kept import Memory, digest
 
@@ -138,15 +140,107 @@ def test_results_of_other_inputs_are_not_taken(tmp_path, caplog):
     assert "belongs to other work: inputs is" in caplog.text
 
 
-def test_a_journal_can_name_nothing_but_results(tmp_path):
-    """Somebody else's journal must not run what it likes."""
+def killed(path, inputs=(1,)):
+    """Memory of a search that was killed after its first result."""
+    with pytest.raises(SystemExit), Memory(path, inputs, (Answer,)) as memory:
+        next(memory.keeping(pool.start(work, (2.0,))).ordered([(1.0,)]))
+        raise SystemExit
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        {"is": "Memory", "of": {}}, {"is": "Answer", "of": {"value": 1}}, {"is": "Answer"},
+        {"is": "array", "of": ["|O", [1], "C", ""]}, {"is": "array", "of": ["<f8", [2**40], "C", ""]},
+        {"is": "array", "of": ["<f8", [-1], "C", ""]}, {"is": "array", "of": ["<f8", [1], "C", "!"]},
+        {"is": "array", "of": [3]}, {"is": "dict", "of": [[[], 1]]}, {"is": ["tuple"], "of": []}, {},
+    ],
+)  # fmt: skip
+def test_a_journal_can_make_nothing_but_results(tmp_path, result):
+    """Somebody else's journal must not run what it likes, nor fill the memory."""
     path = tmp_path / "search.jsonl"
+    killed(path)
+    header, rows, _ = journal.read(path, dict)
+    path.unlink()
+    with closing(Journal(path, header)) as one:
+        one.append({**rows[0], "result": result})
+    with pytest.raises(ParameterError, match="search.jsonl is broken, remove it: it holds no"):
+        search(Memory(path, (1,), (Answer,)))
+
+
+def test_a_journal_of_an_older_version_is_told_and_begun_anew(tmp_path, caplog):
+    path, work.calls = tmp_path / "search.jsonl", 0
+    killed(path)
+    header, _, _ = journal.read(path, dict)
+    path.unlink()
+    with closing(Journal(path, {**header, "format": 1})) as one:
+        one.append({"key": "a", "result": base64.b64encode(pickle.dumps(print)).decode()})
+    search(Memory(path, (1,), (Answer,)))
+    assert work.calls == 5
+    (line,) = caplog.messages
+    assert "search.jsonl belongs to other work: format is 1 there, 2 here" in line
+
+
+@pytest.mark.parametrize("row", [{"key": 3, "result": 1}, {"result": 1}, {"key": "a"}, [1]])
+def test_rows_of_another_kind_are_told_and_begun_anew(tmp_path, row, caplog):
+    path, work.calls = tmp_path / "search.jsonl", 0
+    killed(path)
+    line = journal._line(row) if isinstance(row, dict) else b"[1]\n"
+    path.write_bytes(path.read_bytes() + line)
+    search(Memory(path, (1,), (Answer,)))
+    assert work.calls == 5 and "search.jsonl, line 3, is broken" in caplog.messages[0]
+
+
+def test_a_pipe_in_the_place_of_a_journal_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "search.jsonl")
+    with pytest.raises(ParameterError, match="is no file"):
+        Memory(tmp_path / "search.jsonl", (1,), (Answer,))
+
+
+def test_a_journal_that_is_full_keeps_what_it_has(tmp_path, monkeypatch):
+    path, work.calls = tmp_path / "search.jsonl", 0
+    wanted = search(Memory(path, (1,), (Answer,)))
+    monkeypatch.setattr(kept, "MOST", 1000)
     memory = Memory(path, (1,), (Answer,))
-    for value in (print, np.save, Memory):
-        text = base64.b64encode(pickle.dumps(value)).decode()
-        memory._known["key"] = text
-        with pytest.raises(ParameterError, match="a journal of results names"):
-            memory.known("key")
+    jobs = [(float(x),) for x in range(50)]
+    with pytest.raises(SystemExit), memory:
+        list(memory.keeping(pool.start(work, (2.0,))).ordered(jobs))
+        raise SystemExit
+    assert 100 < path.stat().st_size < 1500
+    work.calls = 0
+    memory = Memory(path, (1,), (Answer,))
+    with memory:
+        found = list(memory.keeping(pool.start(work, (2.0,))).ordered(jobs))
+    assert 40 < work.calls < 50
+    assert [a.of for a in found] == [f"{float(x)}" for x in range(50)]
+    assert found[1].value.tobytes() == wanted[0].value.tobytes()
+
+
+VALUES = [
+    None, True, 3, 2**80, -0.0, float("nan"), float("-inf"), 0.1, "é\n", [], (), {}, [1, (2.0, "a")],
+    {"a": (1,), 3: None, (1, 2): "b"}, np.float64(0.1), np.int32(3), np.bool_(True),
+    np.arange(6.0).reshape(2, 3), np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+    np.zeros((0, 3)), np.array(3.0), np.array([np.nan, -0.0, np.inf], "<f4"), np.arange(9)[::2],
+    Answer(np.arange(2.0), "a"), (Answer(np.zeros(1)), [Answer(np.ones(1))]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("value", VALUES, ids=range(len(VALUES)))
+def test_values_come_back_with_types_and_bytes(value):
+    again = values.load(json.loads(json.dumps(values.dump(value))), (Answer,))
+    assert type(again) is type(value)
+    assert digest(again) == digest(value)
+    if isinstance(value, np.ndarray):
+        assert again.flags.f_contiguous == np.ascontiguousarray(value).flags.f_contiguous or (
+            value.flags.f_contiguous
+        )
+        assert again.flags.writeable
+
+
+@pytest.mark.parametrize("value", [print, np.array(["a"]), {1, 2}, b"a", Memory])
+def test_other_values_are_no_results(value):
+    with pytest.raises(TypeError, match="cannot be kept"):
+        values.dump([value])
 
 
 def test_digests_tell_values_apart_and_nothing_else():

@@ -104,8 +104,8 @@ def test_a_gait_has_the_same_score_whoever_is_beside_it(found):
 
 
 def test_noise_changes_scores_and_none_does_not(found):
-    noisy = evaluate(SMALL, found.gait, 4, noisy=True)[0]
-    clean = evaluate(SMALL, found.gait, 4, noisy=False)[0]
+    noisy = evaluate(SMALL, found.gait, 4, with_noise=True)[0]
+    clean = evaluate(SMALL, found.gait, 4, with_noise=False)[0]
     assert np.ptp(noisy) > 0.0
     assert np.ptp(clean) == 0.0
     assert clean[0] == found.clean

@@ -11,8 +11,8 @@ from loco_learning.networks import jobs as msd_jobs
 from loco_learning.networks import page as msd_page
 from loco_learning.networks.claims import CLAIMS, judge
 from loco_learning.networks.jobs import PLANS, Curves
+from loco_learning.networks.reservoir import LOOPS
 from loco_learning.networks.results import Results, knee, load, roughness
-from loco_learning.reflex.msd_reservoir import LOOPS
 
 TINY = msd_jobs.Plan(
     nodes=(3, 5, 6, 8, 20),

@@ -9,6 +9,7 @@ import pytest
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.orientation import quaternion
 from loco_control.types import MotionCommand
+from loco_learning import archive
 from loco_learning.params import INPUTS, PHASES, JointLearnerParams, LearnerParams
 from loco_learning.reflex.joint_sensors import sensor_kinds, sensor_vector
 from loco_learning.reflex.network import ReflexNetwork
@@ -196,6 +197,42 @@ def test_a_weight_file_that_does_not_fit_is_refused(tmp_path):
     feet = LearnerParams(neurons=10, weights=str(path))
     with pytest.raises(ParameterError, match="joint_weights file of format 1; wanted is a weights"):
         ReflexNetwork(feet, FootForces(feet), DT)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"learner": {"neurons": 5000}}, "holds shape .* for hidden.weights"),
+        ({"learner": {"memory": 1000}}, "holds shape .* for hidden.weights"),
+        ({"learner": {"neurons": "many"}}, "neurons"),
+        ({"outputs": 900}, "holds shape .* for readout.weights"),
+        ({"outputs": 10**12}, "outputs must be in"),
+        ({"sensors": "joint"}, "sensors must be a list"),
+        ({"sensors": ["nose"] * 10}, "none is of that kind"),
+        ({"dt": float("nan")}, "dt must be a finite number"),
+        ({"seed": -1}, "seed must be in"),
+    ],
+)
+def test_values_of_a_weight_file_are_checked_before_room_is_taken(tmp_path, changes, words):
+    path = tmp_path / "net.npz"
+    network(neurons=10).save(path)
+    meta, arrays = archive.read(path, "joint_weights")
+    learner = meta["learner"] | changes.pop("learner", {})
+    archive.write(path, "joint_weights", {**meta, **changes, "learner": learner}, arrays)
+    with pytest.raises(ParameterError, match=words) as error:
+        ReflexNetwork.load(path)
+    assert "net.npz" in str(error.value)
+
+
+@pytest.mark.parametrize("value", [np.nan, "a"])
+def test_arrays_of_a_weight_file_are_numbers(tmp_path, value):
+    path = tmp_path / "net.npz"
+    network(neurons=10).save(path)
+    meta, arrays = archive.read(path, "joint_weights")
+    arrays["readout.weights"] = np.full(arrays["readout.weights"].shape, value)
+    archive.write(path, "joint_weights", meta, arrays)
+    with pytest.raises(ParameterError, match="for readout.weights, with NaN or of a wrong kind"):
+        ReflexNetwork.load(path)
 
 
 def test_wrong_parameters_are_refused():

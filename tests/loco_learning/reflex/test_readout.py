@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from loco_bringup.workshop.bench.rls import bench_rls, textbook_step
 from loco_learning.reflex.readout import Readout
+from loco_workshop.bench.rls import bench_rls, textbook_step
 
 
 def data(n, ticks, outputs=16, seed=0):

@@ -247,7 +247,7 @@ def rewritten(folder, *rows):
         ({"format": 3}, "belongs to other work: format is 3 there, 2 here"),
         ({"kind": "log"}, "belongs to other work: kind is 'log' there"),
         ({"sigma": 0.2}, "belongs to other work: sigma is 0.2 there, 0.3 here"),
-        ({"problem": {"gait": "walk"}}, "belongs to other work: problem is"),
+        ({"problem": {"gait": "walk"}}, "belongs to other work: problem.gait is"),
     ],
 )
 def test_a_record_of_something_else_is_refused_and_left_alone(

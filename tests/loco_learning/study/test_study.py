@@ -181,3 +181,25 @@ def test_listing_experiments_and_studies_loads_no_compiler_and_no_physics():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_a_study_changes_keys_of_another(tmp_path):
+    held, base = load("hyq_map_held"), load("hyq_map")
+    assert (held.axes, held.map, held.metrics) == (base.axes, base.map, base.metrics)
+    assert list(held.variants) == ["continuous", "held"]
+    robots = [v.overrides or {} for v in held.variants.values()]
+    assert [r.get("drives.*.torque") for r in robots] == [None, "held"]
+    write(tmp_path, TEXT)
+    other = tmp_path / "other.yaml"
+    other.write_text("extends: mine.yaml\nseeds: [7]\n", encoding="utf-8")
+    assert load(other).seeds == (7,) and list(load(other).variants) == ["pse", "rse"]
+
+
+@pytest.mark.parametrize(
+    ("base", "message"), [("other.yaml", "extends itself"), ("[1]", "must be the name of a study")]
+)
+def test_a_study_that_extends_itself_or_no_study_is_refused(tmp_path, base, message):
+    other = tmp_path / "other.yaml"
+    other.write_text(f"extends: {base}\n", encoding="utf-8")
+    with pytest.raises(ParameterError, match=message):
+        load(other)

@@ -7,7 +7,7 @@ import pytest
 from loco_control.exceptions import ParameterError
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim.drives.actuators import Actuators
-from loco_sim.drives.servo_kernels import servo_torque
+from loco_sim.drives.servo_kernels import servo_torque, share
 from loco_sim.drives.spring_kernels import spring_torque
 from loco_sim.robot import robot
 
@@ -37,7 +37,8 @@ def test_every_joint_gets_the_torque_of_its_own_drive_or_spring():
         if joint in tigrillo.drives:
             row = np.array(tigrillo.drives[joint].row(2.6))
             rotor = np.array([tigrillo.standing[i], 0.0])
-            alone = servo_torque(q[i], dq[i], tigrillo.standing[i] + 0.3, row, rotor, DT)
+            asked = share(q[i], tigrillo.standing[i] + 0.3, row)
+            alone = servo_torque(q[i], dq[i], asked, row, rotor, DT)
         else:
             alone = spring_torque(q[i], dq[i], np.array(tigrillo.springs[joint].row()))
         assert tau[i] == pytest.approx(alone, abs=1e-12)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_sim.drives.servo_kernels import impedance_torque
+from loco_sim.drives.servo_kernels import MEMORY, impedance_torque
 from loco_sim.drives.stability import stability_ratio, substeps
 from loco_sim.params import SimParams
 from loco_sim.robot.servo import ImpedanceDrive
@@ -14,9 +14,13 @@ from loco_sim.robot.servo import ImpedanceDrive
 @pytest.mark.parametrize(("kd", "stable"), [(50.0, True), (54.0, False)])
 def test_ratio_of_two_is_where_held_damping_diverges(kd, stable):
     inertia, dt, speed = 0.0262, 1e-3, 1.0  # HyQ's shank about its knee
-    row = np.array(ImpedanceDrive(kd=kd).row(np.inf))
+    row, command, memory = (
+        np.array(ImpedanceDrive(kd=kd).row(np.inf)),
+        np.zeros(4),
+        np.zeros(MEMORY),
+    )
     for _ in range(2000):
-        speed += dt * impedance_torque(0.0, speed, 0.0, 0.0, 0.0, row, False) / inertia
+        speed += dt * impedance_torque(0.0, speed, command, row, memory, dt) / inertia
     assert (stability_ratio(np.array([kd]), dt, np.array([inertia])) < 2.0) == stable
     assert (abs(speed) < 1.0) == stable
 

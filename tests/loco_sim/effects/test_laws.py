@@ -12,6 +12,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
 from loco_sim.bolted.loop import Bolted
 from loco_sim.drives.servo_kernels import given
+from loco_sim.effects.chain import DriveEffect
 from loco_sim.effects.readings import Layout, behind
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
@@ -136,8 +137,9 @@ def by_hand(name, q=None, dq=None, tau=None, calls=1, **values):
     effect.configure(Bare())
     effect.reset(np.random.default_rng(0))
     q, dq, tau = (np.full(12, 0.0 if v is None else v) for v in (q, dq, tau))
+    hook = effect.on_drive if isinstance(effect, DriveEffect) else effect.on_torque
     for _ in range(calls):
-        out = effect.on_torque(tau, q, dq, 0.001, 0.0)
+        out = hook(tau, q, dq, 0.001, 0.0)
     return out[0]
 
 
@@ -158,8 +160,8 @@ def test_a_lag_is_exact_in_the_mean_of_each_step(time):
     effect.configure(Bare())
     effect.reset(np.random.default_rng(0))
     zero, dt = np.zeros(12), 0.001
-    effect.on_torque(zero, zero, zero, dt, 0.0)
-    out = [effect.on_torque(zero + 1.0, zero, zero, dt, 0.0)[0] for _ in range(200)]
+    effect.on_drive(zero, zero, zero, dt, 0.0)
+    out = [effect.on_drive(zero + 1.0, zero, zero, dt, 0.0)[0] for _ in range(200)]
     late = time * np.exp(-np.arange(201) * dt / time)  # of the impulse, at the ends of steps
     np.testing.assert_allclose(out, 1.0 + np.diff(late) / dt, rtol=1e-9)
     assert np.sum(1.0 - np.array(out)) * dt == pytest.approx(time, rel=1e-6)
@@ -170,8 +172,8 @@ def test_play_gives_no_torque_until_the_motor_is_across():
     effect.configure(Bare())
     effect.reset(np.random.default_rng(0))
     zero = np.zeros(12)
-    assert effect.on_torque(zero + 1.0, zero, zero, 0.001, 0.0)[0] == 1.0
-    out = [effect.on_torque(zero - 1.0, zero, zero, 0.001, 0.0)[0] for _ in range(60)]
+    assert effect.on_drive(zero + 1.0, zero, zero, 0.001, 0.0)[0] == 1.0
+    out = [effect.on_drive(zero - 1.0, zero, zero, 0.001, 0.0)[0] for _ in range(60)]
     free = out.index(-1.0)
     assert free * 0.001 == pytest.approx(math.sqrt(2.0 * 0.02 * 0.01 / 1.0), abs=0.002)
     assert set(out[:free]) == {0.0}
@@ -283,7 +285,7 @@ def test_what_a_motor_gives_at_a_speed(effect, speed, left):
     changed = made.on_motor(rows, np.ones(1), np.array([speed]), 1e-3, 0.0)
     assert given(changed[0], 1.0, speed) == pytest.approx(left, rel=1e-3)
     tau = np.array([9.0])
-    np.testing.assert_array_equal(made.on_torque(tau, *np.zeros((2, 1)), 1e-3, 0.0), tau)
+    np.testing.assert_array_equal(made.on_drive(tau, *np.zeros((2, 1)), 1e-3, 0.0), tau)
 
 
 @pytest.mark.parametrize(
@@ -331,3 +333,19 @@ def test_where_a_bent_curve_leads_nowhere_a_robot_is_where_it_was_read(cubic):
     wrong.measure(said, at, 0.0)
     off, was = np.abs(said[at["q"]] - rest - far), np.abs(cubic * far**3)
     assert (off <= was + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", ["hyq_leg", "linear_axis", "servo_pendulum"])
+def test_the_gain_of_a_sensor_turns_about_the_zero_of_that_sensor(name):
+    """Not about the standing pose: at 0 it is right, elsewhere off by its share; so is the speed."""
+    plant = robot.load(name)
+    made = effects.make("sensor_gain", q=0.1)
+    made.configure(Setting(plant, plant.sim, 1e-3))
+    made.reset(np.random.default_rng(0))
+    at = Layout(len(plant.joints), len(plant.feet))
+    values = np.zeros((3, at.size))
+    values[1, at["q"]], values[2, at["dq"]] = plant.standing + 0.5, 2.0
+    made.measure(values, at, 0.0)
+    np.testing.assert_array_equal(values[0], 0.0)
+    np.testing.assert_allclose(values[1, at["q"]], 1.1 * (plant.standing + 0.5))
+    np.testing.assert_allclose(values[2, at["dq"]], 2.2)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 
 import mujoco
 import numpy as np
@@ -136,6 +137,29 @@ def test_urdf_keeps_the_links_and_lists_the_gains():
     assert description.mass() == pytest.approx(Model("hyq").make_robot().mass)
     assert description.damping("lf_hfe_joint") == pytest.approx(2.0 + own("lf_hfe_joint"))
     assert any("kp 250" in sentence for sentence in lost)
+
+
+@pytest.mark.parametrize(
+    ("drive", "sentence"),
+    [
+        ({"torque": "held", "period": 0.004}, "what its drive asks for is held for 0.004 s"),
+        ({"torque": "averaged", "period": 0.01}, "what its drive asks for is averaged for 0.01 s"),
+        ({"ki": 30.0}, r"its integrator \(ki 30, speed_ki 0\)"),
+        ({"speed_ki": 7.0}, r"its integrator \(ki 0, speed_ki 7\)"),
+        ({"speed_feed": 0.5}, "0.5 of the commanded velocity is asked for"),
+    ],
+)
+def test_what_a_drive_does_besides_its_gains_is_told(drive, sentence):
+    changes = {f"drives.slide.{key}": value for key, value in drive.items()}
+    made = portable(Model("linear_axis", changes))
+    for write in (mjcf, urdf):
+        lost = write(made)[1]
+        assert any(re.search(f"slide.*: {sentence}", each) for each in lost), lost
+
+
+def test_a_cascade_has_the_stiffness_of_both_loops():
+    changes = {"drives.slide.kp": 5.0, "drives.slide.position_gain": 20.0}
+    assert portable(Model("linear_axis", changes)).joints[0].kp == 5.0 + 60.0 * 20.0
 
 
 def own(joint):

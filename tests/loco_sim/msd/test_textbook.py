@@ -7,7 +7,7 @@ import pytest
 from loco_sim.msd.network import chain
 from loco_sim.msd.params import PRESETS
 from loco_sim.msd.simulation import MsdSimulation
-from loco_sim.msd.textbook import TextbookSimulation
+from loco_workshop.textbook import TextbookSimulation
 
 
 @pytest.mark.parametrize("name", PRESETS)

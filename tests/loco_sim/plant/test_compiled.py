@@ -24,6 +24,9 @@ MUJOCO = {"sim.engine": "mujoco"}
 ROBOTS = {"tigrillo": {}, "hyq_leg": {}, "servo_pendulum": {}}
 STRONG = {  # where the prior has no typical size, or one that throws a small robot
     "cable_force": {"stiffness": 20.0, "anchor": [0.3, 0.2, 0.5], "length": 0.1},
+    "torque_bias": {"torque": 0.05},
+    "torque_ripple": {"sine": 0.03, "cosine": -0.02},
+    "coupled_friction": {"torque": 0.02, "damping": 0.001, "stroke": 0.1},
     "command_dropout": {"probability": 0.4},
     "push": {"force": [0.5, 0.3, -0.2], "random": 0.4, "shortest": 0.003, "longest": 0.02},
     "sensor_stuck": {"channel": "q"},

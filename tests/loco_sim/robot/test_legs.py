@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.gait import similarity
 from loco_control.gait.generator import TargetGenerator
-from loco_control.legs import similarity
 from loco_control.legs.geometry import FRONT, HYQ, KNEE, LEFT
 from loco_control.legs.kinematics import foot_position, joint_position
 from loco_control.names import LEGS

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from loco_sim.drives.servo_kernels import rounded, servo_torque
+from loco_sim.drives.servo_kernels import rounded, servo_torque, share
 from loco_sim.robot.servo import ServoParams
 
 RX24F = ServoParams(resolution=0.00506, rotor_inertia=0.003)
@@ -20,7 +20,7 @@ def turn(servo, target, seconds, inertia=2e-4, load=0.0, dt=DT):
     q = dq = 0.0
     rotor, path = np.zeros(2), []
     for _ in range(round(seconds / dt)):
-        dq += dt * (servo_torque(q, dq, target, servo, rotor, dt) + load) / inertia
+        dq += dt * (servo_torque(q, dq, share(q, target, servo), servo, rotor, dt) + load) / inertia
         q += dt * dq
         path.append((q, dq))
     return np.array(path)
@@ -30,7 +30,7 @@ def turn(servo, target, seconds, inertia=2e-4, load=0.0, dt=DT):
 def test_held_fast_it_gives_its_stall_torque(rotor_inertia):
     servo, rotor = row(rotor_inertia=rotor_inertia), np.zeros(2)
     for _ in range(3000):
-        tau = servo_torque(0.0, 0.0, 3.0, servo, rotor, DT)
+        tau = servo_torque(0.0, 0.0, share(0.0, 3.0, servo), servo, rotor, DT)
     assert tau == pytest.approx(2.6, rel=1e-3)
 
 

@@ -11,6 +11,7 @@ from PIL import Image
 from loco_control.exceptions import ParameterError
 from loco_sim.make_urdf import hyq as hyq_urdf
 from loco_sim.robot import robot as robots
+from loco_sim.world import render
 from loco_sim.world.figure import Figure
 from loco_sim.world.render import frames, render_gif
 from loco_sim.world.stage import Stage, look_at, perspective
@@ -210,3 +211,35 @@ def test_a_robot_of_nothing_is_refused(hyq, tmp_path):
     with pytest.raises(ParameterError, match="nothing that could be drawn"):
         render_gif(None, np.arange(2.0), np.zeros((2, 3)), np.eye(4)[[3, 3]], np.zeros((2, 0)),
                    robot=robot)  # fmt: skip
+
+
+LINK = """<link name="{0}"><visual><origin xyz="0 0 {1}"/><geometry><box size="0.1 0.1 {2}"/>
+</geometry></visual><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+iyz="0"/></inertial></link>"""
+
+
+@pytest.mark.parametrize("length", [0.2, 1.0, 4.0])
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_a_bolted_robot_of_any_size_is_in_the_picture_in_all_its_poses(length, up, tmp_path):
+    """Also an arm of four metres that swings, and one that hangs below its base."""
+    joint = """<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>"""
+    parts = LINK.format("base", 0.0, 0.1), LINK.format("arm", 0.5 * up * length, length)
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{"".join(parts)}{joint}</robot>')
+    text = "urdf: arm.urdf\njoints: [hinge]\nfixed_base: true\nheight: 1.0\n"
+    (tmp_path / "robot.yaml").write_text(text)
+    robot = robots.load(tmp_path)
+    figure, size = Figure(robot), (120, 80)
+    angles = np.linspace(-1.4, 1.4, 30)
+    poses = [(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0, 0, 1]), np.array([a])) for a in angles]
+    stage, middle = render.camera(figure, size, poses)
+    target = np.array([*middle[:2], stage._height])
+    view, boxes = look_at(target + stage._eye, target), []
+    assert target[2] + stage._eye[2] > 0.0  # the camera is over the floor
+    for pose in poses:
+        figure.pose(*pose)
+        left, top, right, bottom = stage._box(figure.corners(0.0), view)
+        assert 0 < left and 0 < top and right < size[0] and bottom < size[1]
+        boxes.append((left, top, -right, -bottom))
+    left, top, right, bottom = np.abs(np.min(boxes, axis=0))
+    assert max((right - left) / size[0], (bottom - top) / size[1]) > 0.5  # and fills it

@@ -12,9 +12,9 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.legs.kinematics import foot_position, joint_limits
 from loco_sim.engines import ENGINES, installed
 from loco_sim.geometry import rotate_back, rotation_matrix
+from loco_sim.meshes.read import READERS
 from loco_sim.params import SimParams
 from loco_sim.robot import robot
-from loco_sim.robot.urdf_check import MESHES
 from loco_sim.world.world import make_world
 
 MASS, GRAVITY = 84.756, 9.81
@@ -47,7 +47,7 @@ def pendulum(tmp_path, engine):
         yield made
 
 
-@pytest.mark.parametrize("suffix", MESHES)
+@pytest.mark.parametrize("suffix", READERS)
 def test_every_kind_of_mesh_has_its_place_and_scale(tmp_path, engine, suffix):
     corners = trimesh.creation.box(bounds=[[0.0, 0.0, -3.0], [1.0, 2.0, 0.5]])
     corners.export(tmp_path / f"part{suffix}")

@@ -19,11 +19,13 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from loco_bringup import __version__
 from loco_bringup.bag.reader import Bag
-from loco_control.exceptions import LocoError
+from loco_control.checks import Between, Naming, checked
+from loco_control.exceptions import LocoError, ParameterError
+from loco_control.reading import shown
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.experiment import load as load_experiment
 from loco_learning.runs.log import Log
@@ -37,6 +39,10 @@ _text = lazy.module("loco_bringup.gap.text")
 _export = lazy.module("loco_bringup.export_model.write")
 _report = lazy.module("loco_bringup.report.report")
 _rollout = lazy.module("loco_learning.runs.rollout")
+
+Place = Annotated[str | Path, Naming()]  # name of something of loco, or a path
+Seed = Annotated[int, Between(0, 2**63 - 1)]
+Workers = Annotated[int, Between(1, 1024)]
 
 __all__ = [
     "Bag", "Experiment", "Gap", "Log", "LocoError", "Model", "Page", "Robot", "__version__",
@@ -110,7 +116,8 @@ class Gap:
         return f"<pre>{escape(str(self))}</pre>"
 
 
-def load_bag(path: str | Path) -> Bag:
+@checked
+def load_bag(path: Place) -> Bag:
     """Open a rosbag2 bag (MCAP) for reading; the message packages need not be installed.
 
     ``bag.records("joint_states")`` gives a topic as a NumPy record array,
@@ -126,7 +133,8 @@ def load_bag(path: str | Path) -> Bag:
     return Bag(path)
 
 
-def robot(name_or_path: str | Path) -> Robot:
+@checked
+def robot(name_or_path: Place) -> Robot:
     """Read a robot: its joints, limits, drives, springs and masses, checked against its URDF.
 
     Args:
@@ -138,11 +146,12 @@ def robot(name_or_path: str | Path) -> Robot:
     return load_any(name_or_path).make_robot()
 
 
+@checked
 def rollout(
-    experiment: str | Path | Experiment,
+    experiment: Place | Experiment,
     overrides: Mapping[str, Any] | None = None,
     *,
-    seed: int | None = None,
+    seed: Seed | None = None,
     on_progress: Callable[[float], Any] | None = None,
 ) -> Log:
     """Simulate an experiment in this process, at the speed of the machine.
@@ -160,6 +169,11 @@ def rollout(
     Raises:
         LocoError: There is no such experiment, or a value is wrong.
     """
+    if isinstance(experiment, Experiment) and overrides:
+        raise ParameterError(
+            f"overrides must be left out where experiment is an object, got {shown(overrides)}; "
+            "take experiment.replace(...)"
+        )
     if not isinstance(experiment, Experiment):
         values = {k: str(v) if isinstance(v, Path) else v for k, v in (overrides or {}).items()}
         experiment = load_experiment(experiment, values)
@@ -167,14 +181,15 @@ def rollout(
     return _rollout.rollout(experiment, seed, tell)
 
 
+@checked
 def find_gap(
-    recordings: Sequence[str | Path] | str | Path,
-    robot: str | Path,
+    recordings: Sequence[Place] | Place,
+    robot: Place,
     *,
-    hold_out: Sequence[str | Path] = (),
-    mapping: str | Path | None = None,
-    out: str | Path | None = None,
-    workers: int = 2,
+    hold_out: Sequence[Place] = (),
+    mapping: Place | None = None,
+    out: Place | None = None,
+    workers: Workers = 2,
     on_progress: Callable[[float, str, str], Any] | None = None,
     **options: Any,
 ) -> Gap:
@@ -194,6 +209,8 @@ def find_gap(
         LocoError: A recording, the robot or an option is of no use.
     """
     bags = [recordings] if isinstance(recordings, (str, Path)) else recordings
+    if not bags:
+        raise ParameterError("recordings must be one or more, got none")
     job = _gap.Job(
         str(robot), tuple(map(str, bags)), tuple(map(str, hold_out)), str(mapping or ""), options,
         workers,
@@ -202,13 +219,14 @@ def find_gap(
     return Gap(folder, _gap.run(job, folder, on_progress))
 
 
+@checked
 def export_model(
-    model: str | Path | Gap,
+    model: Place | Gap,
     to: str,
-    out: str | Path | None = None,
+    out: Place | None = None,
     *,
-    replay: Sequence[str | Path] = (),
-    mapping: str | Path | None = None,
+    replay: Sequence[Place] = (),
+    mapping: Place | None = None,
     gear: str | None = None,
 ) -> Any:
     """Write a model for another simulator; ``.lost`` of the result says what it cannot say there.
@@ -229,7 +247,8 @@ def export_model(
     return _export.export_model(given, to, out, replay, mapping, gear)
 
 
-def report(bag: str | Path | Bag, out: str | Path | None = None, *, gif: bool = True) -> Page:
+@checked
+def report(bag: Place | Bag, out: Place | None = None, *, gif: bool = True) -> Page:
     """Write one self-contained HTML page about a recorded run: gait, forces, metrics, animation.
 
     Args:

@@ -74,6 +74,12 @@ def check_new(folder: Path) -> None:
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
 
 
+def remove_bag(folder: Path) -> None:
+    """Delete the recording of a run that never began; its logs and parameters stay."""
+    for path in (*Path(folder).glob("*.mcap"), Path(folder) / "metadata.yaml"):
+        path.unlink(missing_ok=True)
+
+
 def duration_of(experiment: Experiment) -> float:
     """Simulated time of a run [s]."""
     return experiment.ticks / experiment.control_rate

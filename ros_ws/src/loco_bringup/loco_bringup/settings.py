@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from loco_control.exceptions import ParameterError
-from loco_control.reading import parse_yaml
+from loco_control.reading import parse_yaml, shown
 
 
 def overrides(
@@ -18,7 +18,25 @@ def overrides(
     """Values of an experiment by dotted name, as ``--set`` and the options of these names give."""
     values = values_of("--set", pairs, "gait.speed=0.3")
     given = {"seed": seed, "sim.engine": engine, "duration": duration}
-    return {key: value for key, value in given.items() if value is not None} | values
+    return joined({key: value for key, value in given.items() if value is not None}, values)
+
+
+def joined(given: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """Values of options and of ``--set`` together.
+
+    Args:
+        given: Values by name that options of their own give.
+        values: Values by name that ``--set`` gives.
+
+    Raises:
+        ParameterError: Both give one.
+    """
+    for key in sorted(given.keys() & values.keys()):
+        raise ParameterError(
+            f"{key} is given twice, {shown(given[key])} by an option of its own and "
+            f"{shown(values[key])} by --set"
+        )
+    return given | values
 
 
 def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:
@@ -30,7 +48,7 @@ def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:
         example: A valid text, for messages.
 
     Raises:
-        ParameterError: A text is not ``KEY=VALUE``.
+        ParameterError: A text is not ``KEY=VALUE``, or a key is given twice.
     """
     values = {}
     for pair in pairs:
@@ -41,5 +59,9 @@ def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:
             equals = ""
         if not equals or not key:
             raise ParameterError(f"{option} wants KEY=VALUE, e.g. {example}, got {pair!r}")
+        if key in values:
+            raise ParameterError(
+                f"{option} {key} is given twice, {shown(values[key])} and {shown(value)}"
+            )
         values[key] = value
     return values

@@ -99,11 +99,11 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
     gain, alpha, sharp, skew, pull = shape[0], shape[1], shape[2], shape[3], shape[4]
     duty, height, h = gait[DUTY], gait[HEIGHT], dt / substeps
     stance_rate = math.pi * gait[FREQUENCY] / duty
-    d_state, d_foot, pushed = np.empty((4, 2)), np.empty((4, 3)), np.zeros(4)
+    d_state, d_foot, correction = np.empty((4, 2)), np.empty((4, 3)), np.zeros(4)
     for leg in range(4):  # the legs hear of each other once per period
         for other in range(4):
-            heard = cosine[leg, other] * state[other, 1] - sine[leg, other] * state[other, 0]
-            pushed[leg] += gain * heard
+            coupling_sum = cosine[leg, other] * state[other, 1] - sine[leg, other] * state[other, 0]
+            correction[leg] += gain * coupling_sum
     for _ in range(substeps):
         for leg in range(4):
             x, z = state[leg, 0], state[leg, 1]
@@ -112,12 +112,12 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
             k_v = (1.0 - forward) * skew + forward * skew / (2.0 * skew - 1.0)
             rate = stance_rate * (duty / (1.0 - duty) * up * k_v + 1.0 - up)
             d_state[leg, 0] = energy * x + rate * z
-            d_state[leg, 1] = energy * z - rate * x + pushed[leg]
+            d_state[leg, 1] = energy * z - rate * x + correction[leg]
             v_z = height * d_state[leg, 1] + pull * (height * z - foot[leg, Z])
-            ahead = gait[SPEED] - gait[YAW] * (centre[leg, 1] + foot[leg, Y])
+            forward_speed = gait[SPEED] - gait[YAW] * (centre[leg, 1] + foot[leg, Y])
             left = gait[LATERAL] + gait[YAW] * (centre[leg, 0] + foot[leg, X])
             d_foot[leg, Z] = up * v_z
-            for axis, speed in ((X, ahead), (Y, left)):
+            for axis, speed in ((X, forward_speed), (Y, left)):
                 half_step = 0.5 * speed * duty / gait[FREQUENCY]
                 swing = half_step * d_state[leg, 0] + pull * (half_step * x - foot[leg, axis])
                 d_foot[leg, axis] = up * swing - (1.0 - up) * speed
@@ -132,33 +132,33 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
 
 
 @njit(cache=True)
-def smooth(gait, halfway, wanted, blend, moving):
-    """Move `gait` towards `wanted`, each (6,), through two lags, in place.
+def smooth(gait, halfway, target_gait, blend, moving):
+    """Move `gait` towards `target_gait`, each (6,), through two lags, in place.
 
     Args:
         gait: Parameters that the oscillators follow.
         halfway: Between the two lags, (6,).
-        wanted: Requested parameters.
+        target_gait: Requested parameters.
         blend: Share of the way that a lag goes per control period.
         moving: Whether the robot moves; at rest all but the speeds is taken at once.
     """
     for i in range(6):
         if moving:
-            halfway[i] += blend * (wanted[i] - halfway[i])
+            halfway[i] += blend * (target_gait[i] - halfway[i])
             gait[i] += blend * (halfway[i] - gait[i])
         elif i not in (SPEED, LATERAL, YAW):
-            halfway[i] = gait[i] = wanted[i]
+            halfway[i] = gait[i] = target_gait[i]
 
 
 @njit(cache=True)
-def target(moving, memory, wanted, blend, coupling, shape, dt, substeps, centre, legs):
+def target(moving, memory, target_gait, blend, coupling, shape, dt, substeps, centre, legs):
     """One control period of the generator: the values of a `GaitTarget`, after its time.
 
     Args:
         moving: The gait has begun; before, the robot stands on its foot centres.
         memory: `state` and `foot` of `advance`, `gait` and `halfway` of `smooth`; all four
             are changed in place.
-        wanted: Requested parameters, as `smooth` takes them.
+        target_gait: Requested parameters, as `smooth` takes them.
         blend: Share of the change, as `smooth` takes it.
         coupling: Coupling, from `coupling_matrices`.
         shape: Shape of the stride, as `advance` takes it.
@@ -169,7 +169,7 @@ def target(moving, memory, wanted, blend, coupling, shape, dt, substeps, centre,
     """
     state, foot, gait, halfway = memory
     feet, velocity, stance = centre.copy(), np.zeros((4, 3)), np.ones(4, dtype=np.bool_)
-    smooth(gait, halfway, wanted, blend, moving)
+    smooth(gait, halfway, target_gait, blend, moving)
     if moving:
         foot_velocity = advance(state, foot, gait, *coupling, shape, dt, substeps, centre)
         for leg in range(4):

@@ -39,10 +39,10 @@ def swept(t: float, first: float, last: float, sweep: float) -> tuple[float, flo
     rounds, since = divmod(t, 2.0 * sweep)
     back = since > sweep
     s = 2.0 * sweep - since if back else since
-    whole = _integral(sweep, first, rate)
+    integral = _integral(sweep, first, rate)
     part = _integral(s, first, rate)
-    turns = 2.0 * whole - part if back else part
-    return rounds * 2.0 * whole + turns, first * math.exp(rate * s)
+    turns = 2.0 * integral - part if back else part
+    return rounds * 2.0 * integral + turns, first * math.exp(rate * s)
 
 
 def _integral(s: float, first: float, rate: float) -> float:

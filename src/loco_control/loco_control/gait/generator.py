@@ -182,19 +182,19 @@ class TargetGenerator:
         Raises:
             ParameterError: A value is not finite.
         """
-        asked = dict(zip(TWIST, (speed, lateral_speed, yaw_rate), strict=True))
-        if not np.isfinite(list(asked.values())).all():
-            raise ParameterError(f"the velocity of the trunk must be finite, got {asked}")
+        requested = dict(zip(TWIST, (speed, lateral_speed, yaw_rate), strict=True))
+        if not np.isfinite(list(requested.values())).all():
+            raise ParameterError(f"the velocity of the trunk must be finite, got {requested}")
         limits = {f.name: f.metadata["high"] for f in fields(GaitParams) if f.name in TWIST}
-        share = 1.0 / max(1.0, *(abs(asked[name]) / limits[name] for name in TWIST))
-        if not self._takes(asked, share):
+        share = 1.0 / max(1.0, *(abs(requested[name]) / limits[name] for name in TWIST))
+        if not self._takes(requested, share):
             low, high = 0.0, share
             for _ in range(HALVINGS):
                 share = 0.5 * (low + high)
-                low, high = (share, high) if self._takes(asked, share) else (low, share)
+                low, high = (share, high) if self._takes(requested, share) else (low, share)
             share = low
-            self._takes(asked, share)
-        return {name: share * value for name, value in asked.items()}
+            self._takes(requested, share)
+        return {name: share * value for name, value in requested.items()}
 
     def _takes(self, twist: dict[str, float], share: float) -> bool:
         """Follow a share of a twist, if the legs reach that far."""
@@ -226,10 +226,10 @@ class TargetGenerator:
 
     def _vector(self, params: GaitParams) -> np.ndarray:
         """References of the oscillators, (6,); raises when a step leaves the reach of the legs."""
-        ahead = params.speed - params.yaw_rate * self._centre[:, 1]
+        forward_speed = params.speed - params.yaw_rate * self._centre[:, 1]
         left = params.lateral_speed + params.yaw_rate * self._centre[:, 0]
         half_time = 0.5 * params.duty_factor / params.frequency
-        half_step = half_time * np.stack([ahead, left, np.zeros(4)], axis=1)  # (4, 3)
+        half_step = half_time * np.stack([forward_speed, left, np.zeros(4)], axis=1)  # (4, 3)
         for offset in (half_step, -half_step, [0.0, 0.0, params.step_height]):
             self._kinematics.joint_position(self._centre + offset, self._legs)
         return np.array([getattr(params, name) for name in LIVE])

@@ -55,11 +55,11 @@ def rates(kind, state, duty, gain, lead, shape, out):
     for i in range(count):
         if kind == AMPLITUDE_PHASE:
             radius, phase = state[i, 0], state[i, 1]
-            heard = 0.0
+            coupling_sum = 0.0
             for j in range(count):
-                heard += gain[i, j] * math.sin(state[j, 1] - phase - lead[i, j])
+                coupling_sum += gain[i, j] * math.sin(state[j, 1] - phase - lead[i, j])
             out[i, 0] = pull * (1.0 - radius * radius) * radius
-            out[i, 1] = TURN * frequency + heard
+            out[i, 1] = TURN * frequency + coupling_sum
         else:
             x, y = state[i, 0], state[i, 1]
             falling = 0.5 * (1.0 + math.tanh(0.5 * sharp * y))

@@ -113,7 +113,7 @@ class Cpg:
 
     def __init__(self, params: CpgParams, count: int, dt: float):
         self.params, self.dt = params, float(dt)
-        values = {name: _spread(name, getattr(params, name), count) for name in PER_JOINT}
+        values = {name: _by_joint(name, getattr(params, name), count) for name in PER_JOINT}
         self.rest, self._amplitude, self._offsets = (
             values["offset"], values["amplitude"], 2.0 * np.pi * values["phase"]
         )  # fmt: skip
@@ -184,9 +184,9 @@ class Cpg:
         return (angle / (2.0 * np.pi)) % 1.0
 
     def _advance(self) -> tuple[np.ndarray, np.ndarray]:
-        now = self._kernels.output(self._code, self._state, *self._constants)
+        output = self._kernels.output(self._code, self._state, *self._constants)
         self._kernels.advance(self._code, self._state, *self._constants, self.dt, self._substeps)
-        return now
+        return output
 
     def _at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         p = self.params
@@ -221,7 +221,7 @@ def rise(t: float, duration: float) -> tuple[float, float]:
     return u * u * (3.0 - 2.0 * u), 6.0 * u * (1.0 - u) / duration
 
 
-def _spread(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
+def _by_joint(name: str, values: tuple[float, ...], count: int) -> np.ndarray:
     if len(values) not in (1, count):
         raise ParameterError(
             f"CpgParams.{name} must have 1 value or one for each of the {count} driven joints, "

@@ -52,8 +52,8 @@ def joint_limits(geometry: LegGeometry | None = None) -> tuple[np.ndarray, np.nd
     """Lowest and highest position of each joint of HyQ's leg [rad], each (12,)."""
     geometry = geometry or LegGeometry()
     front = np.array([geometry.haa_range, geometry.hfe_range, geometry.kfe_range])  # (3, 2)
-    behind = np.array([front[0], -front[1, ::-1], -front[2, ::-1]])
-    limits = np.concatenate([front, front, behind, behind])
+    hind = np.array([front[0], -front[1, ::-1], -front[2, ::-1]])
+    limits = np.concatenate([front, front, hind, hind])
     return limits[:, 0], limits[:, 1]
 
 
@@ -76,12 +76,12 @@ def joint_position(feet: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
     feet = np.ascontiguousarray(feet, dtype=float).reshape(4, 3)
     q = inverse(feet, np.zeros((4, 3)), legs)[0]
     missed = np.linalg.norm(foot_position(q, legs) - feet, axis=1)
-    worst = int(np.argmax(missed))
-    if not missed[worst] < 1e-6:
-        knee = np.arccos(legs[worst, [STRAIGHT, BENT]]).round(3).tolist()
+    index = int(np.argmax(missed))
+    if not missed[index] < 1e-6:
+        knee = np.arccos(legs[index, [STRAIGHT, BENT]]).round(3).tolist()
         raise ParameterError(
-            f"foot {LEGS[worst]} at {np.round(feet[worst], 4).tolist()} m in the base frame is out "
-            f"of reach by {missed[worst]:.3g} m (the knee bends by {knee[0]} to {knee[1]} rad)"
+            f"foot {LEGS[index]} at {np.round(feet[index], 4).tolist()} m in the base frame is out "
+            f"of reach by {missed[index]:.3g} m (the knee bends by {knee[0]} to {knee[1]} rad)"
         )
     return q
 
@@ -107,15 +107,15 @@ def feet_and_jacobians(q, legs):
         hfe = row[SIGN + 1] * (q[leg, 1] - row[ZERO + 1])
         knee = hfe + row[SIGN + 2] * (q[leg, 2] - row[ZERO + 2])
         sin_haa, cos_haa = math.sin(haa), math.cos(haa)
-        ahead = -(l1 * math.sin(hfe) + l2 * math.sin(knee))
+        x = -(l1 * math.sin(hfe) + l2 * math.sin(knee))
         below = l0 + l1 * math.cos(hfe) + l2 * math.cos(knee)
-        feet[leg, 0] = row[HIP_X] + ahead
+        feet[leg, 0] = row[HIP_X] + x
         feet[leg, 1] = left * (row[HIP_Y] - below * sin_haa + side * cos_haa)
         feet[leg, 2] = row[HIP_Z] - below * cos_haa - side * sin_haa
         jac[leg, 1, 0] = -left * below * cos_haa - left * side * sin_haa
         jac[leg, 2, 0] = below * sin_haa - side * cos_haa
         jac[leg, 0, 1], jac[leg, 0, 2] = l0 - below, -l2 * math.cos(knee)
-        for joint, d_below in ((1, ahead), (2, -l2 * math.sin(knee))):
+        for joint, d_below in ((1, x), (2, -l2 * math.sin(knee))):
             jac[leg, 1, joint] = -left * d_below * sin_haa
             jac[leg, 2, joint] = -d_below * cos_haa
         for joint in range(3):

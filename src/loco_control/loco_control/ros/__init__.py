@@ -1,12 +1,69 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS 2 rim of loco_control; nothing above this folder imports ROS.
 
-Whoever makes a node or listens to one imports this package first. So this is where discovery is
-kept on this machine, unless the user has set ``ROS_AUTOMATIC_DISCOVERY_RANGE``: rclpy reads the
-variable when it is initialised.
+Whoever makes a node or listens to one imports this package first. So this is where the graph is
+kept on this machine: rclpy and Fast DDS read these variables when the first node is made.
 """
 
+import logging
 import os
+from collections.abc import MutableMapping
+from pathlib import Path
 
-if not os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE"):
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+IGNORE_OWN = "LOCO_IGNORE_OWN_ENDPOINTS"  # the profiles quote it: a process does not hear itself
+LOOPBACK = str(Path(__file__).with_name("loopback.xml"))  # binds 127.0.0.1 and shared memory alone
+OPEN = str(Path(__file__).with_name("open.xml"))
+_RANGES = ("", "LOCALHOST", "SYSTEM_DEFAULT", "OFF")  # beside SUBNET
+_OPENS = f"the graph stays on this machine unless {RANGE} is SUBNET"
+# What would reach for other machines.
+_REACHING = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "FASTDDS_ENVIRONMENT_FILE")
+
+
+def settle_network(env: MutableMapping[str, str]) -> list[str]:
+    """Keep a graph on this machine unless `RANGE` is SUBNET.
+
+    Of a graph that is kept, DDS binds 127.0.0.1 and shared memory alone. rmw_fastrtps itself
+    would bind all addresses for LOCALHOST, so the range becomes SYSTEM_DEFAULT, which leaves
+    addresses to the profile. A profile of the user wins over both.
+
+    Args:
+        env: Environment variables, which are changed; those of the process when imported.
+
+    Returns:
+        Lines for the user, one for each variable that is ignored or that decides instead.
+    """
+    env["SKIP_DEFAULT_XML_FILE"] = "1"  # a profile in the current folder is nobody's wish
+    env[IGNORE_OWN] = "false"
+    middleware, profile = env.get("RMW_IMPLEMENTATION", ""), env.get(PROFILE, "")
+    if middleware and not middleware.startswith("rmw_fastrtps"):
+        env[RANGE] = env.get(RANGE) or "LOCALHOST"
+        return [f"RMW_IMPLEMENTATION is {middleware[:40]}: it decides what addresses are bound"]
+    if has_user_profile(env):
+        env[RANGE] = env.get(RANGE) or "LOCALHOST"
+        return [f"{PROFILE} is {profile[-160:]}: that profile decides what addresses are bound"]
+    scope = env.get(RANGE, "")
+    if scope == "SUBNET" and env.get("ROS_LOCALHOST_ONLY") != "1":
+        env[PROFILE] = OPEN
+        return []
+    lines = [f"{name} is ignored; {_OPENS}" for name in _REACHING if env.pop(name, "")]
+    only_here = env.pop("ROS_LOCALHOST_ONLY", "")  # with it rmw_fastrtps binds all addresses
+    if scope == "SUBNET":
+        lines.append(f"ROS_LOCALHOST_ONLY={only_here} keeps the graph here in spite of SUBNET")
+    elif scope not in _RANGES:
+        lines.append(f"{RANGE}={scope[:40]} is ignored; {_OPENS}")
+    env[PROFILE], env[RANGE] = LOOPBACK, "OFF" if scope == "OFF" else "SYSTEM_DEFAULT"
+    return lines
+
+
+def has_user_profile(env: MutableMapping[str, str]) -> bool:
+    """Whether a Fast DDS profile is set that is none of loco's, of this or another copy of it."""
+    path = Path(env.get(PROFILE) or LOOPBACK)
+    return (path.parts[-3:-1], path.name) not in (
+        (("loco_control", "ros"), Path(profile).name) for profile in (LOOPBACK, OPEN)
+    )
+
+
+for _line in settle_network(os.environ):
+    logging.getLogger(__name__).warning("%s", _line)

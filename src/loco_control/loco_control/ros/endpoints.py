@@ -37,8 +37,8 @@ def own_host(infos: Iterable[Any]) -> bytes:
 
     Empty if none of them is of this process.
     """
-    mine = os.getpid() & 0xFFFF
-    return next((host_of(info) for info in infos if low_pid(info) == mine), b"")
+    process_id = os.getpid() & 0xFFFF
+    return next((host_of(info) for info in infos if low_pid(info) == process_id), b"")
 
 
 def living(infos: Iterable[Any], host: bytes) -> list[Any]:
@@ -48,8 +48,10 @@ def living(infos: Iterable[Any], host: bytes) -> list[Any]:
         infos: Endpoints of a topic, as rclpy gives them.
         host: `own_host`.
     """
-    alive = {int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit() and _runs(name)}
-    return [info for info in infos if host_of(info) != host or low_pid(info) in alive]
+    process_ids = {
+        int(name) & 0xFFFF for name in os.listdir("/proc") if name.isdigit() and _runs(name)
+    }
+    return [info for info in infos if host_of(info) != host or low_pid(info) in process_ids]
 
 
 def strangers(node: Any, topic: str, host: bytes) -> str:

@@ -31,9 +31,11 @@ from .node import LocoNode
 
 log = logging.getLogger(__name__)
 
-_LOOK = 0.2  # wall time between two looks for a signal [s]
+_CHECK_PERIOD = 0.2  # wall time between two looks for a signal [s]
 _SLICE = 5.0  # longest wait in C++ [s]
-_EARLY = 1e-4  # wake so long before a deadline and look at the clock: waking takes 0.05 ms [s]
+_WAKE_MARGIN = (
+    1e-4  # wake so long before a deadline and look at the clock: waking takes 0.05 ms [s]
+)
 _BURST = 20  # messages that are handled between two ticks that are both late
 
 
@@ -49,7 +51,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
         Exit code: 0 after a signal, 2 for a user's mistake.
     """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
-    asked = _listen()
+    signals = _listen()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[LocoNode] = []
     guests: list[Node] = []
@@ -58,7 +60,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     try:
         with _in_process(executor, makers):
             for make in makers:
-                if asked:
+                if signals:
                     raise ExternalShutdownException
                 node = make()
                 if not isinstance(node, LocoNode):
@@ -68,7 +70,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
                 nodes.append(node)
                 executor.add_node(node)
         _prepare(nodes)
-        _spin(executor, nodes, lambda: not asked and rclpy.ok())
+        _spin(executor, nodes, lambda: not signals and rclpy.ok())
     except ExternalShutdownException:
         code = 0
     except LocoError as error:
@@ -104,26 +106,26 @@ def _listen() -> list[int]:
     Returns:
         Numbers of the signals; the list grows.
     """
-    asked: list[int] = []
-    told = signal.getsignal(signal.SIGTERM)  # by who called us, and is told as before
+    signals: list[int] = []
+    previous_handler = signal.getsignal(signal.SIGTERM)  # by who called us, and is told as before
 
     def note(number: int, frame: Any) -> None:
-        asked.append(number)
-        if number == signal.SIGTERM and callable(told):
-            told(number, frame)
+        signals.append(number)
+        if number == signal.SIGTERM and callable(previous_handler):
+            previous_handler(number, frame)
 
     signal.signal(signal.SIGINT, note)
     signal.signal(signal.SIGTERM, note)
-    return asked
+    return signals
 
 
 def _in_process(executor: Any, makers: Sequence[Any]) -> contextlib.AbstractContextManager:
     """Hand messages over within the process, where several nodes are there and all are ours."""
-    ours = all(isinstance(make, type) and issubclass(make, LocoNode) for make in makers)
-    if not ours or len(makers) < 2:
+    all_loco_nodes = all(isinstance(make, type) and issubclass(make, LocoNode) for make in makers)
+    if not all_loco_nodes or len(makers) < 2:
         return contextlib.nullcontext()
-    if found := in_process.obstacle():
-        log.info("%s, so the nodes of this process talk over DDS", found)
+    if obstacle := in_process.obstacle():
+        log.info("%s, so the nodes of this process talk over DDS", obstacle)
         return contextlib.nullcontext()
     LocoNode.post = in_process.Post(executor)
     return in_process.deaf_to_itself()
@@ -136,38 +138,38 @@ def _prepare(nodes: Sequence[LocoNode]) -> None:
     """
     gc.collect()
     gc.freeze()
-    for wanted in {node.realtime for node in nodes}:
-        granted = realtime.prepare(wanted)
+    for params in {node.realtime for node in nodes}:
+        granted = realtime.prepare(params)
         for line in granted:
             log.info("%s", line)
         for node in nodes:
             node.granted += granted
 
 
-def _spin(executor: Any, nodes: Sequence[LocoNode], wanted: Callable[[], bool]) -> None:
+def _spin(executor: Any, nodes: Sequence[LocoNode], stop_requested: Callable[[], bool]) -> None:
     timed = next((node for node in nodes if node.timed), None)
     if LocoNode.post and timed:
         LocoNode.post.timed = True
-    while timed is not None and wanted():
-        until_deadline(executor, timed, _LOOK)
+    while timed is not None and stop_requested():
+        until_deadline(executor, timed, _CHECK_PERIOD)
     stop = Future()
-    look = lambda: None if wanted() else stop.set_result(None)  # noqa: E731
-    nodes[0].create_timer(_LOOK, look)
-    while wanted():
+    check = lambda: None if stop_requested() else stop.set_result(None)  # noqa: E731
+    nodes[0].create_timer(_CHECK_PERIOD, check)
+    while stop_requested():
         executor.spin_until_future_complete(stop, timeout_sec=_SLICE)
 
 
-def until_deadline(executor: Any, node: LocoNode, patience: float) -> None:
+def until_deadline(executor: Any, node: LocoNode, max_wait: float) -> None:
     """Handle a message, or wait for one until the node's deadline, which is absolute.
 
     Args:
         executor: Executor of all nodes of the process.
         node: The one with deadlines.
-        patience: Longest wait [s].
+        max_wait: Longest wait [s].
     """
-    left = node.deadline - _EARLY - time.monotonic()
+    left = node.deadline - _WAKE_MARGIN - time.monotonic()
     if left > 0.0:
-        _handle(executor, min(left, patience))
+        _handle(executor, min(left, max_wait))
         return
     while time.monotonic() < node.deadline:
         pass
@@ -177,7 +179,7 @@ def until_deadline(executor: Any, node: LocoNode, patience: float) -> None:
             _handle(executor, 0.0)
 
 
-def _handle(executor: Any, patience: float) -> None:
+def _handle(executor: Any, max_wait: float) -> None:
     """Handle one message, of this process first."""
     if not LocoNode.post or not LocoNode.post.hand_over():
-        executor.spin_once(timeout_sec=patience)
+        executor.spin_once(timeout_sec=max_wait)

@@ -34,11 +34,11 @@ _TIME, _HEADER = "builtin_interfaces/Time", "std_msgs/Header"
 
 def abilities(table: str) -> dict[str, set[str]]:
     """Contents of each topic's messages that a fault may change: numbers, stamp."""
-    found = {}
+    kinds_by_topic = {}
     for row in TABLES[table].values():
         has = {"numbers": has_numbers(row.type), "stamp": stamp_at(row.type) is not None}
-        found[row.name] = {what for what, there in has.items() if there}
-    return found
+        kinds_by_topic[row.name] = {what for what, supported in has.items() if supported}
+    return kinds_by_topic
 
 
 @functools.cache
@@ -97,8 +97,8 @@ class Bytes:
 
     def finite(self, data: bytes) -> bool:
         """Whether all numbers are finite."""
-        words = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)  # as `Converter.finite`
-        return bool(np.isfinite(words).all())
+        doubles = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)  # as `Converter.finite`
+        return bool(np.isfinite(doubles).all())
 
     def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
         """The message with the numbers of another one of its layout, or with NaN."""
@@ -116,10 +116,10 @@ class Bytes:
     def later(self, data: bytes, seconds: float) -> bytes:
         """The message with another stamp, not before 0, and the tick that goes with it."""
         time = max(0, (self.time(data) or 0) + round(seconds * 1e9))
-        whole, rest = divmod(time, 1_000_000_000)
+        whole, nanoseconds = divmod(time, 1_000_000_000)
         changed = bytearray(data)
         changed[self._at : self._at + 4] = whole.to_bytes(4, "little")
-        changed[self._at + 4 : self._at + 8] = rest.to_bytes(4, "little")
+        changed[self._at + 4 : self._at + 8] = nanoseconds.to_bytes(4, "little")
         if self._has_tick:
             tick = max(0, self.tick(data) + round(seconds * self._rate))
             changed[TICK] = tick.to_bytes(8, "little")
@@ -134,18 +134,18 @@ class FaultNode(LocoNode):
         table = self.declare_parameter("table", "hyq").value
         self.table = TABLES[table]
         self._rate = self.declare_parameter("control_rate", 250.0).value
-        texts = [t for t in self.declare_parameter("faults", [""]).value if t]
-        if texts and not self.get_parameter("allow_faults").value:
+        specs = [t for t in self.declare_parameter("faults", [""]).value if t]
+        if specs and not self.get_parameter("allow_faults").value:
             raise ParameterError(
                 "faults are off; the parameter allow_faults:=true switches them on"
             )
-        made = faults.check(texts, abilities(table))
-        self._now, self._tick = 0.0, 0
-        self._edges = sorted(_edges(made), reverse=True)
+        faults_by_topic = faults.check(specs, abilities(table))
+        self._time, self._tick = 0.0, 0
+        self._edges = sorted(_edges(faults_by_topic), reverse=True)
         self._lost = self.create_publisher(LOST_TICK.type, LOST_TICK.name, LOST_TICK.qos.writer())
         self._states: Any = None
-        for name in dict.fromkeys(name for name, _ in made):
-            self._stand_between(name, [f for n, f in made if n == name])
+        for name in dict.fromkeys(name for name, _ in faults_by_topic):
+            self._stand_between(name, [f for n, f in faults_by_topic if n == name])
         self._follow(starts_tick(self.table))
         self.announce_ready()
 
@@ -161,20 +161,20 @@ class FaultNode(LocoNode):
         )
 
     def _at(self, tick: int, t: float) -> None:
-        self._tick, self._now = tick, t
+        self._tick, self._time = tick, t
         while self._edges and self._edges[-1][0] <= t + 1e-9:
             _, kind, text = self._edges.pop()
             self.event(kind, text, tick, t)
 
-    def _stand_between(self, name: str, chosen: list[faults.Fault]) -> None:
+    def _stand_between(self, name: str, topic_faults: list[faults.Fault]) -> None:
         row, body = self.row(name), Bytes(self.row(name), self._rate)
-        chain = [faults.Memory(fault, name, body) for fault in chosen]
+        chain = [faults.Memory(fault, name, body) for fault in topic_faults]
         output = self.create_publisher(row.type, faulty(row.name), row.qos.writer())
         self._outputs[name] = output
         publish = raw(output)
         # Without any of these no command comes of the tick. The plant judges commands itself.
         waited_for = row.rate > 0 and bool(row.readers)
-        judged = row.readers == ("robot_sim",)
+        for_plant = row.readers == ("robot_sim",)
 
         def receive(data: bytes) -> None:
             try:
@@ -184,14 +184,14 @@ class FaultNode(LocoNode):
 
         def damage(data: bytes) -> None:
             time = body.time(data)
-            t = self._now if time is None or row.writer == "any" else time / 1e9
+            t = self._time if time is None or row.writer == "any" else time / 1e9
             out = [data]
             for memory in chain:
                 out = memory.feed(out, t)
             for each in out:
                 publish(each)
             if waited_for and not any(
-                body.time(each) == time and (judged or each == data or body.finite(each))
+                body.time(each) == time and (for_plant or each == data or body.finite(each))
                 for each in out
             ):
                 self._lost.publish(UInt64(data=body.tick(data)))
@@ -208,9 +208,9 @@ class FaultNode(LocoNode):
         return missing
 
 
-def _edges(made: list[tuple[str, faults.Fault]]) -> Iterator[tuple[float, str, str]]:
+def _edges(faults_by_topic: list[tuple[str, faults.Fault]]) -> Iterator[tuple[float, str, str]]:
     """Time, kind and text of the event at each begin and end."""
-    for name, fault in made:
+    for name, fault in faults_by_topic:
         text = faults.to_text(name, fault)
         yield fault.start, "fault", text
         if np.isfinite(fault.stop):

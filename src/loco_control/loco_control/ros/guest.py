@@ -25,66 +25,66 @@ class Herald(LocoNode):
         guest: The plain node; its name is that of the node whose place it takes.
     """
 
-    def __init__(self, guest: Node):
-        self._guest = guest
-        self.table = table_of(guest)
-        super().__init__(f"{guest.get_name()}_herald")
-        if not guest.has_parameter("recorded"):
-            guest.declare_parameter("recorded", False)
-        self.recorded = guest.get_parameter("recorded").value
-        name, has = guest.get_name(), topics_of(guest)
+    def __init__(self, node: Node):
+        self._node = node
+        self.table = table_of(node)
+        super().__init__(f"{node.get_name()}_herald")
+        if not node.has_parameter("recorded"):
+            node.declare_parameter("recorded", False)
+        self.recorded = node.get_parameter("recorded").value
+        name, has = node.get_name(), topics_of(node)
         for row in self.table.values():
             if row.rate <= 0 or not row.qos.reliable:
                 continue
             if row.writer == name and row.name not in has:
                 self.output(row.name)
             if name in row.readers and row.name not in has:
-                self.input(row.name, _leave, raw=True)
+                self.input(row.name, _exit, raw=True)
         self.announce_ready()
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
         """Publish an event of the guest."""
-        self.publish_event(self._guest.get_name(), kind, text, tick, t)
+        self.publish_event(self._node.get_name(), kind, text, tick, t)
 
     def unmatched(self) -> list[str]:
         """Topics of guest and herald that still wait for an endpoint."""
-        missing, has = super().unmatched(), topics_of(self._guest)
+        missing, has = super().unmatched(), topics_of(self._node)
         for row in (row for row in self.table.values() if row.name in has and row.rate > 0):
             if isinstance(endpoint := has[row.name], Publisher):
-                wanted = len(row.readers) + bool(self.recorded)
-                if endpoint.get_subscription_count() < wanted:
+                expected = len(row.readers) + bool(self.recorded)
+                if endpoint.get_subscription_count() < expected:
                     missing.append(f"{row.name} (readers)")
             elif endpoint.get_publisher_count() < 1:
                 missing.append(f"{row.name} (no writer)")
         return missing
 
 
-def table_of(guest: Node) -> dict[str, Topic]:
+def table_of(node: Node) -> dict[str, Topic]:
     """Topic table with the most topics that a node writes or reads under its name.
 
     Args:
-        guest: A plain node.
+        node: A plain node.
     """
-    name, has = guest.get_name(), topics_of(guest)
+    name, has = node.get_name(), topics_of(node)
 
     def fit(table: dict[str, Topic]) -> int:
-        places = (row for row in table.values() if name == row.writer or name in row.readers)
-        return sum(row.rate > 0 and row.name in has for row in places)
+        rows = (row for row in table.values() if name == row.writer or name in row.readers)
+        return sum(row.rate > 0 and row.name in has for row in rows)
 
     return max(TABLES.values(), key=fit)
 
 
-def topics_of(guest: Node) -> dict[str, Any]:
+def topics_of(node: Node) -> dict[str, Any]:
     """Publishers and subscriptions of a node, by the names of our tables.
 
     Args:
-        guest: A plain node.
+        node: A plain node.
     """
-    space = guest.get_namespace().rstrip("/") + "/"
-    ends = [*guest.publishers, *guest.subscriptions]
-    names = {end.topic_name: end for end in ends}
+    space = node.get_namespace().rstrip("/") + "/"
+    endpoints = [*node.publishers, *node.subscriptions]
+    names = {end.topic_name: end for end in endpoints}
     return {n.removeprefix(space): e for n, e in names.items() if n.startswith(space)} | names
 
 
-def _leave(data: bytes) -> None:
+def _exit(data: bytes) -> None:
     """In the place of the guest, which does not want this topic."""

@@ -59,7 +59,7 @@ def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:
         params: The limits.
         values: Values by name of their limit; ``real_time_factor`` meets the limit ``slower``.
     """
-    level, texts = OK, []
+    level, messages = OK, []
     for f in fields(params):
         low = f.name == "slower"
         value = values.get("real_time_factor" if low else f.name)
@@ -69,11 +69,11 @@ def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:
             if limit and (value < limit if low else value >= limit):
                 level = max(level, grade)
                 sign = "below" if low else "reaches"
-                texts.append(
+                messages.append(
                     f"{'real_time_factor' if low else f.name} {value:.4g} {sign} {limit:g}"
                 )
                 break
-    return level, "; ".join(texts) or "running"
+    return level, "; ".join(messages) or "running"
 
 
 class PeriodMeter:
@@ -88,13 +88,13 @@ class PeriodMeter:
 
     def mark(self) -> None:
         """A tick happens now."""
-        now = time.perf_counter()
+        time_now = time.perf_counter()
         if self._last:
-            period = now - self._last
+            period = time_now - self._last
             self._count += 1
             self._sum += period
             self._max = max(self._max, period)
-        self._last = now
+        self._last = time_now
 
     @property
     def silence(self) -> float | None:

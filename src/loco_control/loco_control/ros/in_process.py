@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages between the nodes of one process, handed over as bytes instead of through DDS.
 
-Fast DDS is told not to match endpoints of its own process (`in_process.xml`), so that a node
-hears of its neighbours from the `Post` alone. Everyone else hears them over DDS as before, and
-they hear everyone else.
+Fast DDS is told by our profile not to match endpoints of its own process, so that a node hears
+of its neighbours from the `Post` alone. Everyone else hears them over DDS as before, and they
+hear everyone else.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import contextlib
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -21,9 +20,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
-PROFILE = Path(__file__).with_name("in_process.xml")
-_OF_USER = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-_IN_FOLDER = "DEFAULT_FASTRTPS_PROFILES.xml"  # Fast DDS reads it where it starts
+from . import IGNORE_OWN, PROFILE, has_user_profile
+
 _AT_ONCE = 32  # messages that are handed over before the executor looks at the rest: four ticks
 
 
@@ -31,19 +29,17 @@ def obstacle() -> str:
     """Reason why this process cannot keep its messages from DDS, "" if there is none."""
     if (rmw := get_rmw_implementation_identifier()) != "rmw_fastrtps_cpp":
         return f"the middleware is {rmw}"
-    if found := next((name for name in _OF_USER if os.environ.get(name)), ""):
-        return f"{found} is set"
-    return f"the folder has a {_IN_FOLDER}" if Path(_IN_FOLDER).exists() else ""
+    return f"{PROFILE} is set" if has_user_profile(os.environ) else ""
 
 
 @contextlib.contextmanager
 def deaf_to_itself() -> Iterator[None]:
     """Within it, the first node of the process must be made; the profile is read then."""
-    os.environ[_OF_USER[0]] = str(PROFILE)
+    os.environ[IGNORE_OWN] = "true"
     try:
         yield
     finally:
-        del os.environ[_OF_USER[0]]
+        os.environ[IGNORE_OWN] = "false"
 
 
 class Post:
@@ -61,21 +57,21 @@ class Post:
 
     def __init__(self, executor: Any):
         self._executor, self.timed = executor, False
-        self._asked = False  # the executor will come to us
+        self._interrupted = False  # the executor will come to us
         self._queue: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._readers: dict[str, list[Callable[[bytes], None]]] = {}
         self._writers: dict[str, int] = {}
-        self._kept: dict[str, deque[bytes]] = {}  # newest messages of latched topics
+        self._latched: dict[str, deque[bytes]] = {}  # newest messages of latched topics
 
-    def publisher(self, *args: Any, **more: Any) -> Publisher:
+    def publisher(self, *args: Any, **kwargs: Any) -> Publisher:
         """Make a publisher, as the class that `Node.create_publisher` wants."""
-        made = _Publisher(*args, **more)
-        name, qos = made.topic_name, made.qos_profile
+        publisher = _Publisher(*args, **kwargs)
+        name, qos = publisher.topic_name, publisher.qos_profile
         if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-            made.kept = self._kept.setdefault(name, deque(maxlen=qos.depth))
-        made.post, made.readers = self, self._readers.setdefault(name, [])
+            publisher.kept = self._latched.setdefault(name, deque(maxlen=qos.depth))
+        publisher.post, publisher.readers = self, self._readers.setdefault(name, [])
         self._writers[name] = self.writers(name) + 1
-        return made
+        return publisher
 
     def subscribe(self, subscription: Subscription, callback: Callable) -> None:
         """Hand what this process publishes on the topic of a subscription to its callback, too."""
@@ -87,7 +83,7 @@ class Post:
 
         self._readers.setdefault(name, []).append(receive)
         if subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-            for data in self._kept.get(name, ()):
+            for data in self._latched.get(name, ()):
                 self.put([receive], data)
 
     def writers(self, name: str) -> int:
@@ -98,8 +94,8 @@ class Post:
         """Queue a message for readers."""
         for receive in readers:
             self._queue.append((receive, data))
-        if not self._asked and not self.timed:
-            self._ask()
+        if not self._interrupted and not self.timed:
+            self._interrupt()
 
     def hand_over(self) -> bool:
         """Hand the oldest message to its reader; whether there was one."""
@@ -109,8 +105,8 @@ class Post:
         receive(data)
         return True
 
-    def _ask(self) -> None:
-        self._asked = True
+    def _interrupt(self) -> None:
+        self._interrupted = True
         self._executor.create_task(self._work)
 
     def _work(self) -> None:
@@ -120,9 +116,9 @@ class Post:
                 break
             receive, data = queue.popleft()
             receive(data)
-        self._asked = False
+        self._interrupted = False
         if queue:
-            self._ask()
+            self._interrupt()
 
 
 class _Publisher(Publisher):
@@ -159,10 +155,10 @@ def raw(publisher: Publisher) -> Callable[[bytes], None]:
     send = publisher.handle.publish_raw
     if not isinstance(publisher, _Publisher):
         return send
-    tell = publisher.tell
+    deliver = publisher.tell
 
     def publish(data: bytes) -> None:
         send(data)
-        tell(data)
+        deliver(data)
 
     return publish

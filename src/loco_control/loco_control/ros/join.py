@@ -58,44 +58,50 @@ class TickJoin:
         self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
         self._heard = -1  # tick of the newest message that waits
         self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
-        self._begun = -1  # tick of the last message of the first topic
+        self._has_begun = -1  # tick of the last message of the first topic
         self.done = -1  # newest tick answered
         self.stale = self.refused = 0
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
-        tick_of, own, others = self._tick_of, self._waiting[name], self._waiting.values()
-        first, count = own is next(iter(others)), len(self._readers)
+        tick_of, own_messages, other_messages = (
+            self._tick_of,
+            self._waiting[name],
+            self._waiting.values(),
+        )
+        first, count = own_messages is next(iter(other_messages)), len(self._readers)
 
         def receive(data: bytes) -> None:
             tick = tick_of(data)
             if first:
-                self._begun = tick
-            elif own and self._newest is None:
-                self._forget_early(own)
+                self._has_begun = tick
+            elif own_messages and self._newest is None:
+                self._forget_early(own_messages)
             if tick <= self.done or (self._newest is not None and tick > self._newest()):
                 self.stale += 1
                 if not first or not self._set_back(tick):
                     return
-            own[tick], self._heard = data, tick
-            found = [messages[tick] for messages in others if tick in messages]
-            if len(found) == count:
-                self._answer(tick, found)
-            elif len(own) > _PENDING:
-                del own[next(iter(own))]
+            own_messages[tick], self._heard = data, tick
+            matches = [messages[tick] for messages in other_messages if tick in messages]
+            if len(matches) == count:
+                self._answer(tick, matches)
+            elif len(own_messages) > _PENDING:
+                del own_messages[next(iter(own_messages))]
 
         return receive
 
-    def _forget_early(self, own: dict[int, bytes]) -> None:
+    def _forget_early(self, own_messages: dict[int, bytes]) -> None:
         """Another message came after one of a tick that did not begin: its clock was wrong."""
-        for tick in [t for t in own if self._period and t > self._begun + self._period]:
-            del own[tick]
+        for tick in [
+            t for t in own_messages if self._period and t > self._has_begun + self._period
+        ]:
+            del own_messages[tick]
             self.stale += 1
 
     def _set_back(self, tick: int) -> bool:
         """Whether the clock was set back, and not a message late; then begin anew there."""
-        known = self._period and self._newest is None
-        if not known or tick >= self.done - _BACK * self._period:
+        has_period = self._period and self._newest is None
+        if not has_period or tick >= self.done - _BACK * self._period:
             return False
         self.done = tick - self._period
         for messages in self._waiting.values():
@@ -104,31 +110,33 @@ class TickJoin:
 
     def missing(self) -> list[str]:
         """Topics that the next step still waits for."""
-        return [name for name, own in self._waiting.items() if self._heard not in own]
+        return [name for name, messages in self._waiting.items() if self._heard not in messages]
 
-    def _answer(self, tick: int, found: list[bytes]) -> None:
+    def _answer(self, tick: int, messages_of_tick: list[bytes]) -> None:
         readers = self._readers.values()
         values = []
-        for name, data in zip(self._readers, found, strict=True):
+        for name, data in zip(self._readers, messages_of_tick, strict=True):
             try:
                 values.append(self._readers[name].read(data))
             except Exception as error:  # of ours, of rclpy, or whatever these bytes led it to
                 if self._refuse is None:
                     raise
                 self.refused += 1
-                for own in self._waiting.values():
-                    del own[tick]  # what comes once more may be right
-                known = isinstance(error, LocoError)
-                self._refuse(str(error) if known else f"{name}: {len(data)} bytes cannot be read")
+                for messages in self._waiting.values():
+                    del messages[tick]  # what comes once more may be right
+                is_loco_error = isinstance(error, LocoError)
+                self._refuse(
+                    str(error) if is_loco_error else f"{name}: {len(data)} bytes cannot be read"
+                )
                 return
         if self.done >= 0:
             self._period = min(self._period or tick, tick - self.done)
         self.done = tick
-        for own in self._waiting.values():
-            for old in [t for t in own if t <= tick]:
-                del own[old]
-        judged = zip(readers, found, values, strict=True)
-        if not all(reader.finite(data, value) for reader, data, value in judged):
+        for messages in self._waiting.values():
+            for old in [t for t in messages if t <= tick]:
+                del messages[old]
+        checked = zip(readers, messages_of_tick, values, strict=True)
+        if not all(reader.finite(data, value) for reader, data, value in checked):
             self.refused += 1
             if self._refuse is not None:
                 self._refuse("")

@@ -32,7 +32,10 @@ __all__ = ["LocoNode"]
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _NO_NUMBERS = "numbers that are not finite"
-_SETTLING = 0.2  # endpoints stay matched this long before a node is ready: others are heard of [s]
+_SETTLE_TIME = (
+    0.2  # endpoints stay matched this long before a node is ready: others are heard of [s]
+)
+_LAST_TICK, _LAST_TIME = 2**64 - 1, 2.0**31  # of a message; time in [s]
 _LONGEST = 2000  # characters of the text of an event: others decide what it quotes
 
 
@@ -80,26 +83,26 @@ class LocoNode(Node):
         self.granted: list[str] = []
         self._periods, self._usage = PeriodMeter(), UsageMeter()
         self._joins: list[TickJoin] = []
-        self._stale = 0  # at the last report
+        self._stale_counts = 0  # at the last report
         self._events = self.output("events")
         self._diagnostics = self.output("/diagnostics")
         self._ready_timer = None
         self.create_timer(1.0, self.publish_diagnostics)
 
-    def create_publisher(self, *args: Any, **more: Any) -> Any:
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
         """Make a publisher, as `Node` does; nodes of the same process hear it, too."""
         if self.post:
-            more["publisher_class"] = self.post.publisher
-        return super().create_publisher(*args, **more)
+            kwargs["publisher_class"] = self.post.publisher
+        return super().create_publisher(*args, **kwargs)
 
     def create_subscription(
-        self, kind: type, name: str, callback: Callable, qos: Any, **more: Any
+        self, kind: type, name: str, callback: Callable, qos: Any, **kwargs: Any
     ) -> Any:
         """Make a subscription, as `Node` does; it hears nodes of the same process, too."""
-        made = super().create_subscription(kind, name, callback, qos, **more)
+        subscription = super().create_subscription(kind, name, callback, qos, **kwargs)
         if self.post:
-            self.post.subscribe(made, callback)
-        return made
+            self.post.subscribe(subscription, callback)
+        return subscription
 
     def create_timer(
         self,
@@ -107,15 +110,15 @@ class LocoNode(Node):
         callback: Callable,
         callback_group: Any = None,
         clock: Any = _STEADY,
-        **more: Any,
+        **kwargs: Any,
     ) -> Any:
         """Make a timer, as `Node` does; by default no change of the wall clock stops it."""
-        return super().create_timer(period, callback, callback_group, clock, **more)
+        return super().create_timer(period, callback, callback_group, clock, **kwargs)
 
     def writers(self, subscription: Any) -> int:
         """Number of writers that a subscription hears."""
-        own = self.post.writers(subscription.topic_name) if self.post else 0
-        return subscription.get_publisher_count() + own
+        in_process = self.post.writers(subscription.topic_name) if self.post else 0
+        return subscription.get_publisher_count() + in_process
 
     def row(self, name: str) -> Topic:
         """Row of a topic in the table of this graph."""
@@ -140,12 +143,12 @@ class LocoNode(Node):
             raw: The callback takes the bytes instead and judges them itself.
         """
         row = self.row(name)
-        heard = faulty(row.name) if name in self.faulted else row.name
+        topic_name = faulty(row.name) if name in self.faulted else row.name
         # A plant that was told of a lost tick goes on while others still have to read it:
         # with a queue of one they would find the next tick, too early, and miss both.
         qos = row.qos.reader(FAULT_DEPTH if self.faulted else None)
         receive = callback if raw else self.reader(name, row.type, callback)
-        self._inputs[name] = self.create_subscription(row.type, heard, receive, qos, raw=True)
+        self._inputs[name] = self.create_subscription(row.type, topic_name, receive, qos, raw=True)
         return self._inputs[name]
 
     def reader(self, name: str, kind: type, callback: Callable) -> Callable[[bytes], None]:
@@ -174,10 +177,10 @@ class LocoNode(Node):
             name: Name of the topic.
             reason: Reason in words, for people.
         """
-        known = name in self._refused
+        repeated = name in self._refused
         self._refused[name] = self._refused.get(name, 0) + 1
         self._reason = f"{name}: {reason}"
-        if not known:
+        if not repeated:
             self.event("message refused", self._reason)
 
     def join(self, classes: dict[str, type], step: Callable) -> TickJoin:
@@ -230,7 +233,9 @@ class LocoNode(Node):
         """
         text = text.encode("utf-8", "replace").decode()  # others may have sent half a character
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
-        message = Event(stamp=to_stamp(t), tick=tick, node=node, kind=kind, text=text)
+        tick = min(max(tick, 0), _LAST_TICK)  # others may have sent any tick and time, too
+        stamp = to_stamp(t if abs(t) < _LAST_TIME else 0.0)
+        message = Event(stamp=stamp, tick=tick, node=node, kind=kind, text=text)
         self._events.publish(message)
 
     def heard(self, topic: str, value: Any, tick: int) -> None:
@@ -260,18 +265,18 @@ class LocoNode(Node):
                 missing.append(f"{name} (a writer whose node is not known yet)")
         for name, publisher in self._outputs.items():
             row = self.row(name)
-            wanted = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
-            wanted += bool(self.faulted) and row == starts_tick(self.table)  # `faults` follows it
-            if row.paced and publisher.get_subscription_count() < wanted:
-                missing.append(f"{name} ({publisher.get_subscription_count()}/{wanted} readers)")
+            expected = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
+            expected += bool(self.faulted) and row == starts_tick(self.table)  # `faults` follows it
+            if row.paced and publisher.get_subscription_count() < expected:
+                missing.append(f"{name} ({publisher.get_subscription_count()}/{expected} readers)")
         return missing
 
     def _strangers(self) -> str:
         """Control topic that several nodes write, and their names; "" if there is none."""
         for name, subscription in self._inputs.items():
             if self.row(name).paced and self.writers(subscription) > 1:
-                if found := strangers(self, subscription.topic_name, self._host()):
-                    return found
+                if stranger := strangers(self, subscription.topic_name, self._host()):
+                    return stranger
         return ""
 
     def _refuse_strangers(self) -> None:
@@ -280,8 +285,8 @@ class LocoNode(Node):
         Raises:
             GraphError: A control topic has a second writer.
         """
-        if found := self._strangers():
-            raise GraphError(f"{found}; {ANOTHER}")
+        if stranger := self._strangers():
+            raise GraphError(f"{stranger}; {ANOTHER}")
 
     def _living(self, name: str) -> list[Any]:
         """Writers of a topic whose processes live."""
@@ -292,10 +297,10 @@ class LocoNode(Node):
 
     def _check_ready(self) -> None:
         self._refuse_strangers()
-        now = time.monotonic()
+        time_now = time.monotonic()
         if self.unmatched():
-            self._matched_since = now
-        elif self._ready_timer is not None and now - self._matched_since > _SETTLING:
+            self._matched_since = time_now
+        elif self._ready_timer is not None and time_now - self._matched_since > _SETTLE_TIME:
             self._ready_timer.cancel()
             self._ready_timer = None
             self.event("ready")
@@ -338,9 +343,9 @@ class LocoNode(Node):
         """Late messages, time since the last tick, and the messages that the next one lacks."""
         if not self._joins:
             return {}
-        stale = sum(join.stale for join in self._joins)
-        values: dict[str, Any] = {"stale": stale - self._stale}
-        self._stale = stale
+        stale_count = sum(join.stale for join in self._joins)
+        values: dict[str, Any] = {"stale": stale_count - self._stale_counts}
+        self._stale_counts = stale_count
         if self._periods.silence is not None:
             values["silence"] = self._periods.silence
         values["missing"] = ", ".join(n for join in self._joins for n in join.missing())

@@ -12,6 +12,7 @@ import json
 from typing import Any, TypeVar
 
 import numpy as np
+import rclpy
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
@@ -96,13 +97,20 @@ def seal(node: Node) -> set[str]:
     live: set[str] = set()
 
     def changed(parameters: list[Parameter]) -> SetParametersResult:
-        there = [p.name for p in parameters if node.has_parameter(p.name)]
-        fixed = [name for name in there if name not in live]
+        declared = [p.name for p in parameters if node.has_parameter(p.name)]
+        fixed = [name for name in declared if name not in live]
         text = f"{', '.join(fixed)} cannot change while the node runs"
         return SetParametersResult(successful=not fixed, reason=text if fixed else "")
 
     node.add_on_set_parameters_callback(changed)
     return live
+
+
+def sealed_node(name: str, **options: Any) -> Node:
+    """A node of `rclpy.create_node`, with its options, whose parameters nobody can change."""
+    node = rclpy.create_node(name, **options)
+    seal(node)
+    return node
 
 
 def on_change(node: Any, apply: dict[str, Any]) -> None:

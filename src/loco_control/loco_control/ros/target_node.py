@@ -44,14 +44,16 @@ class TargetGeneratorNode(LocoNode):
 
     def _on_velocity(self, message: TwistStamped) -> None:
         linear, angular = message.twist.linear, message.twist.angular
-        asked = (linear.x, linear.y, angular.z)
-        self.heard("cmd_vel", " ".join(map(str, asked)), self._join.done + 1)
+        requested = (linear.x, linear.y, angular.z)
+        self.heard("cmd_vel", " ".join(map(str, requested)), self._join.done + 1)
         try:
-            followed = self.generator.follow(*asked)
+            followed = self.generator.follow(*requested)
         except LocoError as error:
             self.refuse("cmd_vel", str(error))
             return
-        self._clipped = "" if tuple(followed.values()) == asked else _difference(asked, followed)
+        self._clipped = (
+            "" if tuple(followed.values()) == requested else _difference(requested, followed)
+        )
         if self._clipped:
             self.get_logger().warning(f"cmd_vel: {self._clipped}")
             self.event("clipped", f"cmd_vel: {self._clipped}", self._join.done + 1)
@@ -71,10 +73,10 @@ class TargetGeneratorNode(LocoNode):
         return {"cmd_vel_clipped": self._clipped} if self._clipped else {}
 
 
-def _difference(asked: tuple[float, ...], followed: dict[str, float]) -> str:
+def _difference(requested: tuple[float, ...], followed: dict[str, float]) -> str:
     """Sentence about a command that legs cannot follow."""
-    pairs = zip(TWIST, asked, followed.values(), strict=True)
-    cut = [f"{name} {wanted:.3g} is cut to {got:.3g}" for name, wanted, got in pairs if wanted]
+    pairs = zip(TWIST, requested, followed.values(), strict=True)
+    cut = [f"{name} {value:.3g} is cut to {limited:.3g}" for name, value, limited in pairs if value]
     return f"{', '.join(cut)}: out of range, or of reach of the legs"
 
 

@@ -91,8 +91,8 @@ def solve_positive(A, b):
     size = len(b)
     for j in range(size):
         for i in range(j, size):
-            rest = A[i, j] - dot(A[i, :j], A[j, :j])
-            A[i, j] = math.sqrt(rest) if i == j else rest / A[j, j]
+            remainder = A[i, j] - dot(A[i, :j], A[j, :j])
+            A[i, j] = math.sqrt(remainder) if i == j else remainder / A[j, j]
         b[j] = (b[j] - dot(A[j, :j], b[:j])) / A[j, j]
     for j in range(size - 1, -1, -1):
         b[j] = (b[j] - dot(A[j + 1 :, j], b[j + 1 :])) / A[j, j]

@@ -74,21 +74,21 @@ def turning_rate(feet, velocity, stance):
     spread = slope = 0.0
     for leg in range(4):
         if stance[leg]:
-            ahead = feet[leg, 0] - x / count
-            spread += ahead * ahead
-            slope += ahead * (velocity[leg, 1] - y / count)
+            x_lever = feet[leg, 0] - x / count
+            spread += x_lever * x_lever
+            slope += x_lever * (velocity[leg, 1] - y / count)
     rate = -slope / spread if spread > 1e-6 else 0.0
     return rate if abs(rate) > SLOWEST_TURN else 0.0
 
 
 @njit(cache=True)
-def trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains):
+def trunk_wrench(roll, pitch, yaw_error, spin, sunk, rise, gains):
     """Springs and dampers on the trunk: force [N] then moment [N·m], horizontal frame, (6,).
 
     Args:
         roll: Roll of the trunk [rad].
         pitch: Pitch of the trunk [rad].
-        turned: Heading less the wanted one [rad].
+        yaw_error: Heading less the wanted one [rad].
         spin: Angular velocity less the wanted one, horizontal frame [rad/s], (3,).
         sunk: Wanted height less the height [m].
         rise: Vertical velocity [m/s].
@@ -96,12 +96,12 @@ def trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains):
     """
     roll_kp, roll_kd, pitch_kp, pitch_kd, yaw_kp, yaw_kd = gains[:6]
     height_kp, height_kd, mass, gravity = gains[6:]
-    turned = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
+    yaw_error = min(max(yaw_error, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
     wrench = np.zeros(6)
     wrench[2] = height_kp * sunk - height_kd * rise + mass * gravity
     wrench[3] = -roll_kp * roll - roll_kd * spin[0]
     wrench[4] = -pitch_kp * pitch - pitch_kd * spin[1]
-    wrench[5] = -yaw_kp * turned - yaw_kd * spin[2]
+    wrench[5] = -yaw_kp * yaw_error - yaw_kd * spin[2]
     return wrench
 
 
@@ -154,9 +154,9 @@ def trunk_torque(
     J = standing(stance, all_J.reshape(4, 9)).reshape(count, 3, 3)
     height, rise = -feet[:, 2].sum() / count, -velocity[:, 2].sum() / count
     lowest = min(target_feet[0, 2], target_feet[1, 2], target_feet[2, 2], target_feet[3, 2])
-    turned, sunk = wrap_angle(yaw - heading[0]), -lowest - height
+    yaw_error, sunk = wrap_angle(yaw - heading[0]), -lowest - height
     spin[2] -= heading[1]
-    wrench = trunk_wrench(roll, pitch, turned, spin, sunk, rise, gains)
+    wrench = trunk_wrench(roll, pitch, yaw_error, spin, sunk, rise, gains)
     forces = nullspace_forces(wrench, feet, J) if nullspace else minimum_forces(wrench, feet)
     i = 0
     for leg in range(4):

@@ -33,16 +33,16 @@ def figure(function: Callable[[Result], Figure]) -> Callable[[Result], Figure]:
     return function
 
 
-def _canvas(rows: int, columns: int, height: float, **more: object) -> tuple[Figure, np.ndarray]:
+def _canvas(rows: int, columns: int, height: float, **kwargs: object) -> tuple[Figure, np.ndarray]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(WIDTH, height), layout="constrained", dpi=120)
-    FigureCanvasAgg(made)
-    axes = made.subplots(rows, columns, squeeze=False, **more)
+    figure = Figure(figsize=(WIDTH, height), layout="constrained", dpi=120)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
     for ax in axes.flat:
         ax.spines[["top", "right"]].set_visible(False)
-    return made, axes
+    return figure, axes
 
 
 @figure
@@ -93,11 +93,13 @@ def _short(name: str) -> str:
 def _draw(ax, row: Comparison, j: int) -> None:
     count = len(row.curves["robot"])
     t = np.arange(count) / count * row.period
-    for name, look in LINES.items():
+    for name, style in LINES.items():
         mean = np.degrees(row.curves[name][:, j])
-        spread = np.degrees(row.curves[f"{name}_spread"][:, j])
-        ax.fill_between(t, mean - spread, mean + spread, color=look["color"], alpha=0.18, lw=0)
-        ax.plot(t, mean, label=name, **look)
+        deviation = np.degrees(row.curves[f"{name}_spread"][:, j])
+        ax.fill_between(
+            t, mean - deviation, mean + deviation, color=style["color"], alpha=0.18, lw=0
+        )
+        ax.plot(t, mean, label=name, **style)
 
 
 def spectra(row: Comparison, result: Result) -> Chart:
@@ -107,8 +109,8 @@ def spectra(row: Comparison, result: Result) -> Chart:
     for j, joint in enumerate(result.joints):
         layers = [
             line(name, count / row.period, np.degrees(spectrum(row.curves[name])[count, j]),
-                 str(look["color"]), size=2.4 if name == "robot" else 1.4)
-            for name, look in LINES.items()
+                 str(style["color"]), size=2.4 if name == "robot" else 1.4)
+            for name, style in LINES.items()
         ]  # fmt: skip
         axes = Axis("frequency [Hz]"), Axis("amplitude [deg]", logarithmic=True)
         frames.append(
@@ -119,23 +121,28 @@ def spectra(row: Comparison, result: Result) -> Chart:
 
 def bodies(result: Result) -> Chart:
     """Parameters of each seed between their bounds."""
-    chosen = parameter_set(result.options["parameters"])
-    names = [p.text for p in chosen.parameters][::-1]
+    parameters = parameter_set(result.options["parameters"])
+    names = [p.text for p in parameters.parameters][::-1]
     rows, gap = np.arange(len(names)), np.full(len(names), np.nan)
-    ends = np.column_stack([0 * rows, 0 * rows + 1, gap]).ravel()
-    layers = [line("bounds", ends, np.column_stack([rows, rows, gap]).ravel(), GREY, size=2.0)]
+    ticks = np.column_stack([0 * rows, 0 * rows + 1, gap]).ravel()
+    layers = [line("bounds", ticks, np.column_stack([rows, rows, gap]).ravel(), GREY, size=2.0)]
     for fit in result.fits:
-        found = zip(chosen.parameters, fit.values.values(), strict=True)
-        values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}" for p, value in found]
-        at = chosen.to_unit(fit.values)[::-1]
+        pairs = zip(parameters.parameters, fit.values.values(), strict=True)
+        values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}" for p, value in pairs]
+        at = parameters.to_unit(fit.values)[::-1]
         layers.append(dots("calibrated, each seed", at, rows, str(CALIBRATED["color"]),
                            texts=values[::-1]))  # fmt: skip
-    default = chosen.to_unit(chosen.default)[::-1]
+    default = parameters.to_unit(parameters.default)[::-1]
     layers.append(dots("default", default, rows, str(DEFAULT["color"])))
-    known = [(p.to_unit(p.thesis), y) for p, y in zip(chosen.parameters[::-1], rows, strict=True)
-             if p.thesis is not None]  # fmt: skip
-    if known:
-        layers.append(dots("thesis, Table 5.1", *zip(*known, strict=True), "#222222", size=2.5))
+    thesis_marks = [
+        (p.to_unit(p.thesis), y)
+        for p, y in zip(parameters.parameters[::-1], rows, strict=True)
+        if p.thesis is not None
+    ]
+    if thesis_marks:
+        layers.append(
+            dots("thesis, Table 5.1", *zip(*thesis_marks, strict=True), "#222222", size=2.5)
+        )
     axes = (
         Axis("place between the bounds [-]", limits=(-0.03, 1.03)),
         Axis("parameter", names=names),

@@ -64,11 +64,11 @@ class Problem:
         return {"model": model, "options": options, "recording": signals, "run": self.run}
 
 
-def start(chosen: ParameterSet, seed: int, run: int = 0) -> np.ndarray:
+def start(parameters: ParameterSet, seed: int, run: int = 0) -> np.ndarray:
     """Starting point of a search, (d,): first at the default body, later anywhere."""
     if run == 0:
-        return chosen.to_unit(chosen.default)
-    return np.random.default_rng([seed, run]).uniform(0.1, 0.9, len(chosen.names))
+        return parameters.to_unit(parameters.default)
+    return np.random.default_rng([seed, run]).uniform(0.1, 0.9, len(parameters.names))
 
 
 class Calibration:
@@ -110,7 +110,7 @@ class Calibration:
 
     def run(
         self,
-        tell: Callable[[Generation], None] | None = None,
+        on_progress: Callable[[Generation], None] | None = None,
         folder: str | Path | None = None,
         workers: int = 0,
         scheduler: str = "",
@@ -118,7 +118,7 @@ class Calibration:
         """Search until the generations are spent or `cancel`; the best body found.
 
         Args:
-            tell: Called after each generation.
+            on_progress: Called after each generation.
             folder: Folder of the record of evaluations; one with the same search is resumed.
             workers: Processes that evaluate; 0 evaluates in this one.
             scheduler: Address of a dask scheduler to use instead.
@@ -126,9 +126,9 @@ class Calibration:
         Raises:
             ParameterError: Another search in the folder, or nobody at the scheduler.
         """
-        course = _Course(self.parameters, tell)
-        budget, run, ended = self._budget(), 0, ""
-        while not ended:
+        course = _Course(self.parameters, on_progress)
+        budget, run, reason = self._budget(), 0, ""
+        while not reason:
             place = Path(folder) / f"run_{run}" if folder else None
             search = self._search(run, budget - course.evaluations, workers, scheduler)
             optimum = minimise(
@@ -141,19 +141,19 @@ class Calibration:
             course.end(optimum)
             run += 1
             if self._cancelled:
-                ended = "cancelled"
+                reason = "cancelled"
             elif budget - course.evaluations < self.options.population:
-                ended = f"{course.evaluations} evaluations, {run} starts"
+                reason = f"{course.evaluations} evaluations, {run} starts"
         before = self.before.error[self.options.loss]
         values, error = course.values, course.best
         if not error < before:
             values, error = self.parameters.default, before
-        return Fit(self.options.seed, values, error, before, course.history, ended)
+        return Fit(self.options.seed, values, error, before, course.history, reason)
 
     def _budget(self) -> int:
         o = self.options
-        most = o.generations * o.population
-        return min(most, o.evaluations) if o.evaluations else most
+        max_evaluations = o.generations * o.population
+        return min(max_evaluations, o.evaluations) if o.evaluations else max_evaluations
 
     def _search(self, run: int, budget: int, workers: int, scheduler: str) -> PopulationParams:
         o = self.options
@@ -173,8 +173,8 @@ class Calibration:
 class _Course:
     """Generations of all starts as those of one search."""
 
-    def __init__(self, parameters: ParameterSet, tell: Callable[[Generation], None] | None):
-        self._parameters, self._tell = parameters, tell
+    def __init__(self, parameters: ParameterSet, on_progress: Callable[[Generation], None] | None):
+        self._parameters, self._tell = parameters, on_progress
         self.history: list[Generation] = []
         self.best, self.values = float("inf"), parameters.default
         self.evaluations = 0  # of the starts that have ended

@@ -48,14 +48,14 @@ class Signals:
         """Commands of the driven joints [rad], (m,), at simulated time t [s]."""
         self._add(self._commands, t, q)
 
-    def _add(self, kept: deque, t: float, value: np.ndarray) -> None:
+    def _add(self, samples: deque, t: float, value: np.ndarray) -> None:
         # The robot began anew, or messages were lost: only what follows is whole.
-        if kept and not 0.0 <= t - kept[-1][0] <= GAP:
+        if samples and not 0.0 <= t - samples[-1][0] <= GAP:
             self._states.clear()
             self._commands.clear()
-        kept.append((t, value))
-        while kept[0][0] < t - self.span:
-            kept.popleft()
+        samples.append((t, value))
+        while samples[0][0] < t - self.span:
+            samples.popleft()
 
     @property
     def now(self) -> float:
@@ -67,8 +67,8 @@ class Signals:
         """Time that states and commands both cover [s]."""
         if not (self._states and self._commands):
             return 0.0
-        begin = max(self._states[0][0], self._commands[0][0])
-        return max(0.0, min(self._states[-1][0], self._commands[-1][0]) - begin)
+        start = max(self._states[0][0], self._commands[0][0])
+        return max(0.0, min(self._states[-1][0], self._commands[-1][0]) - start)
 
     def recording(self, rate: float) -> Recording:
         """The signals that are kept, on one even time axis.
@@ -79,8 +79,8 @@ class Signals:
         if self.length <= 0.0:
             raise ParameterError(f"{self.name} has sent no joint states or no commands yet")
         states, commands = (
-            (np.array([t for t, _ in kept]), np.array([x for _, x in kept]))
-            for kept in (self._states, self._commands)
+            (np.array([t for t, _ in samples]), np.array([x for _, x in samples]))
+            for samples in (self._states, self._commands)
         )
         return align(self.name, (*states, self.joints), (*commands, self.driven), rate)
 
@@ -134,25 +134,29 @@ class GapMeter:
 
     def update(self) -> Gap | None:
         """The gap over the newest period, None if that period is known already or not whole."""
-        now = self._measured.now
-        if now < self._newest:  # it began anew
+        time_now = self._measured.now
+        if time_now < self._newest:  # it began anew
             self._newest = self._next_look = -np.inf
-        if now < self._next_look:
+        if time_now < self._next_look:
             return None
-        self._next_look = now + LOOK
+        self._next_look = time_now + LOOK
         measured = self._last_period(self._measured, self._newest)
         model = measured and self._last_period(self._model)
         if not measured or not model:
             return None
-        (_, end), ours = measured
-        self._next_look = end + 0.95 * ours.period + SETTLED
-        (since, _), theirs = model
+        (_, end), measured_values = measured
+        self._next_look = end + 0.95 * measured_values.period + SETTLED
+        (since, _), model_values = model
         self._newest = end
-        gap, lag = mawe.thesis(ours.mean, theirs.mean, ours.period, self._window)
-        shift = round(lag / ours.period * segments.POINTS)
-        joints = np.abs(ours.mean - np.roll(theirs.mean, shift, axis=0)).mean(axis=0)
+        gap, lag = mawe.thesis(
+            measured_values.mean, model_values.mean, measured_values.period, self._window
+        )
+        shift = round(lag / measured_values.period * segments.POINTS)
+        joints = np.abs(measured_values.mean - np.roll(model_values.mean, shift, axis=0)).mean(
+            axis=0
+        )
         self._number += 1
-        return Gap(self._number - 1, end, since, gap, lag, joints, ours.period)
+        return Gap(self._number - 1, end, since, gap, lag, joints, measured_values.period)
 
     def _last_period(
         self, signals: Signals, after: float = -np.inf

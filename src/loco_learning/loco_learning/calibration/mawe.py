@@ -45,7 +45,7 @@ def thesis(
         ParameterError: Shapes differ or a value is not finite.
     """
     errors, step = _errors(robot, model, period, window)
-    return _least(errors * robot.shape[1], step)
+    return _smallest(errors * robot.shape[1], step)
 
 
 def author(
@@ -60,7 +60,7 @@ def author(
     if np.any(width <= 0.0):
         raise ParameterError("a sensor of the robot is constant: its range cannot be a scale")
     errors, step = _errors((robot - low) / width - 0.5, (model - low) / width - 0.5, period, window)
-    return _least(errors * period, step)
+    return _smallest(errors * period, step)
 
 
 LOSSES: dict[str, Callable[..., tuple[float, float]]] = {"thesis": thesis, "author": author}
@@ -88,25 +88,25 @@ def _errors(
         raise ParameterError("an averaged period has values that are not finite")
     count = len(robot)
     # Half a period either way is every shift there is.
-    most = min(int(window / period * count + 1e-9), count // 2)
-    errors = _kernel(np.ascontiguousarray(robot.T), np.ascontiguousarray(model.T), most)
+    max_shift = min(int(window / period * count + 1e-9), count // 2)
+    errors = _kernel(np.ascontiguousarray(robot.T), np.ascontiguousarray(model.T), max_shift)
     return errors, period / count
 
 
-def _least(errors: np.ndarray, step: float) -> tuple[float, float]:
+def _smallest(errors: np.ndarray, step: float) -> tuple[float, float]:
     shifts = np.arange(len(errors)) - len(errors) // 2
     order = np.lexsort((np.abs(shifts), errors))  # the smallest shift among equals
     return float(errors[order[0]]), float(shifts[order[0]] * step)
 
 
 @njit(cache=True)
-def _kernel(robot: np.ndarray, model: np.ndarray, most: int) -> np.ndarray:  # (J, N) each
+def _kernel(robot: np.ndarray, model: np.ndarray, max_shift: int) -> np.ndarray:  # (J, N) each
     channels, count = robot.shape
-    errors = np.empty(2 * most + 1)
-    for k in range(-most, most + 1):
+    errors = np.empty(2 * max_shift + 1)
+    for k in range(-max_shift, max_shift + 1):
         total = 0.0
         for j in range(channels):
             for i in range(count):
                 total += abs(robot[j, i] - model[j, (i - k) % count])
-        errors[k + most] = total / (channels * count)
+        errors[k + max_shift] = total / (channels * count)
     return errors

@@ -65,15 +65,15 @@ class Reference:
                 f"{recording.name} lasts {recording.t[-1] - recording.t[0]:.1f} s, and its first "
                 f"{options.skip:g} s are not used, since the robot settles there: record longer"
             )
-        least = max(2, options.periods)
+        min_periods = max(2, options.periods)
         moving = segments.leading(command[used])
-        at = segments.crossings(recording.t[used], command[used, moving], least)
+        at = segments.crossings(recording.t[used], command[used, moving], min_periods)
         self.robot = segments.cut(recording.t[used], sensors[used], at)
         self._at = at[: (options.periods or len(at)) + 1]
-        standing = robot.standing[robot.driven]
-        begin = _begin(recording.t, np.abs(command - standing).max(axis=1), self, options.settle)
+        posture = robot.standing[robot.driven]
+        start = _begin(recording.t, np.abs(command - posture).max(axis=1), self, options.settle)
         end = self._at[-1] + 2.0 * recording.dt
-        inside = (recording.t >= begin) & (recording.t <= end)
+        inside = (recording.t >= start) & (recording.t <= end)
         self._commands = commands.part(inside)
 
     @property
@@ -117,10 +117,10 @@ class Reference:
         try:
             self.with_body(parameter_set(name).default).make_robot()
         except LocoError as error:
-            others = ", ".join(key for key in SETS if key != name)
+            alternatives = ", ".join(key for key in SETS if key != name)
             raise ParameterError(
                 f"the parameters {name!r} do not fit robot {self.base.robot!r} ({error}); choose "
-                f"others with --parameters: {others}"
+                f"others with --parameters: {alternatives}"
             ) from None
 
     def evaluate(self, values: Mapping[str, float]) -> Evaluation:
@@ -166,35 +166,38 @@ class Replay:
     distance: float
 
 
-def replay(model: Model, told: Commands, seed: int = 0) -> Replay:
+def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
     """Run a model from standing with recorded commands.
 
     A fall does not end it: the sensors of a fallen model tell that it is wrong.
 
     Args:
         model: Robot, overrides and effects.
-        told: Commands of the driven joints.
+        commands: Commands of the driven joints.
         seed: Seed of the effects.
 
     Raises:
         ParameterError: The body cannot be built, or the rate does not fit the physics.
         DivergedError: The state is no longer finite.
     """
-    robot, t = model.make_robot(), told.t
+    robot, t = model.make_robot(), commands.t
     dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # stamps are rounded, rates are not
-    orders, listened = _orders(robot, told), [robot.joints.index(j) for j in compared(robot)]
+    command_arrays, listened = (
+        _make_commands(robot, commands),
+        [robot.joints.index(j) for j in compared(robot)],
+    )
     q = np.empty((len(t), len(listened)))
     with Simulation(None, model.make_effects(), seed, dt, robot) as sim:
-        for row, state in enumerate(sim.follow(orders)):
+        for row, state in enumerate(sim.follow(command_arrays)):
             q[row] = state.q[listened]
         return Replay(t, q, sim.fallen or "", float(sim.ground_truth().position[0]))
 
 
-def _orders(robot: Robot, told: Commands) -> Orders:
+def _make_commands(robot: Robot, commands: Commands) -> Orders:
     """Commands of all joints."""
-    orders = JointCommands(robot).orders(told.q, told.dq)
-    if told.torque is not None:
-        orders = orders._replace(tau=np.asarray(told.torque, dtype=float))
-    if told.stance is not None:
-        orders = orders._replace(stance=np.asarray(told.stance, dtype=bool))
+    orders = JointCommands(robot).orders(commands.q, commands.dq)
+    if commands.torque is not None:
+        orders = orders._replace(tau=np.asarray(commands.torque, dtype=float))
+    if commands.stance is not None:
+        orders = orders._replace(stance=np.asarray(commands.stance, dtype=bool))
     return orders

@@ -122,7 +122,7 @@ def _legs() -> tuple[BodyParameter, ...]:
 
     Without armature a joint would be at the bound of its scale; a little of it is the default.
     """
-    found = []
+    legs = []
     for kind, text, stiffness in (
         ("haa", "hip abduction", 150.0), ("hfe", "hip flexion", 250.0), ("kfe", "knee", 150.0)
     ):  # fmt: skip
@@ -132,13 +132,13 @@ def _legs() -> tuple[BodyParameter, ...]:
             ("armature", "kg·m²", 1e-4, 1.0, 1e-3, "dynamics.*_{}_joint.armature", True),
         )
         for quantity, unit, low, high, default, target, log in rows:
-            found.append(
+            legs.append(
                 BodyParameter(
                     f"{quantity}_{kind}", unit, low, high, default, None, target.format(kind),
                     f"{text} {quantity}", log,
                 )
             )  # fmt: skip
-    return tuple(found)
+    return tuple(legs)
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import json
+import numbers
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
+from loco_control.checks import check_file
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
-from loco_control.reading import read_json
+from loco_control.reading import read_json, shown
 
 from .mawe import UNITS
 from .objective import Evaluation
@@ -22,6 +24,43 @@ from .progress import Fit, fit_from_dict
 
 FORMAT = 2
 FILE = "calibration.json"
+
+
+class _Options(TypedDict):
+    loss: str
+    parameters: str
+
+
+class _Fit(TypedDict):
+    seed: int
+    values: dict[str, float]
+    error: numbers.Real
+    before: numbers.Real
+    ended: str
+    history: list[dict[str, Any]]
+
+
+class _Comparison(TypedDict):
+    name: str
+    fitted: bool
+    period: float
+    count: int
+    before: dict[str, numbers.Real]
+    after: dict[str, numbers.Real]
+    lag_before: numbers.Real
+    lag_after: numbers.Real
+    fall_before: str
+    fall_after: str
+    curves: dict[str, list[list[numbers.Real]]]
+
+
+class _File(TypedDict):
+    robot: str
+    surrogate: bool
+    options: _Options
+    joints: list[str]
+    fits: list[_Fit]
+    comparisons: list[_Comparison]
 
 
 @dataclass(frozen=True)
@@ -70,11 +109,11 @@ def spectrum(curve: np.ndarray) -> np.ndarray:
         Amplitudes of the mean and of the harmonics 1, 2, … in the curve's unit, (N // 2 + 1, J).
     """
     count = len(curve)
-    found = 2.0 / count * np.abs(np.fft.rfft(curve, axis=0))
-    found[0] /= 2.0
+    amplitude = 2.0 / count * np.abs(np.fft.rfft(curve, axis=0))
+    amplitude[0] /= 2.0
     if count % 2 == 0:
-        found[-1] /= 2.0
-    return found
+        amplitude[-1] /= 2.0
+    return amplitude
 
 
 def comparison(name: str, fitted: bool, before: Evaluation, after: Evaluation) -> Comparison:
@@ -142,8 +181,12 @@ def load(folder: str | Path) -> Result:
     version = values.pop("format")
     if version != FORMAT:
         raise ParameterError(
-            f"{path} is a calibration result of format {version}; this version reads {FORMAT}"
+            f"{path} is a calibration result of format {shown(version)}; "
+            f"this version reads {FORMAT}"
         )
+    check_file(values, _File, path)
+    if not values["fits"] or not values["comparisons"]:
+        raise ParameterError(f"{path}: fits and comparisons must have one entry or more")
     try:
         return _from_dict(values)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
@@ -166,10 +209,10 @@ _MILLI = {"m": ("mm", 1e3)}
 
 def body_table(result: Result) -> tuple[list[str], list[list[str]]]:
     """Head and rows of Table 5.1: default, calibrated, spread over seeds, thesis."""
-    chosen, best = parameter_set(result.options["parameters"]), result.best
+    parameters, best = parameter_set(result.options["parameters"]), result.best
     head = ["Parameter", "Unit", "Default", "Calibrated", "All seeds", "Thesis"]
     rows = []
-    for p in chosen.parameters:
+    for p in parameters.parameters:
         unit, scale = _MILLI.get(p.unit, (p.unit, 1.0))
         seeds = [scale * fit.values[p.name] for fit in result.fits]
         thesis = "–" if p.thesis is None else f"{scale * p.thesis:.4g}"

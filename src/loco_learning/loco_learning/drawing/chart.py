@@ -92,7 +92,7 @@ class Chart:
     frames: Sequence[Frame]
 
 
-def dots(name: str, x: Sequence[float], y: Sequence[float], color: str, **more: object) -> Layer:
+def dots(name: str, x: Sequence[float], y: Sequence[float], color: str, **style: object) -> Layer:
     """Layer of dots; further attributes of `Layer` as keywords.
 
     Args:
@@ -100,12 +100,12 @@ def dots(name: str, x: Sequence[float], y: Sequence[float], color: str, **more: 
         x: Places to the right, (N,).
         y: Places upwards, (N,).
         color: Colour, as ``#rrggbb``.
-        more: Further attributes.
+        style: Further attributes.
     """
-    return Layer(name, array(x), array(y), color, DOTS, **{"size": 3.5, **more})  # type: ignore[arg-type]
+    return Layer(name, array(x), array(y), color, DOTS, **{"size": 3.5, **style})  # type: ignore[arg-type]
 
 
-def line(name: str, x: Sequence[float], y: Sequence[float], color: str, **more: object) -> Layer:
+def line(name: str, x: Sequence[float], y: Sequence[float], color: str, **style: object) -> Layer:
     """Line through points in their order; further attributes of `Layer` as keywords.
 
     Args:
@@ -113,9 +113,9 @@ def line(name: str, x: Sequence[float], y: Sequence[float], color: str, **more: 
         x: Places to the right, (N,).
         y: Places upwards, (N,).
         color: Colour, as ``#rrggbb``.
-        more: Further attributes.
+        style: Further attributes.
     """
-    return Layer(name, array(x), array(y), color, **more)  # type: ignore[arg-type]
+    return Layer(name, array(x), array(y), color, **style)  # type: ignore[arg-type]
 
 
 def bars(
@@ -138,7 +138,7 @@ def bars(
 
 
 def spread(
-    name: str, groups: Sequence[tuple[float, np.ndarray]], color: str, joined: bool = True
+    name: str, groups: Sequence[tuple[float, np.ndarray]], color: str, connected: bool = True
 ) -> list[Layer]:
     """Mean of groups of values as a line with dots, and a stroke of one deviation to both sides.
 
@@ -146,15 +146,15 @@ def spread(
         name: Name in the legend.
         groups: Place and values of each group.
         color: Colour, as ``#rrggbb``.
-        joined: False for dots without a line between.
+        connected: False for dots without a line between.
     """
     at = array([place for place, _ in groups])
     mean = array([np.mean(values) for _, values in groups])
-    off = array([np.std(values) for _, values in groups])
+    deviation = array([np.std(values) for _, values in groups])
     gap = np.full(len(at), np.nan)
-    strokes = np.column_stack([mean - off, mean + off, gap]).ravel()
+    strokes = np.column_stack([mean - deviation, mean + deviation, gap]).ravel()
     layers = [line(name, np.column_stack([at, at, gap]).ravel(), strokes, color)]
-    layers += [line(name, at, mean, color)] if joined else []
+    layers += [line(name, at, mean, color)] if connected else []
     return [*layers, dots(name, at, mean, color)]
 
 
@@ -182,11 +182,11 @@ def limits(frame: Frame, horizontal: bool) -> tuple[float, float]:
         return (1.0, 10.0) if axis.logarithmic else (0.0, 1.0)
     low, high = float(values.min()), float(values.max())
     if axis.logarithmic:
-        room = max((high / low) ** PAD, 1.05)
-        return low / room, high * room
+        margin = max((high / low) ** PAD, 1.05)
+        return low / margin, high * margin
     filled = all(each.shape == BOXES for each in frame.layers)
-    room = 0.0 if filled else PAD * (high - low) or 0.05 * abs(high) or 1.0
-    return low - room, high + room
+    margin = 0.0 if filled else PAD * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + margin
 
 
 def array(values: object) -> np.ndarray:

@@ -34,8 +34,8 @@ def cells(
         scale: Values between whose ends the steps lie: those of all maps that are compared; None
             for `values`.
     """
-    known, unit = np.isfinite(values), unit.removeprefix("-")
-    if not known.any():
+    finite, unit = np.isfinite(values), unit.removeprefix("-")
+    if not finite.any():
         return []
     every = values if scale is None else scale
     low, high = np.percentile(every[np.isfinite(every)], ENDS)
@@ -43,15 +43,15 @@ def cells(
     count = len(STEPS) if high > low else 1
     edges = (np.geomspace if wide else np.linspace)(low, high, count + 1)
     step = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
-    made = []
+    rows = []
     for k in range(count):
-        mask = known & (step == k)
+        mask = finite & (step == k)
         if scale is None and not mask.any():
             continue  # of a common scale the legend shows each step, in order
-        ends = f"{edges[k]:.3g} to {edges[k + 1]:.3g}" if count > 1 else f"{low:.3g}"
-        texts = [f"{name} {value:.4g} {unit}".strip() for value in values[mask]]
-        made.append(marked(mask, f"{ends} {unit}".strip(), STEPS[k], links, texts))
-    return made
+        interval = f"{edges[k]:.3g} to {edges[k + 1]:.3g}" if count > 1 else f"{low:.3g}"
+        labels = [f"{name} {value:.4g} {unit}".strip() for value in values[mask]]
+        rows.append(marked(mask, f"{interval} {unit}".strip(), STEPS[k], links, labels))
+    return rows
 
 
 def marked(
@@ -59,7 +59,7 @@ def marked(
     name: str,
     color: str,
     links: Sequence[Sequence[str]] = (),
-    texts: Sequence[str] = (),
+    labels: Sequence[str] = (),
 ) -> Layer:
     """Cells of a mask as boxes.
 
@@ -68,12 +68,21 @@ def marked(
         name: Name in the legend.
         color: Colour, as ``#rrggbb``.
         links: Address that a click on a cell opens, (ny, nx) or nothing.
-        texts: Words on each marked cell, in the order of `np.nonzero`.
+        labels: Words on each marked cell, in the order of `np.nonzero`.
     """
     rows, columns = (array(at) for at in np.nonzero(mask))
-    chosen = [links[int(i)][int(j)] for i, j in zip(rows, columns, strict=True)] if links else ()
+    targets = [links[int(i)][int(j)] for i, j in zip(rows, columns, strict=True)] if links else ()
     return Layer(
-        name, columns - 0.5, rows - 0.5, color, BOXES, 1.2, columns + 0.5, rows + 0.5, texts, chosen
+        name,
+        columns - 0.5,
+        rows - 0.5,
+        color,
+        BOXES,
+        1.2,
+        columns + 0.5,
+        rows + 0.5,
+        labels,
+        targets,
     )
 
 

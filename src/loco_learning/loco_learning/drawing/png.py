@@ -36,35 +36,35 @@ def write(chart: Chart, path: Path) -> Path:
     rows = max(1, -(-count // columns))
     size = (WIDTH * columns, HEIGHT * rows) if count > 1 else (1.6 * WIDTH, 1.3 * HEIGHT)
     with matplotlib.rc_context(STYLE):
-        made = Figure(figsize=size, layout="constrained", dpi=120)
-        FigureCanvasAgg(made)  # no display, and no global state as pyplot has
-        axes = made.subplots(rows, columns, squeeze=False).flat
-        known: dict[str, Any] = {}
+        figure = Figure(figsize=size, layout="constrained", dpi=120)
+        FigureCanvasAgg(figure)  # no display, and no global state as pyplot has
+        axes = figure.subplots(rows, columns, squeeze=False).flat
+        legend: dict[str, Any] = {}
         for ax, frame in zip(axes, chart.frames, strict=False):
-            _frame(ax, frame, known)
+            _frame(ax, frame, legend)
         for ax in list(axes)[count:]:
             ax.set_axis_off()
-        named = {name: handle for name, handle in known.items() if name}
-        made.legend(named.values(), named, loc="outside right upper")
-        return write_whole(path, partial(made.savefig, format="png"))
+        named = {name: handle for name, handle in legend.items() if name}
+        figure.legend(named.values(), named, loc="outside right upper")
+        return write_whole(path, partial(figure.savefig, format="png"))
 
 
-def _frame(ax: Axes, frame: Frame, known: dict[str, Any]) -> None:
+def _frame(ax: Axes, frame: Frame, legend: dict[str, Any]) -> None:
     for axis, horizontal in ((frame.x, True), (frame.y, False)):
         _axis(ax, axis, limits(frame, horizontal), horizontal)
     for order, layer in enumerate(frame.layers):
         handle = _layer(ax, layer, order)
-        if len(layer.x) or layer.name not in known:  # of a dark mark on a pale one the mark
-            known[layer.name] = handle
+        if len(layer.x) or layer.name not in legend:  # of a dark mark on a pale one the mark
+            legend[layer.name] = handle
     ax.set_title(frame.title, fontsize=9)
     if frame.equal:
         ax.set_aspect("equal", adjustable="datalim")
 
 
-def _axis(ax: Axes, axis: Axis, ends: tuple[float, float], horizontal: bool) -> None:
+def _axis(ax: Axes, axis: Axis, limits: tuple[float, float], horizontal: bool) -> None:
     if axis.logarithmic:
         (ax.set_xscale if horizontal else ax.set_yscale)("log")
-    (ax.set_xlim if horizontal else ax.set_ylim)(*ends)
+    (ax.set_xlim if horizontal else ax.set_ylim)(*limits)
     (ax.set_xlabel if horizontal else ax.set_ylabel)(axis.label)
     if axis.names:
         every = math.ceil(len(axis.names) / MOST_NAMES) if horizontal else 1
@@ -75,16 +75,16 @@ def _axis(ax: Axes, axis: Axis, ends: tuple[float, float], horizontal: bool) -> 
 
 
 def _layer(ax: Axes, layer: Layer, order: int) -> Any:
-    look = {"color": layer.color, "label": layer.name, "zorder": 2.0 + 0.01 * order}
+    style = {"color": layer.color, "label": layer.name, "zorder": 2.0 + 0.01 * order}
     if layer.shape == BOXES:
         from matplotlib.collections import PolyCollection
 
         corners = [(layer.x, layer.y), (layer.right, layer.y), (layer.right, layer.top),
                    (layer.x, layer.top)]  # fmt: skip
         boxes = np.array(corners, dtype=float).transpose(2, 0, 1)
-        ax.add_collection(PolyCollection(boxes, color=layer.color, lw=0.2, zorder=look["zorder"]))
-        return ax.plot([], [], "s", **look)[0]
+        ax.add_collection(PolyCollection(boxes, color=layer.color, lw=0.2, zorder=style["zorder"]))
+        return ax.plot([], [], "s", **style)[0]
     if layer.shape == DOTS:
-        return ax.plot(layer.x, layer.y, "o", ms=1.5 * layer.size, mew=0, **look)[0]
+        return ax.plot(layer.x, layer.y, "o", ms=1.5 * layer.size, mew=0, **style)[0]
     dashed = (0, (4, 3)) if layer.shape == DASHED else "-"
-    return ax.plot(layer.x, layer.y, lw=0.8 * layer.size, ls=dashed, **look)[0]
+    return ax.plot(layer.x, layer.y, lw=0.8 * layer.size, ls=dashed, **style)[0]

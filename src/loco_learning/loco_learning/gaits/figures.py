@@ -61,8 +61,8 @@ def convergence(folders: Sequence[str | Path], title: str) -> Figure:
 
 def _walking(rows: list[dict[str, Any]], population: int) -> np.ndarray:
     """Median speed of the rollouts of each whole generation that did not fail, (generations,)."""
-    whole = len(rows) // population * population
-    speeds = [np.nan if row["reason"] else -row["value"] for row in rows[:whole]]
+    complete = len(rows) // population * population
+    speeds = [np.nan if row["reason"] else -row["value"] for row in rows[:complete]]
     with warnings.catch_warnings():  # of a generation in which all fell
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanmedian(np.reshape(speeds, (-1, population)), axis=1)

@@ -172,7 +172,7 @@ def judge(log: Log) -> Score:
     duration = log.experiment.ticks * log.dt
     speed = log.distance / duration if len(log) else 0.0
     extra = {"speed": speed, "distance": log.distance}
-    if not math.isfinite(speed) or abs(speed) > FASTEST or (log.fall and not _fell(log)):
+    if not math.isfinite(speed) or abs(speed) > FASTEST or (log.fall and not _has_fallen(log)):
         return Score(
             EXPLODED, f"exploded: {log.fall or f'{speed:.3g} m/s'}", {**extra, "speed": 0.0}
         )
@@ -181,19 +181,19 @@ def judge(log: Log) -> Score:
     return Score(-speed, "", extra)
 
 
-def _fell(log: Log) -> bool:
+def _has_fallen(log: Log) -> bool:
     """The fall is one of the robot, not of the arithmetic."""
     return "finite" not in log.fall
 
 
 def draw_bodies(
-    experiment: Experiment, spread: float, count: int, seed: int
+    experiment: Experiment, deviation: float, count: int, seed: int
 ) -> list[dict[str, Any]]:
     """Overrides of bodies around that of an experiment; with no spread, all are that one.
 
     Args:
         experiment: Gives the nominal body.
-        spread: Standard deviation of each stiffness, friction and mass, relative.
+        deviation: Standard deviation of each stiffness, friction and mass, relative.
         count: Number of bodies.
         seed: Seed of the draw.
     """
@@ -204,9 +204,9 @@ def draw_bodies(
     rng = np.random.default_rng([seed, 0x6B0D1E5])
     bodies = []
     for _ in range(count):
-        factors = np.clip(1.0 + spread * rng.standard_normal(len(nominal)), *FACTORS)
+        factors = np.clip(1.0 + deviation * rng.standard_normal(len(nominal)), *FACTORS)
         drawn = {key: float(v * f) for (key, v), f in zip(nominal.items(), factors, strict=True)}
-        bodies.append(drawn if spread else {})
+        bodies.append(drawn if deviation else {})
     return bodies
 
 
@@ -243,25 +243,25 @@ def search(
         ParameterError: The gait is unknown, or another search is in the folder.
     """
     problem = kind(params, start)
-    found = minimise(problem, options, folder, report)
-    return make_gait(problem, found, options.seed), found
+    optimum = minimise(problem, options, folder, report)
+    return make_gait(problem, optimum, options.seed), optimum
 
 
-def make_gait(problem: GaitProblem, found: Optimum, seed: int) -> Gait:
+def make_gait(problem: GaitProblem, optimum: Optimum, seed: int) -> Gait:
     """The gait of an optimum, in round numbers, run on the nominal body and on others."""
-    x = np.round(found.x, DIGITS)
+    x = np.round(optimum.x, DIGITS)
     params, target = problem.params, problem.target(x)
     log = problem.run(target, {})
     gait = Gait(
         name=params.gait,
         robot=params.robot,
         target=target,
-        parameters=dict(zip(found.names, x.tolist(), strict=True)),
+        parameters=dict(zip(optimum.names, x.tolist(), strict=True)),
         speed=round(judge(log).extra["speed"], 5),
         distance=round(log.distance, 4),
         duration=params.duration,
         seed=seed,
-        evaluations=found.evaluations,
+        evaluations=optimum.evaluations,
         overrides=dict(problem._nominal.overrides),
         randomise=params.randomise,
         samples=params.samples,
@@ -269,12 +269,12 @@ def make_gait(problem: GaitProblem, found: Optimum, seed: int) -> Gait:
     return replace(gait, check=check(problem, target, params.randomise or 0.1))
 
 
-def check(problem: GaitProblem, target: CpgParams, spread: float) -> dict[str, float]:
+def check(problem: GaitProblem, target: CpgParams, deviation: float) -> dict[str, float]:
     """Check a gait on bodies that the search has not seen."""
-    others = draw_bodies(problem._nominal, spread, CHECKS, problem.params.body_seed + 1)
-    scores = [judge(problem.run(target, body)) for body in others]
+    bodies = draw_bodies(problem._nominal, deviation, CHECKS, problem.params.body_seed + 1)
+    scores = [judge(problem.run(target, body)) for body in bodies]
     return {
-        "randomise": spread,
+        "randomise": deviation,
         "bodies": CHECKS,
         "falls": sum(bool(s.reason) for s in scores),
         "speed_mean": round(float(np.mean([s.extra["speed"] for s in scores])), 5),

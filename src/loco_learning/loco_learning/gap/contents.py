@@ -25,11 +25,13 @@ from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
 from .prediction.nominal import written
 from .proposals.following import following
+from .recordings.record import Doubt, Record
 from .statistics import evidence, identify
 from .verdict import kinds, rounding, scale
 from .verdict.candidates import Candidate
 from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Ruling, lacks
 from .verdict.judge import Judged
+from .verdict.traded import put_right
 
 FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
@@ -66,6 +68,7 @@ def contents(
     after = judged.after
     told = decision.verdict != NO_GAP
     warnings = [f"{r.name}: {warning}" for r in case.records for warning in r.warnings]
+    reading = doubts(case.records)
     return plain(
         {
             "format": FORMAT,
@@ -80,7 +83,9 @@ def contents(
             "gap": gap(case, judged.given, after),
             "alarms": [*judged.alarms, *warnings],
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
+            "reading": reading,
             "notes": [
+                *reading,
                 *horizon.words(case.forward),
                 *rounding.notes(case.records, case.forward.robot()),
             ],
@@ -91,12 +96,22 @@ def contents(
             "settings": to_dict(params),
             "model": {
                 "robot": model.robot,
-                "overrides": {**model.overrides, **written(case.forward.given(), after.settled)},
+                "overrides": {**model.overrides, **written(case.forward.given(), put_right(case, after))},
                 "effects": [*model.effects, *after.specs],
             },
             **EMPTY,
         }
     )
+
+
+def doubts(records: Sequence[Record]) -> list[str]:
+    """Notes of reading that can themselves look like a gap, each once, after its records."""
+    names: dict[str, list[str]] = {}
+    for record in records:
+        for note in record.notes:
+            if isinstance(note, Doubt):
+                names.setdefault(note, []).append(record.name)
+    return [f"{', '.join(of)}: {note}" for note, of in names.items()]
 
 
 @dataclass(frozen=True)
@@ -325,8 +340,8 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
     few, count = ", ".join(found.joints), len(found.joints)
     where = few if count <= FEW_JOINTS else f"{count} joints"
     said = (
-        f"A learned correction of the torque in {where} closes {1.0 - after / before:.0%} of the "
-        f"rms on held-out data: {before:.3g} noise floors without it, {after:.3g} with it. It "
+        f"A learned correction of the torque in {where} closes {closed:.0%} of the rms above noise "
+        f"on held-out data: {before:.3g} noise floors without it, {after:.3g} with it. It "
         "explains nothing."
     )
     return {
@@ -337,7 +352,7 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
         "explained": found.explained,
         "before": before,
         "after": after,
-        "closed": 1.0 - after / before,
+        "closed": closed,
         "gain": _gain(over),
         "records": [
             {

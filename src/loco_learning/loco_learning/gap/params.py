@@ -13,6 +13,9 @@ class GapParams(Params):
     """Settings of a search: how hard to look for a gap, and when it is closed."""
 
     seed: int = parameter(0, "of the resampling", low=0)
+    setup: bool = parameter(
+        True, "judge units, signs and names of signals before anything physical is sought"
+    )
     effects: tuple[str, ...] = parameter(
         ("*",), "names or patterns of the effects that may be named", any_length=True
     )
@@ -44,7 +47,8 @@ class GapParams(Params):
     polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
     beyond: int = parameter(100, "simulations that look past the minimum of a fit", low=0)
     closed: float = parameter(
-        0.998, "share of the reducible gap from which on no further effect is sought", "-", 0.5, 1.0
+        0.955, "share of the rms above noise from whose closing on no further effect is sought",
+        "-", 0.2, 1.0
     )
     residual: bool = parameter(
         False, "fit a learned correction, which explains nothing, to what has no name"

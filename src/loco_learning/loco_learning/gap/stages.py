@@ -16,8 +16,8 @@ from .recordings.record import Record
 from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN
 
 AIR, GROUND = "in the air", "on the ground"
-LISTS = ("alarms", "align", "notes", "not_tried", "rivals", "ambiguous", "kinds", "terms",
-         "over_settings")  # fmt: skip
+LISTS = ("alarms", "align", "reading", "notes", "not_tried", "rivals", "ambiguous", "kinds",
+         "terms", "over_settings")  # fmt: skip
 
 
 def free(model: Model, record: Record) -> bool:

@@ -27,17 +27,22 @@ from .hypotheses import hints
 from .hypotheses.bundles import bundles
 from .hypotheses.hypotheses import Hypothesis, offer, separable, untried
 from .hypotheses.likely import likely
+from .localisation.curves import Curves, curves, joined
 from .params import GapParams
 from .prediction import case as cases
 from .prediction import horizon, led
 from .prediction import nominal as nominals
 from .prediction.forward import ForwardParams
 from .recordings.record import Record
+from .setup import contents as setup_contents
+from .setup import family as setups
+from .setup import mend
 from .statistics.evidence import Score
 from .verdict.decide import has_gap
 from .verdict.judge import judge
 
 Report = Callable[[float, str, str], Any]
+Keep = Callable[[dict[str, Any], Curves | None], Any]
 
 SEARCH = 0.9  # share of the time that the search takes
 ROUGH = 3.0  # scale of the robust loss [floors] of a fit that only tells how far engines agree
@@ -50,7 +55,7 @@ def find(
     params: GapParams | None = None,
     progress: Callable[[float, str, str], Any] | None = None,
     workers: int = 1,
-    keep: Callable[[dict[str, Any]], Any] | None = None,
+    keep: Keep | None = None,
     memory: Memory | None = None,
 ) -> dict[str, Any]:
     """Compare a model with measurements and name what it lacks.
@@ -62,8 +67,9 @@ def find(
         params: Settings.
         progress: Called with the share done, the stage and the best name so far.
         workers: Processes; the result is the same for any number.
-        keep: Called with the contents of ``gap.json`` as soon as the verdict is known, before
-            anything is added that the verdict does not need.
+        keep: Called with the contents of ``gap.json``, and with what was measured and predicted
+            by the models that these are about (None where the set-up is wrong), as soon as the
+            verdict is known, before anything is added that the verdict does not need.
         memory: Results of jobs that were done before a kill; see `memory_of`.
 
     Returns:
@@ -71,6 +77,13 @@ def find(
     """
     params = params or GapParams()
     report = progress or (lambda fraction, stage, best: None)
+    wrong = setups.look(model, [*records, *held_out]) if params.setup else []
+    if any(finding.stops for finding in wrong):
+        result = setup_contents.contents(model, [*records, *held_out], wrong, params)
+        if keep:
+            keep(result, None)
+        return result
+    records, held_out = mend.noted(records, wrong), mend.noted(held_out, wrong)
     fit, judges = stages.parted(model, records), stages.parted(model, held_out)
     if params.window or not all(fit):
         return search(model, records, held_out, params, report, workers, keep, memory)
@@ -79,16 +92,22 @@ def find(
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
 
     named = params.replace(residual=False)  # on the ground effects are sought beside names alone
-    air = search(model, fit[0], judges[0], named, half(0.0), workers, keep, memory)
+    aloft: list[Curves] = []
 
-    def both(ground: dict[str, Any]) -> dict[str, Any]:
-        return stages.joined(air, ground)
+    def first(air: dict[str, Any], shown: Curves) -> None:
+        aloft.append(shown)
+        if keep:
+            keep(air, shown)
 
-    then = search(
-        stages.after(model, air), fit[1], judges[1], params, half(0.5), workers,
-        keep and (lambda ground: keep(both(ground))), memory,
-    )  # fmt: skip
-    return both(then)
+    def second(ground: dict[str, Any], shown: Curves) -> None:
+        if keep:
+            keep(stages.joined(air, ground), joined(aloft[0], shown))
+
+    air = search(model, fit[0], judges[0], named, half(0.0), workers, first, memory)
+    ground = search(
+        stages.after(model, air), fit[1], judges[1], params, half(0.5), workers, second, memory
+    )
+    return stages.joined(air, ground)
 
 
 def search(
@@ -98,7 +117,7 @@ def search(
     params: GapParams,
     report: Report,
     workers: int,
-    keep: Callable[[dict[str, Any]], Any] | None,
+    keep: Keep | None,
     memory: Memory | None,
 ) -> dict[str, Any]:
     """Do what `find` does for records that are all in the air or all on the ground."""
@@ -164,7 +183,7 @@ def search(
         not_tried += seeking.failed(found.screened)
         result = contents(model, case, judged, params, not_tried)
         if keep:
-            keep(result)
+            keep(result, curves(case, judged.given, judged.after))
         for detail in details(model, case, judged, params, partial(each, tasks)):
             report(0.95, detail.stage, " + ".join(result["names"]))
             result = add(result, detail)

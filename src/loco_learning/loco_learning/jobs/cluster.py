@@ -35,7 +35,7 @@ class Cluster(Jobs):
             import distributed
         except ImportError as error:
             raise ParameterError(
-                f"--scheduler needs dask: {error}; it comes with `pip install '.[cluster]'`"
+                f"--scheduler needs dask: {error}; it comes with `./loco install cluster`"
             ) from error
         self._distributed, self._payload, self._address = distributed, payload, address
         try:

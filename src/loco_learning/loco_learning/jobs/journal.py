@@ -16,7 +16,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from loco_control.checks import check
 from loco_control.exceptions import ParameterError
+from loco_control.reading import parse_json, read_bytes, shown
+
+from ..plain import flat
 
 log = logging.getLogger(__name__)
 
@@ -29,6 +33,7 @@ class Journal:
     Args:
         path: The file, made when it is missing; None keeps rows in memory only.
         header: Description of the work, with `kind` and `format`: plain values.
+        row: A `TypedDict` of the keys of a row, for `checks.check`.
         anew: Whether a file of something else, or a broken one, is begun anew with a warning.
 
     Attributes:
@@ -41,16 +46,24 @@ class Journal:
         OSError: The file cannot be written.
     """
 
-    def __init__(self, path: str | Path | None, header: Mapping[str, Any], anew: bool = False):
+    def __init__(
+        self,
+        path: str | Path | None,
+        header: Mapping[str, Any],
+        row: Any = dict[str, Any],
+        anew: bool = False,
+    ):
         self.header: dict[str, Any] = json.loads(json.dumps(header))
         self.rows: list[dict[str, Any]] = []
         self.path = Path(path) if path is not None else None
         self._file: Any = None
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._open(self.path, anew)
+            self._open(self.path, row, anew)
 
-    def _open(self, path: Path, anew: bool) -> None:
+    def _open(self, path: Path, row: Any, anew: bool) -> None:
+        if path.exists() and not path.is_file():
+            raise ParameterError(f"{path} is no file")  # a pipe would be waited for
         file = open(path, "ab", buffering=0)  # noqa: SIM115, closed by `close`
         try:
             try:
@@ -59,10 +72,7 @@ class Journal:
                 raise ParameterError(f"another process is writing {path}") from error
             end = 0
             try:
-                header, rows, end = read(path)
-                if end:
-                    _compare(path, header, self.header)
-                    self.rows = rows
+                _, self.rows, end = read(path, row, self.header)
             except ParameterError as error:
                 if not anew:
                     raise
@@ -99,16 +109,28 @@ class Journal:
         self.close()
 
 
-def read(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
+def read(
+    path: Path, row: Any = dict[str, Any], header: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
     """Header and rows of a journal, and the bytes up to the end of its last whole line.
 
+    Args:
+        path: The file.
+        row: A `TypedDict` of the keys of a row, for `checks.check`.
+        header: The header that it must have; None for any.
+
     Raises:
-        ParameterError: A line that ends is broken.
+        ParameterError: It has another header, a line that ends is broken, or a value is wrong.
     """
-    data = path.read_bytes()
+    data = read_bytes(path, "journal")
     end = data.rfind(b"\n") + 1
-    rows = [_parsed(path, n, line) for n, line in enumerate(data[:end].splitlines(), start=1)]
-    return (rows[0], rows[1:], end) if rows else ({}, [], 0)
+    lines = data[:end].splitlines()
+    if not lines:
+        return {}, [], 0
+    there = _parsed(path, 1, lines[0], dict[str, Any])
+    if header is not None:
+        _compare(path, there, header)
+    return there, [_parsed(path, n, line, row) for n, line in enumerate(lines[1:], start=2)], end
 
 
 def _line(row: Mapping[str, Any]) -> bytes:
@@ -116,15 +138,16 @@ def _line(row: Mapping[str, Any]) -> bytes:
     return f'{text}{_SUM}{zlib.crc32(text.encode()):08x}"}}\n'.encode()
 
 
-def _parsed(path: Path, number: int, line: bytes) -> dict[str, Any]:
+def _parsed(path: Path, number: int, line: bytes, kind: Any) -> dict[str, Any]:
     text, mark, rest = line.decode("ascii", "replace").rpartition(_SUM)
     try:
         if not mark:
             raise ValueError("it has no check sum, as files of other kinds and older versions")
         if rest != f'{zlib.crc32(text.encode()):08x}"}}':
             raise ValueError("its check sum is wrong")
-        row = json.loads(text + "}")
-    except (ValueError, RecursionError) as error:
+        row = parse_json(text + "}", "it")
+        check(row, kind, "")
+    except ValueError as error:
         raise ParameterError(f"{path}, line {number}, is broken: {error}") from None
     return row
 
@@ -142,9 +165,10 @@ def _put(file: Any, data: bytes) -> None:
 
 
 def _compare(path: Path, recorded: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    for key in (*header, *recorded):
-        if recorded.get(key) != header.get(key):
+    theirs, ours = flat(recorded), flat(header)
+    for key in (*ours, *theirs):
+        if theirs.get(key) != ours.get(key):
             raise ParameterError(
-                f"{path} belongs to other work: {key} is {recorded.get(key)!r} there, "
-                f"{header.get(key)!r} here; choose another folder or remove that one"
+                f"{path} belongs to other work: {shown(key, 80)[1:-1]} is {shown(theirs.get(key))} there, "
+                f"{shown(ours.get(key))} here; choose another folder or remove that one"
             )

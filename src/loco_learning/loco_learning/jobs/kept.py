@@ -8,29 +8,35 @@ journal, and the search goes on to the same end.
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import hashlib
 import importlib.metadata
-import io
+import json
 import logging
-import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
 from loco_control.exceptions import LocoError, ParameterError
 
 from .. import __version__
+from . import values
 from .base import Failure, Jobs
 from .journal import Journal
 
 log = logging.getLogger(__name__)
 
 _DECIDES = ("numpy", "scipy", "numba", "mujoco", "pybullet", "cma")  # the last bits of results
-_NUMPY = {"_reconstruct", "scalar", "_frombuffer", "ndarray", "dtype"}
+MOST = 128 * 2**20  # bytes of a journal of results; what comes then is not kept
+
+
+class Row(TypedDict):
+    """A result in the journal."""
+
+    key: str
+    result: Any
 
 
 def versions() -> dict[str, str]:
@@ -95,15 +101,16 @@ class Memory:
 
     def __init__(self, path: Path, inputs: Sequence[Any], kinds: Sequence[type]):
         self._path = path
-        self._header = {"kind": "search", "format": 1, "inputs": digest(*inputs)}
+        self._header = {"kind": "search", "format": 2, "inputs": digest(*inputs)}
         self._header["versions"] = versions()
         self._journal: Journal | None = None
-        self._known: dict[str, str] = {}
-        self._full = False
-        self._kinds = {(kind.__module__, kind.__qualname__): kind for kind in kinds}
+        self._known: dict[str, Any] = {}
+        self._size, self._full = 0, False
+        self._kinds = tuple(kinds)
         self._places = 0
-        if path.is_file():
-            self._journal = Journal(path, self._header, anew=True)
+        if path.exists():
+            self._journal = Journal(path, self._header, Row, anew=True)
+            self._size = path.stat().st_size
             self._known = {row["key"]: row["result"] for row in self._journal.rows}
 
     def keeping(self, place: Jobs) -> Jobs:
@@ -113,20 +120,29 @@ class Memory:
 
     def known(self, key: str) -> tuple[Any] | None:
         """The result of a job in a tuple, if it is there."""
-        text = self._known.get(key)
-        return None if text is None else (self._loaded(text),)
+        if key not in self._known:
+            return None
+        try:
+            return (values.load(self._known[key], self._kinds),)
+        except ParameterError as error:
+            raise ParameterError(f"{self._path} is broken, remove it: {error}") from None
 
     def keep(self, key: str, result: Any) -> Any:
-        """Keep a result; returns it as `known` will give it."""
-        text = base64.b64encode(pickle.dumps(result)).decode()
+        """Keep a result, as long as the journal has room; returns it as `known` will give it."""
+        kept = values.dump(result)
+        row = {"key": key, "result": kept}
+        self._size += len(json.dumps(row))
+        if not self._full and self._size > MOST:
+            log.info("%s has %d MB: further results are not kept", self._path, self._size // 10**6)
+            self._full = True
         if not self._full:
             try:
-                self._journal = self._journal or Journal(self._path, self._header, anew=True)
-                self._journal.append({"key": key, "result": text})
+                self._journal = self._journal or Journal(self._path, self._header, Row, anew=True)
+                self._journal.append(row)
             except OSError as error:
                 log.warning("results are no longer kept for a search begun again: %s", error)
                 self._full = True
-        return self._loaded(text)
+        return values.load(kept, self._kinds)
 
     def __enter__(self) -> Memory:
         return self
@@ -136,25 +152,6 @@ class Memory:
             self._journal.remove()
         elif self._journal:
             self._journal.close()
-
-    def _loaded(self, text: str) -> Any:
-        return _Results(io.BytesIO(base64.b64decode(text)), self._kinds).load()
-
-
-class _Results(pickle.Unpickler):
-    """Makes arrays, plain values and the given dataclasses; nothing else that a file may name."""
-
-    def __init__(self, file: io.BytesIO, kinds: Mapping[tuple[str, str], type]):
-        super().__init__(file)
-        self._kinds = kinds
-
-    def find_class(self, module: str, name: str) -> Any:
-        """The class of a name, if it is one of those that results consist of."""
-        if (module, name) in self._kinds:
-            return self._kinds[module, name]
-        if module.split(".")[0] == "numpy" and name in _NUMPY:
-            return super().find_class(module, name)
-        raise ParameterError(f"a journal of results names {module}.{name}; remove that journal")
 
 
 class _Kept(Jobs):

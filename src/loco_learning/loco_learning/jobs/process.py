@@ -33,6 +33,7 @@ def spawn(
     """
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
+    os.environ["PYTHONSAFEPATH"] = "1"  # nothing of the current folder is imported
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex)
     process = context.Process(target=_live, args=(theirs, work, arguments), daemon=True)

@@ -36,15 +36,17 @@ def outputs_commanded(log: Log) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
-def columns(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+def columns(values: np.ndarray, indices: np.ndarray) -> np.ndarray:
     """Chosen columns of an array, (T, k); the array itself where all are chosen."""
-    return values if len(chosen) == values.shape[1] else values[:, chosen]
+    return values if len(indices) == values.shape[1] else values[:, indices]
 
 
 def period(log: Log) -> int:
     """Ticks of one stride at the frequency asked for, at least 1."""
-    asked = float(np.mean(log.target_frequency)) if walks(log) else log.experiment.target.frequency
-    return max(1, round(1.0 / (asked * log.dt)))
+    frequency = (
+        float(np.mean(log.target_frequency)) if walks(log) else log.experiment.target.frequency
+    )
+    return max(1, round(1.0 / (frequency * log.dt)))
 
 
 def stride_angle(log: Log) -> np.ndarray:

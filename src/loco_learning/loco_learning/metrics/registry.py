@@ -99,9 +99,9 @@ def metric(
 
 def table(log: Log) -> dict[str, dict[str, float]]:
     """Metrics of each phase that was reached, by phase and name; standing has no gait."""
-    chosen = {name: each for name, each in METRICS.items() if each.suits(log)}
+    metrics = {name: each for name, each in METRICS.items() if each.suits(log)}
     return {
-        phase: {name: each(log, ticks) for name, each in chosen.items()}
+        phase: {name: each(log, ticks) for name, each in metrics.items()}
         for phase, ticks in log.phases().items()
         if phase != "stand"
     }
@@ -131,8 +131,8 @@ def forward_speed(log: Log) -> float:
 @metric("-", "ours", "position", "target_speed", applies=moves)
 def speed_ratio(log: Log) -> float:
     """Speed over the speed asked for."""
-    asked = float(np.mean(log.target_speed))
-    return speed(log) / asked if abs(asked) > 1e-6 else float("nan")
+    target = float(np.mean(log.target_speed))
+    return speed(log) / target if abs(target) > 1e-6 else float("nan")
 
 
 @metric("m", "ours", "position", "orientation", applies=moves)
@@ -178,7 +178,7 @@ def positive_power(log: Log) -> float:
     return signals.positive_power(*drives(log))
 
 
-def _spent(log: Log) -> tuple[float, float, float]:
+def _energy(log: Log) -> tuple[float, float, float]:
     """Power that counts [W], forward speed that it buys [m/s], and mass [kg]."""
     if walks(log):
         return power(log), speed(log), mass(log)
@@ -188,13 +188,13 @@ def _spent(log: Log) -> tuple[float, float, float]:
 @metric("-", "3.31", "position", "orientation", "dq", "tau", applies=moves)
 def cost_of_transport(log: Log) -> float:
     """P / (m g V), lower is better; of servos P is the positive power. The thesis inverts it."""
-    return signals.cost_of_transport(*_spent(log))
+    return signals.cost_of_transport(*_energy(log))
 
 
 @metric("m/(s·kg)", "3.32", "position", "orientation", "dq", "tau", applies=moves)
 def saturated_score(log: Log) -> float:
     """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better."""
-    return signals.saturated_score(*_spent(log), REFERENCE_POWER)
+    return signals.saturated_score(*_energy(log), REFERENCE_POWER)
 
 
 @metric("N·m", "ours", "tau")

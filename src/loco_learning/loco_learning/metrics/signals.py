@@ -216,8 +216,8 @@ def stride_amplitude(x: np.ndarray, window: int) -> np.ndarray:
 
 def snr(x: np.ndarray) -> float:
     """|mean| / standard deviation, mean over channels, as in the author's code."""
-    spread = np.std(x, axis=0)
-    return float(np.mean(np.abs(np.mean(x, axis=0)) / np.where(spread > 0.0, spread, np.nan)))
+    deviation = np.std(x, axis=0)
+    return float(np.mean(np.abs(np.mean(x, axis=0)) / np.where(deviation > 0.0, deviation, np.nan)))
 
 
 def limit_cycle(target: np.ndarray, actual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,9 +228,9 @@ def limit_cycle(target: np.ndarray, actual: np.ndarray) -> tuple[np.ndarray, np.
     is a closed loop. Signs are fixed: the largest weight of each component is positive.
     Source: thesis section 3.6.3.3, fig. 8.4.
     """
-    mean, spread = target.mean(axis=0), np.std(target, axis=0)
-    spread = np.where(spread > 0.0, spread, 1.0)
-    target, actual = (target - mean) / spread, (actual - mean) / spread
+    mean, deviation = target.mean(axis=0), np.std(target, axis=0)
+    deviation = np.where(deviation > 0.0, deviation, 1.0)
+    target, actual = (target - mean) / deviation, (actual - mean) / deviation
     _, _, axes = np.linalg.svd(target, full_matrices=False)
     axes = axes[:2] * np.sign(axes[np.arange(2), np.abs(axes[:2]).argmax(axis=1)])[:, None]
     return target @ axes.T, actual @ axes.T

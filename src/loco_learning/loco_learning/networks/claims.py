@@ -72,14 +72,14 @@ def judge(results: Results) -> list[Verdict]:
     """Verdicts of all claims, in order."""
     verdicts = []
     for number, item, expected, needs, function in CLAIMS:
-        result, word = f"no {needs}", "not decided"
+        result, verdict = f"no {needs}", "not decided"
         if not needs or getattr(results, needs):
             try:
                 result, right = function(results)
-                word = {True: "agrees", False: "disagrees"}.get(right, "not decided")
+                verdict = {True: "agrees", False: "disagrees"}.get(right, "not decided")
             except (KeyError, IndexError, ValueError) as error:
                 result = f"lacks results ({error})"
-        verdicts.append(Verdict(number, item, expected, result, word))
+        verdicts.append(Verdict(number, item, expected, result, verdict))
     return verdicts
 
 
@@ -139,11 +139,11 @@ def _convergence(r: Results):
 def _speeds(r: Results):
     speed = {n: v.mean() * KMH for n, v in r.over_sizes(lambda g: g.speed).items()}
     watts = {n: v.mean() for n, v in r.over_sizes(author_power).items() if n >= 6}
-    spread = max(watts.values()) / min(watts.values())
+    ratio = max(watts.values()) / min(watts.values())
     text = f"{speed[6]:.1f} and {speed[20]:.1f} km/h; power by the author's formula "
-    text += f"{min(watts.values()):.0f} to {max(watts.values()):.0f} W ({spread:.1f} x)"
+    text += f"{min(watts.values()):.0f} to {max(watts.values()):.0f} W ({ratio:.1f} x)"
     fits = 7.5 <= speed[6] <= 30.0 and 15.0 <= speed[20] <= 60.0
-    if spread < 2.0:
+    if ratio < 2.0:
         return _unless_rising(text, fits, r.gaits.values())
     return text, False
 
@@ -165,10 +165,10 @@ def _resonance(_: Results):
 
 @claim("6.6", "Fig. 6.4b", "-3 dB band 0.3 to 5.2 Hz, edges within 50 %", "omega")
 def _bandwidth(r: Results):
-    (low, high), half = band(r), band(r, 0.5)
+    (low, high), band_half = band(r), band(r, 0.5)
     text = f"{low:.2f} to {high:.1f} Hz (half the score, as the author's code: "
-    text += f"{half[0]:.2f} to {half[1]:.1f} Hz)"
-    fits = [0.15 <= a <= 0.45 and 2.6 <= b <= 7.8 for a, b in ((low, high), half)]
+    text += f"{band_half[0]:.2f} to {band_half[1]:.1f} Hz)"
+    fits = [0.15 <= a <= 0.45 and 2.6 <= b <= 7.8 for a, b in ((low, high), band_half)]
     return text, any(fits)
 
 
@@ -268,11 +268,11 @@ def _closed(r: Results):
     ratio = {n: v for n, v in loop_ratio(r).items() if n >= 6}
     if len(ratio) < 3:
         raise ValueError(f"closed loops of {len(ratio)} sizes")
-    good = [n for n, v in ratio.items() if v > 0.5]
-    text = f"{len(good)} of {len(ratio)} sizes; " + ", ".join(
+    stable = [n for n, v in ratio.items() if v > 0.5]
+    text = f"{len(stable)} of {len(ratio)} sizes; " + ", ".join(
         f"{n}: {v:.2f}" for n, v in ratio.items()
     )
-    return text, len(good) >= 0.8 * len(ratio)
+    return text, len(stable) >= 0.8 * len(ratio)
 
 
 @claim(
@@ -280,9 +280,9 @@ def _closed(r: Results):
 )
 def _cycles(r: Results):
     sizes = sorted({n for n, _ in r.loops})
-    rough = [float(np.median([roughness(c) for c in loops_of(r, n)])) for n in sizes]
-    text = ", ".join(f"{n}: {v:.2f}" for n, v in zip(sizes, rough, strict=True))
-    rho = _rank(sizes, rough)
+    roughnesses = [float(np.median([roughness(c) for c in loops_of(r, n)])) for n in sizes]
+    text = ", ".join(f"{n}: {v:.2f}" for n, v in zip(sizes, roughnesses, strict=True))
+    rho = _rank(sizes, roughnesses)
     return f"rho {rho:.2f}; {text}", rho < -0.5
 
 

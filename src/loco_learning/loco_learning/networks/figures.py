@@ -40,15 +40,15 @@ def figure(name: str, needs: str = "gaits") -> Callable:
 
 def charts(results: Results) -> dict[str, Chart]:
     """All figures that the results allow, by their number in the thesis."""
-    made = {}
+    charts_by_name = {}
     for name, (needs, draw) in FIGURES.items():
         if not getattr(results, needs):
             continue
         try:
-            made[name] = draw(results)
+            charts_by_name[name] = draw(results)
         except (KeyError, IndexError, ValueError) as error:
             log.warning("no figure %s: lacks results (%s)", name, error)
-    return made
+    return charts_by_name
 
 
 def _over_nodes(label: str, layers: list[Layer], logarithmic: bool = False) -> Frame:
@@ -107,11 +107,13 @@ def _frequencies(r: Results) -> Chart:
         everything.append(score)
         colour = PALETTE[i % len(PALETTE)]
         layers += [line(f"{n} nodes", f, score, colour), dots(f"{n} nodes", f, score, colour)]
-    mean, off = np.mean(everything, axis=0), np.std(everything, axis=0)
+    mean, deviation = np.mean(everything, axis=0), np.std(everything, axis=0)
     whole = [line("all sizes", f, mean, BLUE, size=1.8)]
-    whole += [line("one deviation", f, mean + by * off, BLUE, shape=DASHED) for by in (-1, 1)]
-    top = float(np.max(mean + off))
-    whole += [line("-3 dB band", [edge, edge], [0.0, top], RED, shape=DASHED) for edge in band(r)]
+    whole += [line("one deviation", f, mean + by * deviation, BLUE, shape=DASHED) for by in (-1, 1)]
+    top = float(np.max(mean + deviation))
+    whole += [
+        line("-3 dB band", [limit, limit], [0.0, top], RED, shape=DASHED) for limit in band(r)
+    ]
     axes = Axis("frequency [Hz]", logarithmic=True), Axis("score without noise [-]")
     titles = "each size", "all sizes, and their band"
     return Chart([Frame(*axes, each, title)
@@ -147,8 +149,8 @@ def _learning(r: Results) -> Chart:
     t, error = loop.arrays["t"], np.maximum(loop.arrays["error"], 1e-7)
     layers = [line("error", t, error, BLUE, size=0.8)]
     for name in ("closing", "test"):
-        at, ends = loop.values[name], [error.min(), error.max()]
-        layers.append(line(f"{name} begins", [at, at], ends, GREY))
+        at, limits = loop.values[name], [error.min(), error.max()]
+        layers.append(line(f"{name} begins", [at, at], limits, GREY))
     y = Axis("error of the readout, rms over links [-]", logarithmic=True)
     return Chart([Frame(Axis("time [s]"), y, layers)])
 

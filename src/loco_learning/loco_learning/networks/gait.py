@@ -71,14 +71,14 @@ class MsdTask(Params):
 
 def task(name: str, **changes: Any) -> MsdTask:
     """Optimisation under a preset: ``thesis`` or ``author_code``, with changes."""
-    own = {}
+    settings = {}
     if name == "author_code":  # the frequency of its nodes experiment is 1 Hz: facts, 5.4
-        own = {
+        settings = {
             "frequency": 1.0, "max_stiffness": 1000.0, "power": "author",
             "saturation": SATURATION,
         }  # fmt: skip
     preset(name)
-    return MsdTask(**{"preset": name, **own, **changes})
+    return MsdTask(**{"preset": name, **settings, **changes})
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +129,11 @@ def score(task: MsdTask, speed: np.ndarray, power: np.ndarray) -> np.ndarray:
 class Evaluator:
     """Simulates populations of gaits of one task: `size` of them in one call."""
 
-    def __init__(self, task: MsdTask, size: int, noisy: bool | None = None, threads: int = 1):
+    def __init__(self, task: MsdTask, size: int, with_noise: bool | None = None, threads: int = 1):
         self.task, self.network = task, chain(task.params())
         shape = (size, self.network.count)
         stiff = np.full(shape, task.max_stiffness)
-        noise = task.noise() if noisy is None or noisy == task.noisy else NoiseParams()
+        noise = task.noise() if with_noise is None or with_noise == task.noisy else NoiseParams()
         self.simulation = MsdSimulation(
             self.network, task.params(), Drive(np.zeros(shape), np.zeros(shape), 0.0, stiff),
             noise, threads=threads,
@@ -183,12 +183,12 @@ class MsdResult:
     @classmethod
     def load(cls, path: str | Path) -> MsdResult:
         """Read what `save` wrote."""
-        meta, arrays = archive.read(path, "msd_gait")
-        keys = ("amplitude", "phase", "stiffness", "frequency")
-        return cls(
-            from_dict(MsdTask, meta.pop("task")), Gait(*(arrays.pop(key) for key in keys)),
-            **meta, **arrays,
-        )  # fmt: skip
+        with archive.reading(path, "msd_gait") as (meta, arrays):
+            keys = ("amplitude", "phase", "stiffness", "frequency")
+            return cls(
+                from_dict(MsdTask, meta.pop("task")), Gait(*(arrays.pop(key) for key in keys)),
+                **meta, **arrays,
+            )  # fmt: skip
 
 
 class _Problem:
@@ -199,12 +199,12 @@ class _Problem:
         self.low, self.high, self.start = np.zeros(count), np.ones(count), np.full(count, 0.5)
 
 
-def optimise(task: MsdTask, tell: Callable[[int, float], Any] | None = None) -> MsdResult:
+def optimise(task: MsdTask, on_progress: Callable[[int, float], Any] | None = None) -> MsdResult:
     """Search a gait by CMA-ES with its default population.
 
     Args:
         task: Gait to search and settings of the search.
-        tell: Called after each generation with the evaluations done and the best score.
+        on_progress: Called after each generation with the evaluations done and the best score.
     """
     links = chain(task.params()).count
     count = 3 * links + (task.frequency == 0.0)
@@ -219,8 +219,8 @@ def optimise(task: MsdTask, tell: Callable[[int, float], Any] | None = None) -> 
         if scores.max() > best:
             best, best_x = float(scores.max()), x[scores.argmax()]
         course.append((float(scores.max()), float(scores.mean()), best))
-        if tell:
-            tell(len(course) * search.size, best)
+        if on_progress:
+            on_progress(len(course) * search.size, best)
         if search.tell(list(-scores)):
             break
     return _result(task, decode(task, links, best_x), best, np.array(course), count, search.size)
@@ -229,16 +229,16 @@ def optimise(task: MsdTask, tell: Callable[[int, float], Any] | None = None) -> 
 def _result(
     task: MsdTask, gait: Gait, best: float, course: np.ndarray, count: int, size: int
 ) -> MsdResult:
-    clean, speed, power = (float(v[0]) for v in evaluate(task, gait, 1, noisy=False))
-    retested = evaluate(task, gait, 16, noisy=True)[0]
+    clean, speed, power = (float(v[0]) for v in evaluate(task, gait, 1, with_noise=False))
+    retested = evaluate(task, gait, 16, with_noise=True)[0]
     return MsdResult(task, gait, best, clean, speed, power, retested, course, count, size)
 
 
 def evaluate(
-    task: MsdTask, gait: Gait, times: int, noisy: bool, seed: int = 10**9
+    task: MsdTask, gait: Gait, times: int, with_noise: bool, seed: int = 10**9
 ) -> tuple[np.ndarray, ...]:
     """Score, speed and power of one gait, simulated `times` times, (times,) each."""
-    evaluator = Evaluator(task, times, noisy)
+    evaluator = Evaluator(task, times, with_noise)
     many = Gait(
         *(np.tile(v, (times, 1)) for v in (gait.amplitude, gait.phase, gait.stiffness)),
         np.full(times, float(gait.frequency)),

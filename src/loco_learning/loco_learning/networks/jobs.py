@@ -26,8 +26,8 @@ from loco_sim.msd.simulation import MsdSimulation
 
 from .. import archive
 from ..jobs import pool
-from ..reflex.msd_reservoir import LOOPS, LoopParams, nrmse, run_loop
 from .gait import Gait, MsdResult, MsdTask, optimise, task
+from .reservoir import LOOPS, LoopParams, nrmse, run_loop
 
 log = logging.getLogger(__name__)
 
@@ -173,8 +173,8 @@ def later_jobs(p: Plan, preset: str) -> list[Job]:
     biggest = 20 if 20 in p.nodes else max(p.nodes)
     source = f"nodes_{biggest}_0"
     for k, alpha in enumerate(p.regularisations):
-        own = loop.replace(regularisation=alpha, noise=0.01)
-        jobs.append(Job(f"alpha_{k}", gaits[source].task, own, source=source))
+        settings = loop.replace(regularisation=alpha, noise=0.01)
+        jobs.append(Job(f"alpha_{k}", gaits[source].task, settings, source=source))
     if p.noises:
         jobs.append(Job("noise", gaits[source].task, noises=p.noises, source=source))
     return jobs
@@ -254,7 +254,7 @@ def run(
     folder: str | Path,
     workers: int = 2,
     scheduler: str = "",
-    tell: Callable[[int, int, str], Any] | None = None,
+    on_progress: Callable[[int, int, str], Any] | None = None,
 ) -> None:
     """Run what is missing of a plan.
 
@@ -265,7 +265,7 @@ def run(
         workers: Processes; 1 runs in this one.
         scheduler: Address of a dask scheduler to use instead, whose workers see `folder` under
             the same path.
-        tell: Called with jobs done, jobs in all and the newest's name.
+        on_progress: Called with jobs done, jobs in all and the newest's name.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -278,8 +278,8 @@ def run(
         for job, result in _results(missing, folder, workers, scheduler):
             _save(job, result, folder)
             count += 1
-            if tell:
-                tell(count, total, job.name)
+            if on_progress:
+                on_progress(count, total, job.name)
 
 
 def _results(
@@ -323,5 +323,5 @@ def load_curves(path: Path) -> Curves:
 def _description(job: Job) -> dict[str, Any]:
     """Plain values that tell a job from others, as JSON gives them back."""
     loop = asdict(job.loop) if job.loop else None
-    plain = {"task": to_dict(job.task), "loop": loop, "noises": list(job.noises)}
-    return json.loads(json.dumps(plain))
+    values = {"task": to_dict(job.task), "loop": loop, "noises": list(job.noises)}
+    return json.loads(json.dumps(values))

@@ -64,8 +64,8 @@ def write(
     ]
     for number, caption in CAPTIONS.items():
         if number in drawn:
-            shown = f"![{caption}]({picture(number)})"
-            lines += [f"## Figure {number}", "", f"{caption}.", "", shown, ""]
+            image = f"![{caption}]({picture(number)})"
+            lines += [f"## Figure {number}", "", f"{caption}.", "", image, ""]
     write_whole(folder / "README.md", "\n".join(lines))
     return title, verdicts, drawn
 

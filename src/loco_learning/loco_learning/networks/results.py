@@ -136,8 +136,8 @@ def knee(c: Curves) -> float:
         raise ValueError(f"a knee of {len(distance)} levels")
     width = max(1, len(distance) // 10) | 1
     smooth = np.convolve(np.pad(distance, width // 2, mode="edge"), np.ones(width) / width, "valid")
-    still = smooth >= 0.9 * smooth[: len(smooth) // 3].mean()
-    last = np.flatnonzero(still)
+    plateau = smooth >= 0.9 * smooth[: len(smooth) // 3].mean()
+    last = np.flatnonzero(plateau)
     return float(c.arrays["noise"][last[-1]])
 
 
@@ -164,6 +164,6 @@ def roughness(c: Curves) -> float:
     """Distance of the limit cycle to itself one period later, over its size; inf when at rest."""
     path, dt = c.arrays["cycle"], float(c.arrays["t"][1] - c.arrays["t"][0])
     lag = min(max(1, round(c.values["period"] / dt)), len(path) // 2)
-    apart = np.linalg.norm(path[lag:] - path[:-lag], axis=1)
+    distance = np.linalg.norm(path[lag:] - path[:-lag], axis=1)
     size = float(np.mean(np.sum(path**2, axis=1)))
-    return float(np.sqrt(np.mean(apart**2) / size)) if size > 1e-3 else np.inf
+    return float(np.sqrt(np.mean(distance**2) / size)) if size > 1e-3 else np.inf

@@ -46,24 +46,24 @@ def sensor_vector(state: Any, robot: Any, passive: np.ndarray | None = None) -> 
 
 
 def columns(
-    name: str, wanted: Sequence[str], found: Sequence[str], what: str, robot: Any
+    name: str, requested: Sequence[str], available: Sequence[str], what: str, robot: Any
 ) -> list[int]:
     """The columns of joints in a recording.
 
     Args:
         name: Name of the recording, for the message.
-        wanted: Joints of the robot.
-        found: Joints of the columns.
+        requested: Joints of the robot.
+        available: Joints of the columns.
         what: Meaning of the columns, for the message.
         robot: Robot with `name`.
 
     Raises:
         ParameterError: The recording lacks a joint.
     """
-    missing = [joint for joint in wanted if joint not in found]
+    missing = [joint for joint in requested if joint not in available]
     if missing:
         raise ParameterError(
             f"{name} has no {what} of {', '.join(missing)}, joints of robot {robot.name!r}; "
-            f"it has {', '.join(found) or 'none'}"
+            f"it has {', '.join(available) or 'none'}"
         )
-    return [found.index(joint) for joint in wanted]
+    return [available.index(joint) for joint in requested]

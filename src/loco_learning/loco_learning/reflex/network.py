@@ -50,7 +50,7 @@ class ReflexNetwork:
         self.params, self.senses, self.dt, self.seed = params, senses, dt, seed
         self.outputs = senses.outputs
         self.schedule = Schedule(params, dt)
-        self._silent = np.zeros(2 * len(self.outputs))
+        self._untrained = np.zeros(2 * len(self.outputs))
         self._works = params.enabled or params.phases_when_off
         self.norm = 0.0  # Frobenius norm of the readout [-]
         if not self._works:
@@ -62,7 +62,7 @@ class ReflexNetwork:
             size * p.memory, p.neurons, senses.width, p.hidden_bias, p.activation, rng
         )
         first = senses.first_weights(p, rng)
-        self.readout = Readout(p.neurons, len(self._silent), p.regularisation, first)
+        self.readout = Readout(p.neurons, len(self._untrained), p.regularisation, first)
         self._load()
 
     def reset(self) -> None:
@@ -79,8 +79,8 @@ class ReflexNetwork:
 
     def refresh(self) -> None:
         """Recompute what is derived from the weights, after they were replaced."""
-        flat = self.readout.weights.ravel()
-        self.norm = sqrt(flat.dot(flat))
+        weights = self.readout.weights.ravel()
+        self.norm = sqrt(weights.dot(weights))
 
     def step(
         self, tick: int, t: float, felt: np.ndarray | None, target: GaitTarget | MotionCommand
@@ -98,7 +98,7 @@ class ReflexNetwork:
         """
         if not self._works:
             command = MotionCommand(tick, t, target.q, target.dq)
-            return command, LearningState(tick, t, self._silent, 0.0, 0.0, TRAIN, False, False)
+            return command, LearningState(tick, t, self._untrained, 0.0, 0.0, TRAIN, False, False)
         phase = self.schedule.phase_of(tick)
         learning = self.schedule.learns(tick, phase)
         driving = self.params.enabled and phase >= CLOSING
@@ -114,13 +114,13 @@ class ReflexNetwork:
     ) -> np.ndarray:
         """Output (2k,) for this tick, after the update if there is one (eq. 3.17)."""
         if not self.params.enabled:
-            return self._silent
+            return self._untrained
         line = self.delay_line.step(self.senses.sample(felt, learning))
         u = self.hidden.step(self.senses.hidden(line, learning))
         if not learning:
             return self.senses.output(self.readout.predict(u))
-        wanted = chosen_of(target.q, target.dq, self.outputs)
-        value = self.readout.learn(u, self.senses.fit_target(wanted))
+        target_output = chosen_of(target.q, target.dq, self.outputs)
+        value = self.readout.learn(u, self.senses.fit_target(target_output))
         self.refresh()
         return self.senses.output(value)
 
@@ -132,8 +132,8 @@ class ReflexNetwork:
         """Parts with a `state()` to save, by name; none if there is no network."""
         if not self._works:
             return {}
-        own = {"hidden": self.hidden, "readout": self.readout, "delay_line": self.delay_line}
-        return {**own, **self.senses.parts()}
+        parts = {"hidden": self.hidden, "readout": self.readout, "delay_line": self.delay_line}
+        return {**parts, **self.senses.parts()}
 
     def save(self, path: str | Path) -> None:
         """Write weights, configuration, seed and running state to one ``.npz`` file."""

@@ -53,16 +53,16 @@ class GrfFilter:
     def reset(self) -> None:
         """Forget all samples."""
         self._line = DelayLine(self.window, self.size)
-        self._seen = np.zeros(1, dtype=np.int64)
+        self._samples = np.zeros(1, dtype=np.int64)
 
     def step(self, grf: np.ndarray) -> np.ndarray:
         """Average the samples (size,), forces in [N], over the window, shape (size,)."""
         line = self._line.step(grf)
-        return average(line, self._seen, self.threshold)
+        return average(line, self._samples, self.threshold)
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save."""
-        return {"seen": self._seen, **self._line.state()}
+        return {"seen": self._samples, **self._line.state()}
 
 
 class ElmLayer:
@@ -113,13 +113,13 @@ def push(buffer, head, sample):
 
 
 @njit(cache=True)
-def average(line, seen, threshold):
+def average(line, samples, threshold):
     """Mean over the rows seen so far, at most all of them; below the threshold it is zero."""
-    seen[0] = min(seen[0] + 1, len(line))
+    samples[0] = min(samples[0] + 1, len(line))
     mean = np.zeros(line.shape[1])
     for row in line:
         mean += row
-    mean /= seen[0]
+    mean /= samples[0]
     for i in range(len(mean)):
         if mean[i] < threshold and threshold > 0.0:
             mean[i] = 0.0

@@ -114,10 +114,10 @@ class AuthorScaling:
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
         """Delay line (M, inputs) to the input of the hidden layer (M inputs,)."""
-        flat = line.reshape(-1)
+        history = line.reshape(-1)
         if learning:
-            self._scalers["hidden"].fit(flat)
-        return self._scalers["hidden"].scale(flat)
+            self._scalers["hidden"].fit(history)
+        return self._scalers["hidden"].scale(history)
 
     def fit_target(self, target: np.ndarray) -> np.ndarray:
         """Target (16,) in the units of the readout, whose range grows to hold it."""

@@ -26,12 +26,14 @@ class Schedule:
 
     def __init__(self, params: PhasedParams, dt: float):
         self.params, self.dt = params, dt
-        ends = np.cumsum(list(params.durations.values()))
-        self._ends = [round(end / dt) for end in ends.tolist()]  # first tick after each phase
+        phase_ends = np.cumsum(list(params.durations.values()))
+        self._phase_ends = [
+            round(end / dt) for end in phase_ends.tolist()
+        ]  # first tick after each phase
 
     def phase_of(self, tick: int) -> int:
         """Index in `PHASES`; test goes on after its end."""
-        return min(bisect_right(self._ends, tick), TEST)
+        return min(bisect_right(self._phase_ends, tick), TEST)
 
     def phase_at(self, t: float) -> int:
         """Index in `PHASES` at simulated time t [s]."""
@@ -43,7 +45,7 @@ class Schedule:
             return False
         if phase == TRAIN:
             return True
-        start, stop = self._ends[TRAIN], self._ends[CLOSING]
+        start, stop = self._phase_ends[TRAIN], self._phase_ends[CLOSING]
         rho = (tick - start) / (stop - start)
         block = self.params.closing_block
         return tick % block < block * (1.0 - rho)

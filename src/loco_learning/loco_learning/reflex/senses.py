@@ -86,8 +86,8 @@ class BodySensors:
         self.sensors, self.outputs, self._limit = tuple(sensors), np.arange(count), params.limit
         if not params.enabled:
             return
-        self._chosen, self._centre, self._factor = chosen(params, self.sensors)
-        self.size = len(self._chosen) + 1  # and a constant
+        self._indices, self._centre, self._factor = chosen(params, self.sensors)
+        self.size = len(self._indices) + 1  # and a constant
         self.width = 0.5 * params.gain * sqrt(12.0 / (self.size * params.memory))
         self.average = GrfFilter(params.window, 0.0, self.size)
         self._sample = np.ones(self.size)  # the last element is the constant
@@ -101,7 +101,7 @@ class BodySensors:
 
     def sample(self, felt: np.ndarray, learning: bool) -> np.ndarray:
         """Sensors, as `joint_sensors.sensor_vector` gives them, to a sample of the delay line."""
-        scaled(felt, self._chosen, self._centre, self._factor, self._limit, self._sample)
+        scaled(felt, self._indices, self._centre, self._factor, self._limit, self._sample)
         return self.average.step(self._sample)
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
@@ -137,18 +137,18 @@ def chosen(
     params: JointLearnerParams, sensors: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices of the sensors that are felt, their centres, and one over their scales, each (s,)."""
-    found = [i for i, kind in enumerate(sensors) if kind in INPUTS[params.inputs]]
-    if not found:
+    indices = [i for i, kind in enumerate(sensors) if kind in INPUTS[params.inputs]]
+    if not indices:
         raise ParameterError(
             f"learner.inputs is {params.inputs!r}, but of the sensors of this robot "
             f"({', '.join(sensors) or 'none'}) none is of that kind"
         )
-    centre, scale = np.array([params.centre_and_scale(sensors[i]) for i in found]).T
-    return np.array(found), centre, 1.0 / scale
+    centre, scale = np.array([params.centre_and_scale(sensors[i]) for i in indices]).T
+    return np.array(indices), centre, 1.0 / scale
 
 
 @njit(cache=True)
-def scaled(values, chosen, centre, factor, limit, sample):
+def scaled(values, indices, centre, factor, limit, sample):
     """Write the chosen values, centred, scaled and clipped, to the first of `sample`."""
-    for i, j in enumerate(chosen):
+    for i, j in enumerate(indices):
         sample[i] = min(max((values[j] - centre[i]) * factor[i], -limit), limit)

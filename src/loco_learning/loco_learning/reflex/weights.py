@@ -10,6 +10,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import from_dict, to_dict
+from loco_control.reading import shown
 
 from .. import archive
 
@@ -31,13 +32,20 @@ def save(network: ReflexNetwork, path: str | Path) -> None:
 
 def load(cls: Any, senses: tuple[Any, ...], path: str | Path) -> Any:
     """Network of class `cls` with one of these kinds of senses, and its running state."""
-    kinds = {kind.KIND: kind for kind in senses}
-    meta, arrays = archive.read(path, *kinds)
-    kind = kinds[meta["kind"]]
-    learner = from_dict(kind.PARAMS, {**meta["learner"], "weights": ""})
-    network = cls(learner, kind.remade(learner, meta), meta["dt"], meta["seed"])
-    network.params = network.schedule.params = learner.replace(weights=meta["learner"]["weights"])
-    _copy(network, arrays, tuple(network.parts()), path)
+    by_kind = {kind.KIND: kind for kind in senses}
+    with archive.reading(path, *by_kind) as (meta, arrays):
+        kind = by_kind[meta["kind"]]
+        whole = from_dict(kind.PARAMS, meta["learner"])
+        learner = whole.replace(weights="")
+        felt = kind.remade(learner, meta)
+        if learner.enabled or learner.phases_when_off:  # before as much room is taken
+            shape = (felt.size * learner.memory, learner.neurons)
+            _part(arrays, "hidden.weights", shape, path)
+            _part(arrays, "readout.weights", (learner.neurons, 2 * len(felt.outputs)), path)
+            _part(arrays, "readout.p", (learner.neurons, learner.neurons), path)
+        network = cls(learner, felt, meta["dt"], meta["seed"])
+        network.params = network.schedule.params = whole
+        _copy(network, arrays, tuple(network.parts()), path)
     return network
 
 
@@ -45,17 +53,19 @@ def restore_weights(network: ReflexNetwork, path: str | Path) -> None:
     """Put the trained weights of `path` into a network of the same shape."""
     meta, arrays = archive.read(path, network.senses.KIND)
     for key in network.senses.SHAPING:
-        wanted, found = getattr(network.params, key), meta["learner"].get(key)
-        if wanted != found:
+        expected, stored = getattr(network.params, key), meta["learner"].get(key)
+        if expected != stored:
             raise ParameterError(
-                f"learner.{key} is {wanted!r}, but the weights in {path} have {found!r}"
+                f"learner.{key} is {expected!r}, but the weights in {path} have {stored!r}"
             )
     _copy(network, arrays, network.senses.TRAINED, path)
 
 
 def read_readout(path: str | Path, kind: str) -> np.ndarray:
     """Readout in a weight file of a kind, (N, 2k): positions, then velocities of k joints."""
-    return archive.read(path, kind)[1]["readout.weights"]
+    with archive.reading(path, kind) as (_, arrays):
+        readout = arrays["readout.weights"]
+        return _part(arrays, "readout.weights", (len(readout), readout.shape[1]), path)
 
 
 def with_readout(source: str | Path, path: str | Path, kind: str, readout: np.ndarray) -> None:
@@ -70,10 +80,23 @@ def _copy(
 ) -> None:
     for part in parts:
         for name, value in network.parts()[part].state().items():
-            found = arrays.get(f"{part}.{name}")
-            if found is None or found.shape != value.shape:
-                shape = "nothing" if found is None else f"shape {found.shape}"
-                raise ParameterError(f"{path} holds {shape} for {part}.{name}, not {value.shape}")
-            value[...] = found
+            value[...] = _part(arrays, f"{part}.{name}", value.shape, path, value.dtype.kind)
     if parts:
         network.refresh()
+
+
+def _part(
+    arrays: dict[str, np.ndarray], name: str, shape: tuple, path: str | Path, kind: str = "f"
+) -> np.ndarray:
+    """An array of a file: of this shape and kind, without NaN; counts are not negative.
+
+    Raises:
+        ParameterError: The file has another one, or none.
+    """
+    found = arrays.get(name)
+    if found is None or found.shape != shape:
+        holds = "nothing" if found is None else f"shape {shown(found.shape)}"
+        raise ParameterError(f"{path} holds {holds} for {name}, not {shape}")
+    if found.dtype.kind != kind or np.isnan(found).any() or (kind == "i" and (found < 0).any()):
+        raise ParameterError(f"{path} holds {found.dtype} for {name}, with NaN or of a wrong kind")
+    return found

@@ -17,11 +17,12 @@ third step are resumed, too.
 from __future__ import annotations
 
 import dataclasses
+import numbers
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -66,6 +67,17 @@ class ContestParams(Params):
     trials: TrialParams = parameter(TrialParams(count=4), "test of each controller")
 
 
+class CaseRow(TypedDict):
+    """A `Case` in the record."""
+
+    method: str
+    seed: int
+    seconds: numbers.Real
+    wall: numbers.Real
+    rows: dict[str, dict[str, numbers.Real]]
+    reason: str
+
+
 @dataclass(frozen=True)
 class Case:
     """One way with one seed."""
@@ -98,10 +110,12 @@ def run(
     engine = load(params.reflex).sim_params.engine
     header = {"kind": "contest", "format": 1, "versions": versions(), "engine": engine}
     header |= {k: v for k, v in to_dict(params).items() if k != "seeds"}
-    record = Journal(folder / RECORD, header)
-    wanted = [(method, seed) for seed in range(params.seeds) for method in METHODS]
-    cases = {(row["method"], row["seed"]): Case(**row) for row in record.rows}
-    todo = [key for key in wanted if key not in cases]
+    record = Journal(folder / RECORD, header, CaseRow)
+    jobs_to_do = [(method, seed) for seed in range(params.seeds) for method in METHODS]
+    names = [field.name for field in dataclasses.fields(Case)]
+    done = [Case(*(row[name] for name in names)) for row in record.rows]
+    cases = {(case.method, case.seed): case for case in done}
+    todo = [key for key in jobs_to_do if key not in cases]
     try:
         with pool.start(searched, (params, folder), min(workers, len(todo))) as jobs:
             for _ in jobs.results([(seed,) for seed in sorted({seed for _, seed in todo})]):
@@ -111,19 +125,19 @@ def run(
                 record.append(dataclasses.asdict(case))
                 cases[case.method, case.seed] = case
                 if report:
-                    report(case, len(cases), len(wanted))
+                    report(case, len(cases), len(jobs_to_do))
     finally:
         record.close()
-    return [cases[key] for key in wanted]
+    return [cases[key] for key in jobs_to_do]
 
 
 def learnt(params: ContestParams, folder: Path, method: str, seed: int) -> Case:
     """Learn in one way with one seed, and try what came of it."""
     began = time.perf_counter()
     place = folder / f"{method.replace(' ', '_')}_{seed}"
-    way = {"evolution": _evolution, "two steps": _steps, "three steps": _steps, "ppo": _ppo}[method]
+    method_function = {"evolution": _evolution, "two steps": _steps, "three steps": _steps, "ppo": _ppo}[method]
     try:
-        controller, seconds = way(params, place, method, seed)
+        controller, seconds = method_function(params, place, method, seed)
     except (ParameterError, MissingPackageError) as error:
         return Case(method, seed, 0.0, time.perf_counter() - began, {}, str(error))
     wall = time.perf_counter() - began
@@ -172,9 +186,9 @@ def _evolution(p: ContestParams, place: Path, method: str, seed: int) -> tuple[E
 def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
     """Gait and FORCE, and in three steps the gradient until the time is spent."""
     reflex = load(p.reflex, {"seed": seed})
-    taught = reflex.learner.duration - reflex.learner.test
+    teaching_time = reflex.learner.duration - reflex.learner.test
     third = method == METHODS[2]
-    search_time = p.seconds * p.share if third else p.seconds - taught
+    search_time = p.seconds * p.share if third else p.seconds - teaching_time
     target, seconds = _gait(p, place.parent, search_time, seed)
     target = target.replace(start_time=reflex.target.start_time)
     reflex = reflex.replace(target=target)
@@ -183,9 +197,9 @@ def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Exper
     settings = p.gradient.replace(seed=seed, seconds=p.seconds - seconds)
     if not third:
         return _playing(reflex, start, settings.lead), seconds
-    found = gradient.learn(reflex, settings, place, workers=0)
-    weights, _ = gradient.write(reflex, settings, place, found.readout)
-    return _playing(reflex, weights, settings.lead), seconds + found.seconds
+    result = gradient.learn(reflex, settings, place, workers=0)
+    weights, _ = gradient.write(reflex, settings, place, result.readout)
+    return _playing(reflex, weights, settings.lead), seconds + result.seconds
 
 
 def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:

@@ -28,7 +28,7 @@ try:
     from gymnasium import spaces
 except ModuleNotFoundError as error:
     raise MissingPackageError(
-        f"{error.name} is not installed; it comes with `pip install '.[rl]'`"
+        f"{error.name} is not installed; it comes with `./loco install rl`"
     ) from None
 
 OBSERVED = ("hidden", "senses")
@@ -92,7 +92,7 @@ class ReflexEnv(gymnasium.Env):
         bound = 1.0 if bounded else np.inf
         self.observation_space = spaces.Box(-bound, bound, (size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (len(network.outputs),), np.float64)
-        self._fall, self._done, self.seconds = "", 0, 0.0
+        self._fall_reason, self._done, self.seconds = "", 0, 0.0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -100,10 +100,10 @@ class ReflexEnv(gymnasium.Env):
         """Put the robot down and lead it into the gait; a seed decides all that follows."""
         super().reset(seed=seed)
         self._loop.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
-        self._fall, self._done = "", 0
+        self._fall_reason, self._done = "", 0
         for _ in range(self._lead):
             self._tick()
-        return self._sensed(), {"fall": self._fall}
+        return self._sensed(), {"fall": self._fall_reason}
 
     def step(
         self, action: np.ndarray
@@ -113,30 +113,30 @@ class ReflexEnv(gymnasium.Env):
         self._loop.reflex.correction[:] = correction
         self._tick()
         self._done += 1
-        state, truth = self._loop.state, self._loop.sim.ground_truth()
-        reward = float(self._reward.tick(truth.linear_velocity, state.dq, state.tau))
-        if self._fall:
+        state, ground_truth = self._loop.state, self._loop.sim.ground_truth()
+        reward = float(self._reward.tick(ground_truth.linear_velocity, state.dq, state.tau))
+        if self._fall_reason:
             reward = -self.params.reward.fall * self._ticks
         over = self._done >= self._ticks
-        return self._sensed(), reward, bool(self._fall), over, {"fall": self._fall}
+        return self._sensed(), reward, bool(self._fall_reason), over, {"fall": self._fall_reason}
 
     def close(self) -> None:
         """Free the plant."""
         self._loop.close()
 
     def _tick(self) -> None:
-        if self._fall:
+        if self._fall_reason:
             return
         try:
             self._loop.step()
             self.seconds += self.experiment.dt
-            self._fall = self._loop.sim.fallen or ""
+            self._fall_reason = self._loop.sim.fallen or ""
         except DivergedError as error:
-            self._fall = str(error)
+            self._fall_reason = str(error)
 
     def _sensed(self) -> np.ndarray:
         """Observation of the state now."""
         network: Any = self._loop.reflex
-        if not self._fall:
+        if not self._fall_reason:
             network.sense(self._loop.feel(self._loop.state))
         return (network.activity if self._observe == "hidden" else network.line.reshape(-1)).copy()

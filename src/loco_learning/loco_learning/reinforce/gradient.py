@@ -69,8 +69,8 @@ class PolicyGradient:
     def perturbations(self) -> np.ndarray:
         """Draws xi of this update over sigma, (batch, d, k); the second half mirrors the first."""
         rng = np.random.default_rng([self.seed, self.updates, 0x2E1F])
-        half = rng.standard_normal((self.batch // 2, self.basis.shape[1], self.joints))
-        return np.concatenate((half, -half))
+        draws = rng.standard_normal((self.batch // 2, self.basis.shape[1], self.joints))
+        return np.concatenate((draws, -draws))
 
     def perturbed(self) -> list[np.ndarray]:
         """Readouts to try in this update, each (N, 2k)."""
@@ -87,11 +87,11 @@ class PolicyGradient:
             raise ParameterError(f"returns must have shape ({self.batch},), got {returns.shape}")
         pairs = returns.reshape(2, -1)
         advantage = (pairs - pairs.mean(axis=0)).ravel()  # over the mean of a draw and its mirror
-        spread = float(np.sqrt(np.mean(advantage**2)))
+        scale = float(np.sqrt(np.mean(advantage**2)))
         eligibility = self.perturbations() / self.sigma  # xi / sigma², as xi is sigma times a draw
         gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
-        if spread > 0.0:  # else this batch says nothing
-            self._course = self.momentum * self._course + gradient / spread
+        if scale > 0.0:  # else this batch says nothing
+            self._course = self.momentum * self._course + gradient / scale
         self.weights = self._moved(self.step * self.sigma**2 * self._course)
         self.updates += 1
 
@@ -118,10 +118,10 @@ def directions(activity: np.ndarray, count: int) -> np.ndarray:
     """
     values, vectors = np.linalg.eigh(activity.T @ activity / max(len(activity), 1))
     values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
-    there = values > 1e-9 * max(float(values[0]), 1e-300)
-    if not there.any() or values[0] <= 0.0:
+    significant = values > 1e-9 * max(float(values[0]), 1e-300)
+    if not significant.any() or values[0] <= 0.0:
         raise ParameterError("the hidden layer is silent, so there is nothing to explore")
     # The sign of an eigenvector is arbitrary; fix it, so that every machine draws the same.
     vectors = vectors * np.where(vectors[np.abs(vectors).argmax(axis=0), range(len(values))] < 0,
                                  -1.0, 1.0)  # fmt: skip
-    return vectors[:, there] / np.sqrt(values[there] * np.count_nonzero(there))
+    return vectors[:, significant] / np.sqrt(values[significant] * np.count_nonzero(significant))

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import yaml
@@ -38,6 +39,18 @@ RECORD, START, WEIGHTS, EXPERIMENT = (
     "episodes.jsonl", "start.npz", "weights.npz", "reinforced.yaml"
 )  # fmt: skip
 PLAIN = 2**20  # stands for the update in the seed of the episodes without a perturbation
+
+
+class EpisodeRow(TypedDict):
+    """An episode in the record."""
+
+    update: int
+    index: int
+    value: numbers.Real
+    speed: numbers.Real
+    cost: numbers.Real
+    fall: str
+    seconds: numbers.Real
 
 
 @dataclass(frozen=True)
@@ -112,7 +125,7 @@ def learn(
         "versions": versions(),
         **{k: v for k, v in to_dict(params).items() if k != "seconds"},
     }
-    record = Journal(folder / RECORD, header)
+    record = Journal(folder / RECORD, header, EpisodeRow)
     try:
         return _Learning(experiment, params, start, readout, record, workers).run(updates, report)
     finally:
@@ -150,7 +163,7 @@ class _Learning:
         best = (-math.inf, 0, self._rule.weights)
         with pool.start(play, (self._experiment, self._params), self._workers) as jobs:
             for update in range(updates + 1):
-                rows = self._episodes(update, jobs, plain=update == updates)
+                rows = self._episodes(update, jobs, unperturbed=update == updates)
                 if rows[0]["value"] > best[0]:
                     best = (rows[0]["value"], update, self._rule.weights)
                 if update == updates:
@@ -170,15 +183,15 @@ class _Learning:
             course=course(rows, self._params.batch),
         )
 
-    def _episodes(self, update: int, jobs: pool.Jobs, plain: bool) -> list[dict[str, Any]]:
+    def _episodes(self, update: int, jobs: pool.Jobs, unperturbed: bool) -> list[dict[str, Any]]:
         """Rows of an update, the unperturbed readout first; those that are missing are played."""
         p, size = self._params, self._params.batch + 1
-        count = 1 if plain else size
+        count = 1 if unperturbed else size
         done = self._record.rows[update * size : update * size + count]
         self._replayed += len(done)
         seed = seed_of(p.seed, update, 0)  # the same pushes and noise for all of an update
         body = draw_bodies(self._experiment, p.randomise, 1, seed)[0]
-        readouts = [self._rule.weights, *([] if plain else self._rule.perturbed())]
+        readouts = [self._rule.weights, *([] if unperturbed else self._rule.perturbed())]
         todo = [
             (readout, self._plain_seed if index == 0 else seed, {} if index == 0 else body)
             for index, readout in enumerate(readouts)
@@ -191,11 +204,11 @@ class _Learning:
     def _progress(
         self, update: int, updates: int, rows: list[dict[str, Any]], best: float
     ) -> Progress:
-        fresh = update * (self._params.batch + 1) - self._replayed
-        each = (time.perf_counter() - self._began) / fresh if fresh > 0 else math.nan
+        new_episodes = update * (self._params.batch + 1) - self._replayed
+        each = (time.perf_counter() - self._began) / new_episodes if new_episodes > 0 else math.nan
         left = (updates - update) * (self._params.batch + 1) * each
-        falls = sum(bool(row["fall"]) for row in rows)
-        return Progress(update, updates, rows[0]["value"], best, falls, left)
+        fall_count = sum(bool(row["fall"]) for row in rows)
+        return Progress(update, updates, rows[0]["value"], best, fall_count, left)
 
 
 def course(rows: list[dict[str, Any]], batch: int) -> dict[str, np.ndarray]:
@@ -206,13 +219,15 @@ def course(rows: list[dict[str, Any]], batch: int) -> dict[str, np.ndarray]:
     the last update.
     """
     size = batch + 1
-    plain, spent = rows[::size], np.cumsum([0.0, *(row["seconds"] for row in rows)])
-    tried = [rows[k * size + 1 : (k + 1) * size] for k in range(len(plain))]
+    unperturbed, elapsed = rows[::size], np.cumsum([0.0, *(row["seconds"] for row in rows)])
+    perturbed = [rows[k * size + 1 : (k + 1) * size] for k in range(len(unperturbed))]
     return {
-        "seconds": spent[: len(rows) : size],
-        **{key: np.array([row[key] for row in plain]) for key in ("value", "speed", "cost")},
-        "batch": np.array([np.mean([r["value"] for r in t]) if t else np.nan for t in tried]),
-        "falls": np.array([np.mean([bool(r["fall"]) for r in t]) if t else np.nan for t in tried]),
+        "seconds": elapsed[: len(rows) : size],
+        **{key: np.array([row[key] for row in unperturbed]) for key in ("value", "speed", "cost")},
+        "batch": np.array([np.mean([r["value"] for r in t]) if t else np.nan for t in perturbed]),
+        "falls": np.array(
+            [np.mean([bool(r["fall"]) for r in t]) if t else np.nan for t in perturbed]
+        ),
     }
 
 

@@ -27,7 +27,7 @@ try:
     import torch
 except ModuleNotFoundError as error:
     raise MissingPackageError(
-        f"{error.name} is not installed; it comes with `pip install '.[ppo]'`"
+        f"{error.name} is not installed; it comes with `./loco install ppo`"
     ) from None
 
 REACH = 0.8  # largest action [rad]: the range of the hips in a gait search (theory)
@@ -72,16 +72,16 @@ def learn_by_ppo(
         ParameterError: The budget does not hold one update.
     """
     length = experiment.learner.stand + params.lead + params.episode
-    least = length * (1.0 + TICKS * experiment.dt / params.episode)  # and the first look at it
-    if params.seconds < least:
+    min_time = length * (1.0 + TICKS * experiment.dt / params.episode)  # and the first look at it
+    if params.seconds < min_time:
         raise ParameterError(
-            f"seconds is {params.seconds:g}, but PPO needs {least:.4g} s for one update of {TICKS} "
-            "ticks; give more, or longer episodes"
+            f"seconds is {params.seconds:g}, but PPO needs {min_time:.4g} s for one update of "
+            f"{TICKS} ticks; give more, or longer episodes"
         )
     torch.set_num_threads(1)  # the same bytes on every machine, and no faster with more
     env = ReflexEnv(experiment, start, params, "hidden", REACH)
     loudness = np.linalg.norm(env.reset(seed=params.seed)[0])  # of u, which scales what is explored
-    spread = float(np.log(SPREAD / loudness))
+    log_std = float(np.log(SPREAD / loudness))
     model = stable_baselines3.PPO(
         "MlpPolicy",
         env,
@@ -89,7 +89,7 @@ def learn_by_ppo(
         batch_size=TICKS // 4,
         use_sde=True,
         sde_sample_freq=HOLD,
-        policy_kwargs={"net_arch": {"pi": [], "vf": [64, 64]}, "log_std_init": spread},
+        policy_kwargs={"net_arch": {"pi": [], "vf": [64, 64]}, "log_std_init": log_std},
         seed=params.seed,
         device="cpu",
     )

@@ -58,29 +58,29 @@ def judge(experiment: Experiment, params: TrialParams) -> dict[str, Row]:
     """
     p, seeds = params, range(params.seed, params.seed + params.count)
     lasting = experiment.replace(duration=p.start + p.length)
-    pushed = with_pushes(lasting, p.push, p.start)
+    with_push = with_pushes(lasting, p.push, p.start)
     bodies = [
         lasting.replace(overrides={**lasting.overrides, **body})
         for body in draw_bodies(lasting, p.spread, p.count, p.seed)
     ]
-    chosen = {
+    trials = {
         "calm": [(lasting, seed) for seed in seeds],
-        "pushed": [(pushed, seed) for seed in seeds],
+        "pushed": [(with_push, seed) for seed in seeds],
         "bodies": list(zip(bodies, seeds, strict=True)),
     }
-    return {name: _row(runs, p) for name, runs in chosen.items()}
+    return {name: _row(runs, p) for name, runs in trials.items()}
 
 
 def _row(runs: Iterable[tuple[Experiment, int]], p: TrialParams) -> Row:
-    speeds, costs, falls = [], [], 0
+    speeds, costs, fall_count = [], [], 0
     for experiment, seed in runs:
         log = rollout(experiment, seed)
         measured = log.cut(slice(round(p.start / log.dt), None))
-        way = np.nan_to_num(heading_speed(measured)).sum() * log.dt
-        speeds.append(float(way) / p.length)
+        distance = np.nan_to_num(heading_speed(measured)).sum() * log.dt
+        speeds.append(float(distance) / p.length)
         if log.fall:
-            falls += 1
+            fall_count += 1
         elif speeds[-1] > STANDS:
             costs.append(METRICS["cost_of_transport"](measured))
     cost = float(np.mean(costs)) if costs else float("nan")
-    return Row(float(np.mean(speeds)), cost, falls, len(speeds))
+    return Row(float(np.mean(speeds)), cost, fall_count, len(speeds))

@@ -13,7 +13,7 @@ class LearningNode(LocoNode):
     """Node of a network that learns in phases."""
 
     ERROR = "error_rad"  # name of the error in diagnostics
-    _now, _error, _save_to = "", 0.0, ""
+    _phase_now, _error, _save_to = "", 0.0, ""
 
     def follow(self, phase: str, error: float, tick: int, t: float, network: Any = None) -> None:
         """Tell of a phase that begins; save the network when it is the test.
@@ -26,9 +26,9 @@ class LearningNode(LocoNode):
             network: Has a method `save`; None saves nothing.
         """
         self._error = error
-        if phase == self._now:
+        if phase == self._phase_now:
             return
-        self._now = phase
+        self._phase_now = phase
         self.event("phase", phase, tick, t)
         # Weights are final when the test phase begins: nothing trains after it.
         if phase == "test" and self._save_to and network:
@@ -44,4 +44,4 @@ class LearningNode(LocoNode):
 
     def diagnose(self) -> dict[str, Any]:
         """Phase and prediction error."""
-        return {"phase": self._now or "waiting", self.ERROR: self._error}
+        return {"phase": self._phase_now or "waiting", self.ERROR: self._error}

@@ -16,8 +16,8 @@ from loco_sim.msd.network import chain
 from loco_sim.msd.params import MsdParams
 
 from ..networks.gait import Gait
+from ..networks.reservoir import Controller, LoopParams
 from ..params import PHASES
-from ..reflex.msd_reservoir import Controller, LoopParams
 from .learning_node import LearningNode
 
 MOVING = PHASES[1:]  # a network does not stand first
@@ -63,10 +63,12 @@ class MsdReflexNode(LearningNode):
         tick = tick_of(state.time, self._rate)
         t = tick / self._rate
         phase = self.controller.phase(self.controller.tick)
-        factor, said, target = self.controller.step(state.tau.reshape(self._shape).T)
-        for (publish, pack), values in zip(self._outputs_of, (factor, said, target), strict=True):
+        factor, prediction, target = self.controller.step(state.tau.reshape(self._shape).T)
+        for (publish, pack), values in zip(
+            self._outputs_of, (factor, prediction, target), strict=True
+        ):
             publish(pack(t, values))
-        error = float(np.sqrt(np.mean((said - target) ** 2)))
+        error = float(np.sqrt(np.mean((prediction - target) ** 2)))
         self.follow(MOVING[phase], error, tick, t)
 
 

@@ -98,8 +98,8 @@ class Experiment(Params):
     def _merged_model(self) -> models.Model:
         """The model that `robot` names, with overrides and effects of the experiment on top."""
         # A plain name is not looked into here: `plant` reads the robot, once.
-        plain = self.robot in robots.names()
-        base = models.Model(self.robot) if plain else models.load_any(self.robot)
+        is_shipped = self.robot in robots.names()
+        base = models.Model(self.robot) if is_shipped else models.load_any(self.robot)
         named = base.robot in robots.names()
         return models.Model(
             base.robot if named else str(Path(base.robot).resolve()),  # for a bag that is moved
@@ -122,9 +122,9 @@ class Experiment(Params):
             self._set(target=self.target or CpgParams())
             self._set(learner=self.learner or JointLearnerParams())
             self.make_target()  # raises where a list has a wrong length
-        wanted = LearnerParams if self.gait else JointLearnerParams
-        if not isinstance(self.learner, wanted):
-            raise ParameterError(f"learner must be {wanted.__name__}, got {self.learner!r}")
+        params_class = LearnerParams if self.gait else JointLearnerParams
+        if not isinstance(self.learner, params_class):
+            raise ParameterError(f"learner must be {params_class.__name__}, got {self.learner!r}")
 
     def _set(self, **values: Any) -> None:
         for key, value in values.items():
@@ -149,9 +149,11 @@ class Experiment(Params):
     def draws(self) -> bool:
         """Whether a run depends on the seed: by learning, noisy sensors or a random effect."""
         learns = self.learner.enabled and not self.learner.weights
-        noisy = self.plant.sensors is not None and not self.plant.sensors.exact
+        has_noise = self.plant.sensors is not None and not self.plant.sensors.exact
         effects = sim_effects.from_list(self.effects)
-        return learns or noisy or any(effect.draws and not effect.absent() for effect in effects)
+        return (
+            learns or has_noise or any(effect.draws and not effect.absent() for effect in effects)
+        )
 
     @property
     def outputs(self) -> np.ndarray:
@@ -201,9 +203,9 @@ def load(
     for key, value in (overrides or {}).items():
         values = merge(values, _nested(key, value))
     values.setdefault("name", path.stem)
-    beside = path.parent / str(values.get("robot", ""))
-    if beside.suffix == ".yaml" and beside.is_file():
-        values["robot"] = str(beside)
+    neighbour = path.parent / str(values.get("robot", ""))
+    if neighbour.suffix == ".yaml" and neighbour.is_file():
+        values["robot"] = str(neighbour)
     learner = values.get("learner")
     weights = learner.get("weights") if isinstance(learner, Mapping) else None
     if isinstance(weights, str) and weights and (path.parent / weights).is_file():
@@ -329,20 +331,22 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _read(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+def _read(path: Path, visited: tuple[Path, ...]) -> dict[str, Any]:
     """Values of a file on top of those it extends."""
     path = path.resolve()
-    if path in seen:
-        raise ParameterError(f"{path} extends itself: {' > '.join(p.stem for p in (*seen, path))}")
+    if path in visited:
+        raise ParameterError(
+            f"{path} extends itself: {' > '.join(p.stem for p in (*visited, path))}"
+        )
     values = read_yaml(path)
     base = values.pop("extends", None)
     if base is None:
         return values
     if not isinstance(base, str):
         raise ParameterError(f"{path}: extends must be the name of an experiment, got {base!r}")
-    parent = _read(_find(base, path.parent), (*seen, path))
-    for own in ("name", "description"):
-        parent.pop(own, None)
+    parent = _read(_find(base, path.parent), (*visited, path))
+    for key in ("name", "description"):
+        parent.pop(key, None)
     return merge(parent, values)
 
 

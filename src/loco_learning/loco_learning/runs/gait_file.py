@@ -21,7 +21,7 @@ from loco_control.files import write_whole
 from loco_control.gait.generator import GaitParams
 from loco_control.gait.oscillators import CpgParams
 from loco_control.params import from_dict, to_dict
-from loco_control.reading import understood
+from loco_control.reading import shown, understood
 
 from ..plain import read_yaml
 
@@ -81,10 +81,11 @@ def load(name_or_path: str | Path) -> Gait:
 
 def _from_values(path: str, values: Mapping[str, Any]) -> Gait:
     values = dict(values)
-    found = (values.pop("kind", None), values.pop("format", None))
-    if found != ("gait", FORMAT):
+    header = (values.pop("kind", None), values.pop("format", None))
+    if header != ("gait", FORMAT):
         raise ParameterError(
-            f"{path} is of kind {found[0]!r}, format {found[1]}; wanted is 'gait', format {FORMAT}"
+            f"{path} is of kind {shown(header[0])}, format {shown(header[1])}; "
+            f"wanted is 'gait', format {FORMAT}"
         )
     fields = {f.name: f for f in dataclasses.fields(Gait)}
     for key in values:

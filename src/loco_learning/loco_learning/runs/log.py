@@ -139,13 +139,13 @@ class Log:
 
     def phases(self) -> dict[str, slice]:
         """Ticks of the phases that were reached; where nothing trains, "train" is `OPEN`."""
-        found = {}
+        phases = {}
         for name in PHASES:
             ticks = self.phase_of(name)
             if ticks.stop > ticks.start:
                 called = name != "train" or self.experiment.learner.enabled
-                found[name if called else OPEN] = ticks
-        return found
+                phases[name if called else OPEN] = ticks
+        return phases
 
     def ticks(self) -> np.ndarray:
         """Control periods since reset, (T,)."""
@@ -188,8 +188,8 @@ class Log:
             MissingFileError: There is no such file.
             ParameterError: It is not a log of this version.
         """
-        meta, columns = archive.read(path, "log")
-        return cls(columns, from_values(meta.pop("experiment")), **meta)
+        with archive.reading(path, "log") as (meta, columns):
+            return cls(columns, from_values(meta.pop("experiment")), **meta)
 
 
 def columns_of(experiment: Experiment) -> dict[str, Column]:

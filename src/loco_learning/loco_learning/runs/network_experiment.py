@@ -15,7 +15,7 @@ from loco_sim.msd.network import chain
 from loco_sim.msd.params import MsdParams, preset
 
 from ..networks.gait import Gait
-from ..reflex.msd_reservoir import LoopParams
+from ..networks.reservoir import LoopParams
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def from_values(values: Mapping[str, Any], where: str = "") -> NetworkExperiment
     if "preset" in values:
         base = to_dict(preset(str(values.pop("preset"))).params)
         values["network"] = {**base, **(values.get("network") or {})}
-    made = from_dict(NetworkExperiment, values, where)
-    return made.replace(gait=_filled(made.network, made.gait))
+    experiment = from_dict(NetworkExperiment, values, where)
+    return experiment.replace(gait=_filled(experiment.network, experiment.gait))
 
 
 def _filled(network: MsdParams, gait: MsdGaitParams) -> MsdGaitParams:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from loco_control.exceptions import ParameterError
-from loco_control.legs import similarity
+from loco_control.gait import similarity
 from loco_control.params import Params
 from loco_sim.robot.robot import Robot
 

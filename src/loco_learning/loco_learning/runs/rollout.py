@@ -97,22 +97,22 @@ class Loop:
 
     def step(self) -> dict[str, Any]:
         """One control period; returns its messages by the names of the parts in `log.COLUMNS`."""
-        state, truth = self.state, self.sim.ground_truth()
+        state, ground_truth = self.state, self.sim.ground_truth()
         target = self.target.step(state)
         before = time.perf_counter()
         command, learning = self.reflex.step(state.tick, state.t, self.feel(state), target)
         self.reflex_time = time.perf_counter() - before
-        said = {
-            "state": state, "truth": truth, "target": target, "command": command,
+        row = {
+            "state": state, "truth": ground_truth, "target": target, "command": command,
             "learning": learning,
         }  # fmt: skip
         if self.stance:
-            said["stance"], said["trunk"] = self.stance.step(state, target, command)
-            self.state = self.sim.step(command, said["trunk"])
+            row["stance"], row["trunk"] = self.stance.step(state, target, command)
+            self.state = self.sim.step(command, row["trunk"])
         else:
-            orders = self._commands(state.tick, state.t, command.q, command.dq)
-            self.state = self.sim.step(*orders)
-        return said
+            commands = self._commands(state.tick, state.t, command.q, command.dq)
+            self.state = self.sim.step(*commands)
+        return row
 
     def close(self) -> None:
         """Free the plant."""
@@ -138,8 +138,8 @@ def build(
     """
     e, seed = experiment, experiment.seed if seed is None else seed
     robot, dt, effects = e.plant, e.dt, sim_effects.from_list(e.effects)
-    standing = standing_pose(e.gait.origin, robot.legs) if e.gait else None
-    sim = plant(standing) if plant else Simulation(e.sim_params, effects, seed, dt, robot, standing)
+    posture = standing_pose(e.gait.origin, robot.legs) if e.gait else None
+    sim = plant(posture) if plant else Simulation(e.sim_params, effects, seed, dt, robot, posture)
     if e.gait:
         senses, target = FootForces(e.learner), TargetGenerator(e.gait, dt, robot.legs)
         stance = StanceController(e.stance, e.trunk, dt, robot.legs)
@@ -192,22 +192,22 @@ def run(
     columns = empty(experiment, ticks)
     write, reflex_time = writer(experiment, columns), np.zeros(ticks)
     save_at = TEST if save_weights and loop.reflex.parts() else -1
-    started, done, fall = time.perf_counter(), 0, ""
-    while done < ticks and not fall:
+    started, done, fall_reason = time.perf_counter(), 0, ""
+    while done < ticks and not fall_reason:
         try:
-            said = loop.step()
+            row = loop.step()
         except DivergedError as error:
-            fall = str(error)
+            fall_reason = str(error)
             break
-        write(done, said)
+        write(done, row)
         reflex_time[done] = loop.reflex_time
-        if said["learning"].phase == save_at:  # nothing learns from here on
+        if row["learning"].phase == save_at:  # nothing learns from here on
             loop.reflex.save(save_weights)
             save_at = -1
         done += 1
-        fall = loop.sim.fallen or ""
+        fall_reason = loop.sim.fallen or ""
         if on_tick:
             on_tick(done, loop)
     columns = {name: column[:done] for name, column in columns.items()}
     columns[REFLEX_TIME] = reflex_time[:done]
-    return Log(columns, experiment, loop.seed, fall, time.perf_counter() - started)
+    return Log(columns, experiment, loop.seed, fall_reason, time.perf_counter() - started)

@@ -9,12 +9,14 @@ it was, and ends with the same file, byte for byte, as one that was left alone.
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
+from loco_control.checks import Between, check_file
 from loco_control.exceptions import MissingFileError, ParameterError
 
 from ..jobs import journal
@@ -23,6 +25,25 @@ from .score import Score
 
 FORMAT = 2
 FILE = "evaluations.jsonl"
+
+
+class Row(TypedDict):
+    """One evaluation in the file."""
+
+    generation: int
+    index: int
+    sigma: numbers.Real
+    x: list[numbers.Real]
+    value: numbers.Real
+    reason: str
+    extra: dict[str, Any]
+
+
+class Header(TypedDict):
+    """Keys of the first line that are read."""
+
+    population: Annotated[int, Between(1, 1_000_000)]
+    names: list[str]
 
 
 class Evaluations:
@@ -41,7 +62,7 @@ class Evaluations:
     """
 
     def __init__(self, path: str | Path | None, header: Mapping[str, Any]):
-        self._journal = Journal(path, {"kind": "optimisation", "format": FORMAT, **header})
+        self._journal = Journal(path, {"kind": "optimisation", "format": FORMAT, **header}, Row)
         self.header, self.rows = self._journal.header, self._journal.rows
         try:
             _check(path, self.header, self.rows)
@@ -79,13 +100,14 @@ def read(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     path = path / FILE if path.is_dir() else path
     if not path.is_file():
         raise MissingFileError(f"there is no record of an optimisation {path}")
-    header, rows, _ = journal.read(path)
+    header, rows, _ = journal.read(path, Row)
     version = (header.get("kind"), header.get("format"))
     if version != ("optimisation", FORMAT):
         raise ParameterError(
             f"{path} is a record of kind {version[0]!r}, format {version[1]}; wanted is "
             f"'optimisation', format {FORMAT}"
         )
+    check_file(header, Header, path)
     _check(path, header, rows)
     return header, rows
 

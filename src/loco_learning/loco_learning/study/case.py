@@ -56,8 +56,8 @@ class CaseResult:
             MissingFileError: There is no such file.
             ParameterError: It is not a case result of this version.
         """
-        meta, curves = archive.read(path, "case")
-        return cls(**meta, curves=curves)
+        with archive.reading(path, "case") as (meta, curves):
+            return cls(**meta, curves=curves)
 
 
 def run_case(
@@ -128,9 +128,9 @@ def _error(log: Log) -> dict[str, np.ndarray]:
     target, prediction = quantities.target_and_prediction(moving)
     smooth = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     curves = {"error_t": moving.t[::COARSE], "error": smooth[::COARSE]}
-    found = trial.course(log)
-    if found:
-        curves |= {"lag_t": found.t[::COARSE], "lag": found.lag[::COARSE]}
+    course = trial.course(log)
+    if course:
+        curves |= {"lag_t": course.t[::COARSE], "lag": course.lag[::COARSE]}
     return curves
 
 
@@ -152,8 +152,8 @@ def _cycle(log: Log) -> dict[str, np.ndarray]:
     test = log.cut(log.phase_of("test"))
     if not log.experiment.learner.enabled or len(test) < quantities.period(log):
         return {}
-    wanted, commanded = quantities.outputs_wanted(test), quantities.outputs_commanded(test)
-    target, actual = signals.limit_cycle(wanted, commanded)
+    targets, commanded = quantities.outputs_wanted(test), quantities.outputs_commanded(test)
+    target, actual = signals.limit_cycle(targets, commanded)
     return {"cycle_t": test.t, "cycle_target": target, "cycle": actual}
 
 

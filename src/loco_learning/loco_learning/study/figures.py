@@ -54,8 +54,8 @@ def _marks(result: CaseResult, top: float, low: float = -np.inf) -> list[Layer]:
              if learner[phase]}  # fmt: skip
     for effect in result.experiment["effects"]:
         marks[f"{effect['name'].replace('_', ' ')} begins"] = effect.get("start", 0.0)
-    shown = {name: t for name, t in marks.items() if t >= low}
-    return [line(name, [t, t], [0.0, top], GREY, size=0.8) for name, t in shown.items()]
+    visible = {name: t for name, t in marks.items() if t >= low}
+    return [line(name, [t, t], [0.0, top], GREY, size=0.8) for name, t in visible.items()]
 
 
 @figure
@@ -64,21 +64,26 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
     layers = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
         name, colour = f"{variant.upper()} ({len(cases)} trials)", _colour(variant, i)
-        told = [case for case in cases if "error" in case.curves]
-        layers += [line(name, c.curves["error_t"], c.curves["error"], colour) for c in told]
-        fell = [c for c in told if c.verdict["fall"]]
-        ends = [[c.curves[key][-1] for c in fell] for key in ("error_t", "error")]
-        layers.append(dots(name, *ends, colour, texts=[f"{c.name} fell" for c in fell]))
+        with_error = [case for case in cases if "error" in case.curves]
+        layers += [line(name, c.curves["error_t"], c.curves["error"], colour) for c in with_error]
+        fallen_cases = [c for c in with_error if c.verdict["fall"]]
+        end_points = [[c.curves[key][-1] for c in fallen_cases] for key in ("error_t", "error")]
+        layers.append(
+            dots(name, *end_points, colour, texts=[f"{c.name} fell" for c in fallen_cases])
+        )
     learner = results[0].experiment["learner"]
     closing = learner["stand"] + learner["train"]
-    ends = max(0.0, closing - 10.0), max(case.verdict["end"] for case in results)
+    end_points = max(0.0, closing - 10.0), max(case.verdict["end"] for case in results)
     bound = results[0].experiment["criterion"]["nrmse"]
-    seen = [layer.y[layer.x >= ends[0]] for layer in layers]
-    most = max((float(np.nanmax(y)) for y in seen if np.isfinite(y).any()), default=bound)
-    top = 1.05 * (max(most, bound) if bound < 3.0 * most else most)  # or it is far above
-    layers += _marks(results[0], top, ends[0])
-    layers.append(line("bound of the criterion", ends, [bound, bound], GREY, shape=DASHED))
-    axes = Axis("time [s]", limits=ends), Axis("NRMSE, mean over one stride [-]", limits=(0.0, top))
+    values = [layer.y[layer.x >= end_points[0]] for layer in layers]
+    highest = max((float(np.nanmax(y)) for y in values if np.isfinite(y).any()), default=bound)
+    top = 1.05 * (max(highest, bound) if bound < 3.0 * highest else highest)  # or it is far above
+    layers += _marks(results[0], top, end_points[0])
+    layers.append(line("bound of the criterion", end_points, [bound, bound], GREY, shape=DASHED))
+    axes = (
+        Axis("time [s]", limits=end_points),
+        Axis("NRMSE, mean over one stride [-]", limits=(0.0, top)),
+    )
     return Chart([Frame(*axes, layers, height=330)])
 
 
@@ -87,10 +92,10 @@ def limit_cycles(results: Sequence[CaseResult]) -> Chart:
     """Limit cycle of one trial per variant in the target's principal components, as figure 8.4."""
     frames = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
-        told = [case for case in cases if "cycle" in case.curves]
-        if not told:
+        with_cycle = [case for case in cases if "cycle" in case.curves]
+        if not with_cycle:
             continue
-        case = _typical(told)
+        case = _typical(with_cycle)
         path, target = case.curves["cycle"], case.curves["cycle_target"][:300]
         last = len(path) - max(1, len(path) // 10)
         layers = [
@@ -111,13 +116,13 @@ def foot_heights(results: Sequence[CaseResult]) -> Chart:
     for variant, cases in _variants(results).items():
         case = _typical(cases)
         t, layers = case.curves["feet_t"], list[Layer]()
-        shown = t > t[-1] - 3.0
+        in_window = t > t[-1] - 3.0
         for foot, (leg, colour) in enumerate((("LF", PALETTE[1]), ("RF", PALETTE[2]))):
             for key, name, shape in (
                 ("feet_target", "target", DASHED), ("feet", "network", LINE),
             ):  # fmt: skip
-                height = 100.0 * case.curves[key][shown, foot]
-                layers.append(line(f"{leg} {name}", t[shown], height, colour, shape=shape))
+                height = 100.0 * case.curves[key][in_window, foot]
+                layers.append(line(f"{leg} {name}", t[in_window], height, colour, shape=shape))
         axes = Axis("time [s]"), Axis("height of the foot [cm]")
         frames.append(Frame(*axes, layers, f"{variant.upper()}, seed {case.seed}"))
     return Chart(frames)
@@ -161,10 +166,10 @@ def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
         for i, (variant, cases) in enumerate(_variants(results).items()):
             at = np.array([case.at.get(axis, case.seed) for case in cases], dtype=float)
             values = np.array([holds(case) for case in cases], dtype=float)
-            places = np.unique(at)
-            shares = [values[at == place].mean() for place in places]
-            layers += [line(variant, places, shares, _colour(variant, i)),
-                       dots(variant, places, shares, _colour(variant, i))]  # fmt: skip
+            positions = np.unique(at)
+            shares = [values[at == place].mean() for place in positions]
+            layers += [line(variant, positions, shares, _colour(variant, i)),
+                       dots(variant, positions, shares, _colour(variant, i))]  # fmt: skip
         axes = Axis(label), Axis("share of trials [-]", limits=(-0.05, 1.05))
         frames.append(Frame(*axes, layers, title))
     return Chart(frames)
@@ -207,18 +212,18 @@ def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
             (True, "survived", PALETTE[2]),
             (False, "failed", PALETTE[1]),
         ):
-            own = [
+            values = [
                 (row, case)
                 for row, case in zip(table, results, strict=True)
                 if bool(row["survived"]) == survived and np.isfinite(row[name])
             ]
             # Trials of one variant lie a little apart, in the order of their seeds.
-            apart = [variants.index(row["variant"]) + 0.3 * (_rank(case, results) - 0.5)
-                     for row, case in own]  # fmt: skip
+            positions = [variants.index(row["variant"]) + 0.3 * (_rank(case, results) - 0.5)
+                     for row, case in values]  # fmt: skip
             layers.append(dots(
-                label, [row[name] for row, _ in own], apart, colour,
-                texts=[f"{case.name}: {row[name]:.4g}" for row, case in own],
-                links=[f"#case-{case.name}" for _, case in own],
+                label, [row[name] for row, _ in values], positions, colour,
+                texts=[f"{case.name}: {row[name]:.4g}" for row, case in values],
+                links=[f"#case-{case.name}" for _, case in values],
             ))  # fmt: skip
         unit = METRICS[name].unit if name in METRICS else "-"
         label = f"{name.replace('_', ' ')} [{unit}]"
@@ -229,8 +234,8 @@ def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
 
 def _rank(case: CaseResult, results: Sequence[CaseResult]) -> float:
     """Place of a trial among those of its variant, from 0 to 1."""
-    own = [other.name for other in results if other.variant == case.variant]
-    return own.index(case.name) / max(1, len(own) - 1)
+    names = [other.name for other in results if other.variant == case.variant]
+    return names.index(case.name) / max(1, len(names) - 1)
 
 
 def _typical(cases: Sequence[CaseResult]) -> CaseResult:
@@ -250,8 +255,8 @@ def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list
         Paths of the files.
     """
     folder = Path(folder)
-    texts = {"table.md": markdown(study, results), "cases.csv": as_csv(study, results)}
-    written = [write_whole(folder / name, text) for name, text in texts.items()]
+    files = {"table.md": markdown(study, results), "cases.csv": as_csv(study, results)}
+    written = [write_whole(folder / name, text) for name, text in files.items()]
     columns = table_of(study, results)
     written.append(write_whole(folder / "cases.npz", lambda file: np.savez(file, **columns)))
     for name in study.figures:
@@ -267,7 +272,7 @@ def table_of(study: Any, results: Sequence[CaseResult]) -> dict[str, np.ndarray]
 
 def rows(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
     """One mapping per case: verdict, then the metrics of the study's phase."""
-    made = []
+    rows_of_table = []
     for case in results:
         values = case.metrics.get(study.phase) or case.metrics.get(OPEN, {})
         row = {"variant": case.variant, **case.at, "seed": case.seed}
@@ -275,8 +280,8 @@ def rows(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
         row |= {"failed": " ".join(case.verdict["failed"]) or "-", "end": case.verdict["end"]}
         row |= {f"trial {key}": case.verdict[key] for key in VERDICT}
         row |= {name: values.get(name, float("nan")) for name in study.metrics}
-        made.append(row)
-    return made
+        rows_of_table.append(row)
+    return rows_of_table
 
 
 def as_csv(study: Any, results: Sequence[CaseResult]) -> str:
@@ -301,7 +306,7 @@ def markdown(study: Any, results: Sequence[CaseResult]) -> str:
 
 def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
     """One mapping per variant: trials, survivors, and how many failed by each criterion."""
-    made = []
+    lines = []
     for variant, cases in _variants(results).items():
         row: dict[str, Any] = {"variant": variant, "trials": len(cases)}
         row["survived"] = sum(case.verdict["survived"] for case in cases)
@@ -310,8 +315,8 @@ def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
         for name in ("frequency", "lag"):
             values = [case.verdict[name] for case in cases]
             row[f"{name} mean"], row[f"{name} std"] = np.mean(values), np.std(values)
-        made.append(row)
-    return made
+        lines.append(row)
+    return lines
 
 
 def _table(table: list[dict[str, Any]]) -> list[str]:

@@ -91,8 +91,8 @@ def _axis(name: str, spec: Any, where: str) -> Axis:
     for key in spec:
         if key not in AXIS_KEYS:
             raise NameUnknownError(f"key in {where}", str(key), AXIS_KEYS)
-    given = [key for key in ("values", *SPACINGS) if key in spec]
-    values = spec[given[0]] if len(given) == 1 else None
+    keys = [key for key in ("values", *SPACINGS) if key in spec]
+    values = spec[keys[0]] if len(keys) == 1 else None
     if not isinstance(values, (list, tuple)) or not values:
         raise ParameterError(
             f"{where} has no values: give a list, {{linspace: [first, last, points]}} or "
@@ -101,13 +101,13 @@ def _axis(name: str, spec: Any, where: str) -> Axis:
     spacing, sets = None, spec.get("sets", [name])
     if not isinstance(sets, (list, tuple)) or not all(isinstance(s, str) for s in sets):
         raise ParameterError(f"{where}.sets must be a list of parameters, got {shown(sets)}")
-    if given[0] in SPACINGS:
+    if keys[0] in SPACINGS:
         numbers = len(values) == 3 and all(type(v) in (int, float) for v in values)
         if not numbers or type(values[2]) is not int:
             raise ParameterError(
-                f"{where}.{given[0]} must be [first, last, points], got {shown(values)}"
+                f"{where}.{keys[0]} must be [first, last, points], got {shown(values)}"
             )
-        spacing = given[0], float(values[0]), float(values[1]), bool(spec.get("whole", False))
+        spacing = keys[0], float(values[0]), float(values[1]), bool(spec.get("whole", False))
         values = _spaced(where, *spacing, values[2])
     for value in values:
         if not isinstance(value, (int, float, str)):
@@ -119,12 +119,12 @@ def _axis(name: str, spec: Any, where: str) -> Axis:
 
 
 def _spaced(
-    where: str, kind: str, first: float, last: float, whole: bool, count: int
+    where: str, kind: str, first: float, last: float, integer: bool, count: int
 ) -> tuple[float, ...]:
     if not 1 <= count <= MOST_POINTS:
         raise ParameterError(f"{where} needs 1 to {MOST_POINTS:,} points, got {count}")
     values = (float(v) for v in SPACINGS[kind](first, last, count))
-    return tuple(dict.fromkeys(map(round, values))) if whole else tuple(values)
+    return tuple(dict.fromkeys(map(round, values))) if integer else tuple(values)
 
 
 def points(axes: tuple[Axis, ...]) -> Iterator[tuple[int, ...]]:
@@ -138,14 +138,14 @@ def settings(axes: tuple[Axis, ...], point: tuple[int, ...]) -> dict[str, Any]:
     return {name: axis.values[i] for axis, i in pairs for name in axis.sets}
 
 
-def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> MapSpec | None:
+def read_map(values: Any, axes: tuple[Axis, ...], where: str, quantities: Any) -> MapSpec | None:
     """The key ``map`` of a study; without it, the first two axes of a grid that has two.
 
     Args:
         values: Content of the key, None if it is absent.
         axes: Axes of the grid.
         where: Name of the study.
-        known: Names of metrics.
+        quantities: Names of metrics.
 
     Raises:
         ParameterError: It is no mapping, a range is not two numbers, or there are no two axes.
@@ -169,8 +169,8 @@ def read_map(values: Any, axes: tuple[Axis, ...], where: str, known: Any) -> Map
     legal = ranges(values.get("legal", {}), f"{where}.map.legal")
     metrics = tuple(values.get("metrics", legal or ("survived",)))
     for name in (*metrics, *legal):
-        if name not in known and name != "survived":
-            raise NameUnknownError("metric", str(name), known)
+        if name not in quantities and name != "survived":
+            raise NameUnknownError("metric", str(name), quantities)
     regions = {
         str(name): {part: ranges(dict(rule).get(part, {}), f"{where}.map.regions.{name}.{part}")
                     for part in ("where", "what")}
@@ -188,13 +188,13 @@ def ranges(values: Any, where: str) -> dict[str, tuple[float, float]]:
     """
     if not isinstance(values, Mapping):
         raise ParameterError(f"{where} must be a mapping of ranges, got {shown(values)}")
-    made = {}
+    intervals = {}
     for name, pair in values.items():
-        ends = pair if isinstance(pair, (list, tuple)) else ()
-        if len(ends) != 2 or not all(v is None or type(v) in (int, float) for v in ends):
+        limits = pair if isinstance(pair, (list, tuple)) else ()
+        if len(limits) != 2 or not all(v is None or type(v) in (int, float) for v in limits):
             raise ParameterError(f"{where}.{name} must be [low, high], got {shown(pair)}")
-        low, high = ends
-        made[str(name)] = (
+        low, high = limits
+        intervals[str(name)] = (
             -math.inf if low is None else float(low), math.inf if high is None else float(high),
         )  # fmt: skip
-    return made
+    return intervals

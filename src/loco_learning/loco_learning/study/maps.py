@@ -79,11 +79,11 @@ def sheets(study: Any, results: Sequence[CaseResult]) -> list[Sheet]:
     axes = {axis.name: axis for axis in study.axes}
     x, y = axes.pop(spec.x), axes.pop(spec.y)
     table = list(zip(rows(study, results), results, strict=True))
-    made = []
-    for variant, rest in itertools.product(
+    sheet_list = []
+    for variant, settings in itertools.product(
         study.variants, itertools.product(*(axis.values for axis in axes.values()))
     ):
-        other = dict(zip(axes, rest, strict=True))
+        other = dict(zip(axes, settings, strict=True))
         own = [
             (row, case) for row, case in table
             if case.variant == variant and case.metrics
@@ -91,17 +91,17 @@ def sheets(study: Any, results: Sequence[CaseResult]) -> list[Sheet]:
         ]  # fmt: skip
         if own:
             title = ", ".join([variant, *(f"{name} {value:g}" for name, value in other.items())])
-            made.append(_sheet(title, x, y, own))
-    return made
+            sheet_list.append(_sheet(title, x, y, own))
+    return sheet_list
 
 
-def _sheet(title: str, x: Axis, y: Axis, own: list[tuple[dict, CaseResult]]) -> Sheet:
+def _sheet(title: str, x: Axis, y: Axis, rows: list[tuple[dict, CaseResult]]) -> Sheet:
     shape = len(y.values), len(x.values)
-    names = [key for key, value in own[0][0].items() if isinstance(value, (bool, int, float))]
+    names = [key for key, value in rows[0][0].items() if isinstance(value, (bool, int, float))]
     gathered: list[list[list[dict]]] = [[[] for _ in x.values] for _ in y.values]
     cases: list[list[list[str]]] = [[[] for _ in x.values] for _ in y.values]
     column, line = ({v: i for i, v in enumerate(axis.values)} for axis in (x, y))
-    for row, case in own:
+    for row, case in rows:
         i, j = line[case.at[y.name]], column[case.at[x.name]]
         gathered[i][j].append(row)
         cases[i][j].append(case.name)
@@ -120,17 +120,17 @@ def _sheet(title: str, x: Axis, y: Axis, own: list[tuple[dict, CaseResult]]) -> 
 
 def regions(sheet: Sheet, spec: MapSpec) -> dict[str, Region]:
     """Regions of a sheet by the rules of its study: where they lie and what happens there."""
-    made = {}
+    masks = {}
     for name, rule in spec.regions.items():
         where = sheet.within({**rule["where"], "survived": (0.0, 1.0)})  # was run at all
         what = rule["what"]
-        found = where & sheet.within(what)
+        mask = where & sheet.within(what)
         shares = {
-            key: float(sheet.within({key: ends})[where].mean()) if where.any() else float("nan")
-            for key, ends in what.items()
+            key: float(sheet.within({key: limits})[where].mean()) if where.any() else float("nan")
+            for key, limits in what.items()
         }
-        made[name] = Region(where, found, shares)
-    return made
+        masks[name] = Region(where, mask, shares)
+    return masks
 
 
 # ---- drawing -----------------------------------------------------------------
@@ -171,8 +171,8 @@ def region_map(sheet: Sheet, spec: MapSpec, page: str = "") -> Chart:
             (region.where & ~region.found, pale, "as placed, not as it behaves"),
             (region.found, full, "as it behaves"),
         ):
-            texts = [f"{name}: {what}"] * int(mask.sum())
-            layers.append(heat.marked(mask, label, colour, _links(sheet, page), texts))
+            labels = [f"{name}: {what}"] * int(mask.sum())
+            layers.append(heat.marked(mask, label, colour, _links(sheet, page), labels))
     return _plane(sheet, [*layers, *_damping_lines(sheet, spec)])
 
 
@@ -197,9 +197,9 @@ def _damping_lines(sheet: Sheet, spec: MapSpec) -> list[Layer]:
     if not (sheet.x.logarithmic and sheet.y.logarithmic):
         return []
     x, y = (np.log10(np.asarray(axis.values, dtype=float)) for axis in (sheet.x, sheet.y))
-    places = np.arange(len(x))
+    positions = np.arange(len(x))
     lines = []
     for kappa in spec.iso_damping:
         at = np.interp(np.log10(kappa) + 0.5 * x, y, np.arange(len(y)), np.nan, np.nan)
-        lines += heat.haloed(line(f"κ {kappa:g}", places, at, BLACK, shape=DASHED, size=1.2))
+        lines += heat.haloed(line(f"κ {kappa:g}", positions, at, BLACK, shape=DASHED, size=1.2))
     return lines

@@ -30,8 +30,8 @@ from .case import CLOCKED, REFUSED, CaseResult, run_case
 log = logging.getLogger(__name__)
 
 KEYS = (
-    "name", "description", "variants", "axes", "seeds", "phase", "metrics", "figures", "map",
-    "overrides",
+    "extends", "name", "description", "variants", "axes", "seeds", "phase", "metrics", "figures",
+    "map", "overrides",
 )  # fmt: skip
 TIMED = 3  # cases that run first, to tell what the rest will cost
 
@@ -70,8 +70,8 @@ class Case:
     @property
     def key(self) -> str:
         """Digest of all that decides the run."""
-        own = json.dumps([self.text or _text(self.base), self.settings, self.seed])
-        return hashlib.sha256(own.encode()).hexdigest()[:16]
+        content = json.dumps([self.text or _text(self.base), self.settings, self.seed])
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,13 @@ class Study:
 
         In a grid, a variant in which nothing is drawn runs with the first seed only.
         """
-        texts = {name: _text(experiment) for name, experiment in self.variants.items()}
+        text_by_name = {name: _text(experiment) for name, experiment in self.variants.items()}
         for k, seed in enumerate(self.seeds):
             for name, experiment in self.variants.items():
                 if k and self.axes and not experiment.draws:
                     continue
                 for point in grid.points(self.axes):
-                    yield Case(name, seed, experiment, self.axes, point, texts[name])
+                    yield Case(name, seed, experiment, self.axes, point, text_by_name[name])
 
     def with_points(self, counts: int | dict[str, int]) -> Study:
         """The same grid in other numbers of points; axes that are lists stay as they are.
@@ -163,21 +163,18 @@ def load(
         ParameterError: Broken YAML or a wrong value.
     """
     path = _find(name_or_path)
-    values = read_yaml(path)
-    for key in values:
-        if key not in KEYS:
-            raise NameUnknownError(f"key in study {path.stem}", key, KEYS)
+    values = _read(path)
     variants = values.get("variants")
     if not isinstance(variants, dict) or not variants:
         raise ParameterError(f"{path.stem}.variants must name at least one experiment")
     changes = {**values.get("overrides", {}), **(overrides or {})}
-    made = {str(k): _variant(path, str(k), v, changes) for k, v in variants.items()}
+    variants_by_name = {str(k): _variant(path, str(k), v, changes) for k, v in variants.items()}
     axes = grid.read_axes(values.get("axes", {}), path.stem)
-    _try(made, axes)
+    _try(variants_by_name, axes)
     return Study(
         name=str(values.get("name", path.stem)),
         description=str(values.get("description", "")),
-        variants=made,
+        variants=variants_by_name,
         seeds=_seeds(path, values.get("seeds", [0]) if seeds is None else seeds),
         phase=_known("phase", values.get("phase", "test"), PHASES),
         metrics=_metrics(values.get("metrics", ["nrmse", "speed"])),
@@ -230,15 +227,15 @@ def run(
         and not (timed and any(CLOCKED not in row for row in result.metrics.values()))
     }  # fmt: skip
     missing = [case for case in cases if case.name not in done]
-    first = [missing[i] for i in _spread(len(missing))] if on_cost else []
-    rest = [case for case in missing if case not in first]
+    first = [missing[i] for i in _repeat(len(missing))] if on_cost else []
+    remaining = [case for case in missing if case not in first]
     several, curves = min(workers, len(missing)), bool(study.figures)
     place = pool.start(
         run_case, workers=several if several > 1 else 0, scheduler=scheduler if missing else ""
     )
     with place as jobs:
         folder.mkdir(parents=True, exist_ok=True)
-        for batch in (first, rest):
+        for batch in (first, remaining):
             arguments = [
                 (c.name, c.variant, c.seed, c.base, c.settings, c.at, c.key, curves, timed)
                 for c in batch
@@ -248,14 +245,14 @@ def run(
                 done[result.name] = result
                 if progress:
                     progress(len(done), len(cases), result)
-            if first and rest and batch is first and on_cost:
+            if first and remaining and batch is first and on_cost:
                 seconds = sum(done[c.name].seconds for c in first) / len(first)
-                if on_cost(Cost(len(first), seconds, len(rest))) is False:
+                if on_cost(Cost(len(first), seconds, len(remaining))) is False:
                     break
     return [done[case.name] for case in cases if case.name in done]
 
 
-def _spread(count: int) -> list[int]:
+def _repeat(count: int) -> list[int]:
     """Indices of `TIMED` cases from the beginning, the middle and the end; none of few cases."""
     if count < 4 * TIMED:
         return []
@@ -264,8 +261,8 @@ def _spread(count: int) -> list[int]:
 
 def stored(study: Study, folder: str | Path) -> list[CaseResult]:
     """Results that are there of a study, refused cases too, in the order of its cases."""
-    found = (_stored(Path(folder), case) for case in study.cases())
-    return [result for result in found if result]
+    results = (_stored(Path(folder), case) for case in study.cases())
+    return [result for result in results if result]
 
 
 def _stored(folder: Path, case: Case) -> CaseResult | None:
@@ -278,6 +275,25 @@ def _stored(folder: Path, case: Case) -> CaseResult | None:
         log.warning("%s is run again: %s", case.name, error)
         return None
     return result if result.key == case.key else None
+
+
+def _read(path: Path, after: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Values of a study file; its keys take the place of those of the study that it extends."""
+    path = path.resolve()
+    if path in after:
+        names = " > ".join(p.stem for p in (*after, path))
+        raise ParameterError(f"study {path} extends itself: {names}")
+    values = read_yaml(path)
+    for key in values:
+        if key not in KEYS:
+            raise NameUnknownError(f"key in study {path.stem}", key, KEYS)
+    base = values.pop("extends", None)
+    if base is None:
+        return values
+    if not isinstance(base, str):
+        raise ParameterError(f"{path}: extends must be the name of a study, got {base!r}")
+    neighbour = path.parent / base
+    return {**_read(_find(neighbour if neighbour.is_file() else base), (*after, path)), **values}
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -298,7 +314,7 @@ def _folder() -> Any:
 def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Experiment:
     if not isinstance(spec, dict) or "experiment" not in spec:
         raise ParameterError(f"{path.stem}.variants.{name} must be {{experiment: NAME, ...}}")
-    own = {key: value for key, value in spec.items() if key != "experiment"}
+    changes_of_variant = {key: value for key, value in spec.items() if key != "experiment"}
     base = str(spec["experiment"])
     if base.endswith((".yaml", ".yml")):
         base = str(path.parent / base)
@@ -308,29 +324,29 @@ def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Exper
             f"{path.stem}.variants.{name}: a study runs robots; "
             f"{base} is of masses and springs, whose studies are `loco reproduce msd`"
         )
-    return override(experiment, {**own, **changes})
+    return override(experiment, {**changes_of_variant, **changes})
 
 
 def _seeds(path: Path, seeds: Any) -> tuple[int, ...]:
-    whole = isinstance(seeds, (list, tuple)) and seeds and all(type(s) is int for s in seeds)
-    if not whole or len(set(seeds)) != len(seeds) or min(seeds) < 0:
+    all_integers = isinstance(seeds, (list, tuple)) and seeds and all(type(s) is int for s in seeds)
+    if not all_integers or len(set(seeds)) != len(seeds) or min(seeds) < 0:
         raise ParameterError(
             f"{path.stem}.seeds must be a list of different whole numbers from 0, got {seeds!r}"
         )
     return tuple(seeds)
 
 
-def _known(kind: str, name: Any, known: Any) -> str:
-    if name not in known:
-        raise NameUnknownError(kind, str(name), known)
+def _known(kind: str, name: Any, names: Any) -> str:
+    if name not in names:
+        raise NameUnknownError(kind, str(name), names)
     return str(name)
 
 
-def _metrics(wanted: Any) -> tuple[str, ...]:
-    return tuple(_known("metric", name, METRICS) for name in wanted)
+def _metrics(requested: Any) -> tuple[str, ...]:
+    return tuple(_known("metric", name, METRICS) for name in requested)
 
 
-def _figures(wanted: Any) -> tuple[str, ...]:
+def _figures(requested: Any) -> tuple[str, ...]:
     from .figures import FIGURES
 
-    return tuple(_known("figure", name, FIGURES) for name in wanted)
+    return tuple(_known("figure", name, FIGURES) for name in requested)

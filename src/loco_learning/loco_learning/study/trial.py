@@ -60,43 +60,43 @@ def course(log: Log) -> Course | None:
         return None
     stride = quantities.period(log)
     target, prediction = quantities.target_and_prediction(log)
-    wanted = np.nanmedian(signals.stride_amplitude(target, 2 * stride))
+    amplitude = np.nanmedian(signals.stride_amplitude(target, 2 * stride))
     return Course(
         log.t,
         signals.smoothed_nrmse(target, prediction, stride),
         quantities.lag(log),
-        signals.stride_amplitude(prediction, 2 * stride) / wanted,
+        signals.stride_amplitude(prediction, 2 * stride) / amplitude,
     )
 
 
 def judge(log: Log, criterion: CriterionParams | None = None) -> Verdict:
     """Hold a run against a failure criterion, by default that of its experiment."""
-    found = course(log)
-    numbers = _numbers(log, found) if found else {}
+    courses = course(log)
+    numbers = _numbers(log, courses) if courses else {}
     end = float(log.t[-1]) if len(log) else 0.0
     bounds = criterion or log.experiment.criterion
     failed = [
         name
-        for name, bad in {
+        for name, fails in {
             "fall": bounds.fall and bool(log.fall),
             "phase_slip": numbers.get("slip", 0.0) >= bounds.phase_slip,
             "freeze": numbers.get("amplitude", 1.0) < bounds.freeze,
             "nrmse": numbers.get("nrmse", 0.0) > bounds.nrmse,
         }.items()
-        if bad
+        if fails
     ]
     return Verdict(not failed, failed, log.fall, end, **numbers)
 
 
-def _numbers(log: Log, found: Course) -> dict[str, float]:
+def _numbers(log: Log, course: Course) -> dict[str, float]:
     tail = driven(log)
     tail = tail.cut(slice(max(0, len(tail) - round(TAIL / log.dt)), None))
     target, prediction = quantities.target_and_prediction(tail)
     return {
-        "nrmse": float(np.max(found.nrmse)),
-        "amplitude": float(np.nanmin(found.amplitude)),
-        "slip": float(np.max(np.abs(found.lag))),
-        "lag": float(found.lag[-1]),
+        "nrmse": float(np.max(course.nrmse)),
+        "amplitude": float(np.nanmin(course.amplitude)),
+        "slip": float(np.max(np.abs(course.lag))),
+        "lag": float(course.lag[-1]),
         "frequency": signals.stride_frequency(prediction, log.dt),
         "target_frequency": signals.stride_frequency(target, log.dt),
     }

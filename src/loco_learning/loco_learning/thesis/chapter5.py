@@ -51,8 +51,8 @@ def calibrated_body(evidence: Evidence) -> Numbers:
     values: dict[str, Any] = {}
     for part in ("front", "hind"):
         values[part] = np.median(_bodies(evidence, f"stiffness_{part}")[1])
-        default, found = _bodies(evidence, f"depth_{part}")
-        values[f"{part}_depth_ratio"] = float(np.median(found) / default)
+        default, calibrated = _bodies(evidence, f"depth_{part}")
+        values[f"{part}_depth_ratio"] = float(np.median(calibrated) / default)
     ratio = float(values.pop("hind") / values.pop("front"))
     return {"hind_over_front": ratio, **values}
 
@@ -64,27 +64,29 @@ def slip_is_seen(evidence: Evidence) -> Numbers:
     Each model is compared at the lag that the windowed error found for it, as that error is: the
     slip lasts a tenth of a second, and a robot whose commands are as late has it elsewhere.
     """
-    found = evidence.other("calibration").comparisons[0]
+    comparison = evidence.other("calibration").comparisons[0]
 
     def likeness(name: str, lag: float) -> float:
-        robot, model = found.curves["robot"][:, 0], found.curves[name][:, 0]
-        rows = round(lag / found.period * len(robot))
+        robot, model = comparison.curves["robot"][:, 0], comparison.curves[name][:, 0]
+        rows = round(lag / comparison.period * len(robot))
         return float(np.corrcoef(robot, np.roll(model, rows))[0, 1])
 
-    return {"default": likeness("default", found.lag_before),
-            "calibrated": likeness("calibrated", found.lag_after)}  # fmt: skip
+    return {"default": likeness("default", comparison.lag_before),
+            "calibrated": likeness("calibrated", comparison.lag_after)}  # fmt: skip
 
 
 @measure
 def bound_transfers(evidence: Evidence) -> Numbers:
     """Bound that was not fitted: error ratio, spread between periods, and steepest slopes."""
-    found = _comparison(evidence, BOUND)
-    slope = {k: float(np.max(np.abs(np.diff(found.curves[k], axis=0))))
+    comparison = _comparison(evidence, BOUND)
+    slope = {k: float(np.max(np.abs(np.diff(comparison.curves[k], axis=0))))
              for k in ("robot", "default", "calibrated")}  # fmt: skip
-    spread = {k: float(np.mean(found.curves[f"{k}_spread"])) for k in ("default", "calibrated")}
+    mean_spread = {
+        k: float(np.mean(comparison.curves[f"{k}_spread"])) for k in ("default", "calibrated")
+    }
     return {
-        "ratio": found.ratio("thesis"),
-        "spread_ratio": spread["calibrated"] / spread["default"],
+        "ratio": comparison.ratio("thesis"),
+        "spread_ratio": mean_spread["calibrated"] / mean_spread["default"],
         "calibrated_slope": slope["calibrated"] / slope["robot"],
         "default_slope": slope["default"] / slope["robot"],
     }
@@ -93,9 +95,9 @@ def bound_transfers(evidence: Evidence) -> Numbers:
 @measure
 def walk_transfers(evidence: Evidence) -> Numbers:
     """Walk that was not fitted: error ratio, lag, and whether the default model falls."""
-    found = _comparison(evidence, WALK)
-    return {"ratio": found.ratio("thesis"), "lag_ms": 1e3 * found.lag_after,
-            "default_falls": float(bool(found.fall_before))}  # fmt: skip
+    comparison = _comparison(evidence, WALK)
+    return {"ratio": comparison.ratio("thesis"), "lag_ms": 1e3 * comparison.lag_after,
+            "default_falls": float(bool(comparison.fall_before))}  # fmt: skip
 
 
 @measure
@@ -113,12 +115,12 @@ def gaits_travel(evidence: Evidence) -> Numbers:
 def falls_coincide(evidence: Evidence) -> Numbers:
     """Share of actuations at which robot and calibrated model both fall or both stand."""
     _, cases = evidence.study("amplitudes")
-    fell = {
+    fall_share = {
         variant: np.array([bool(c.verdict["fall"]) for c in cases if c.variant == variant])
         for variant in ("robot", "calibrated", "default")
     }
     return {
-        "agree": float(np.mean(fell["robot"] == fell["calibrated"])),
-        "default_agrees": float(np.mean(fell["robot"] == fell["default"])),
-        "robot_falls": float(fell["robot"].mean()),
+        "agree": float(np.mean(fall_share["robot"] == fall_share["calibrated"])),
+        "default_agrees": float(np.mean(fall_share["robot"] == fall_share["default"])),
+        "robot_falls": float(fall_share["robot"].mean()),
     }

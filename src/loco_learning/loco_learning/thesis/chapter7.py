@@ -60,10 +60,10 @@ def damping(evidence: Evidence) -> Numbers:
 def compliant_and_stiff(evidence: Evidence) -> Numbers:
     """Open-loop metrics of the stiff robot over those of the compliant one."""
     _, cases = evidence.study("complexity")
-    kinds = [[c for c in cases if c.variant == name] for name in ("compliant", "stiff")]
+    by_variant = [[c for c in cases if c.variant == name] for name in ("compliant", "stiff")]
 
     def ratio(metric: str) -> float:
-        soft, stiff = (float(np.nanmean(column(kind, metric, "train"))) for kind in kinds)
+        soft, stiff = (float(np.nanmean(column(kind, metric, "train"))) for kind in by_variant)
         return stiff / soft
 
     return {f"{m}_ratio": ratio(m) for m in ("stability", "power", "speed", "grf_max")}
@@ -80,12 +80,12 @@ def _curves(evidence: Evidence, metric: str) -> tuple[np.ndarray, np.ndarray, np
 def cost_rises(evidence: Evidence) -> Numbers:
     """Line through the logarithm of the closed loop's cost of transport over stiffness."""
     kp, _, closed = _curves(evidence, "cost_of_transport")
-    known = np.isfinite(closed) & (closed > 0.0)
-    if known.sum() < 3:
+    valid = np.isfinite(closed) & (closed > 0.0)
+    if valid.sum() < 3:
         return {}
-    fit = linregress(kp[known], np.log(closed[known]))
-    ends = {"softest_cost": closed[known][0], "stiffest_cost": closed[known][-1]}
-    return {"r2": fit.rvalue**2, "slope_per_1000": 1000.0 * fit.slope, **ends}
+    fit = linregress(kp[valid], np.log(closed[valid]))
+    costs = {"softest_cost": closed[valid][0], "stiffest_cost": closed[valid][-1]}
+    return {"r2": fit.rvalue**2, "slope_per_1000": 1000.0 * fit.slope, **costs}
 
 
 @measure
@@ -100,8 +100,11 @@ def crossing(evidence: Evidence) -> Numbers:
 def never_better(evidence: Evidence) -> Numbers:
     """Closed over open cost of transport and speed, over all stiffnesses."""
     _, opened, closed = _curves(evidence, "cost_of_transport")
-    _, slow, fast = _curves(evidence, "speed")
-    return {"least_cost_ratio": np.nanmin(closed / opened), "speed_ratio": np.nanmax(fast / slow)}
+    _, at_low_speed, at_high_speed = _curves(evidence, "speed")
+    return {
+        "least_cost_ratio": np.nanmin(closed / opened),
+        "speed_ratio": np.nanmax(at_high_speed / at_low_speed),
+    }
 
 
 @measure
@@ -112,8 +115,8 @@ def speed_peak(evidence: Evidence) -> Numbers:
     _, _, power = _curves(evidence, "power")
     _, _, cost = _curves(evidence, "cost_of_transport")
     best = int(np.nanargmax(speed))
-    known = np.isfinite(cost) & (cost > 0.0) & (power > 0.0)
-    logs = np.cov(np.log(power[known]), np.log(cost[known]))
+    valid = np.isfinite(cost) & (cost > 0.0) & (power > 0.0)
+    logs = np.cov(np.log(power[valid]), np.log(cost[valid]))
     return {
         "peak_at": kp[best], "last_over_peak": speed[-1] / speed[best],
         "step_last_over_peak": step[-1] / step[best], "share_of_power": logs[0, 1] / logs[1, 1],
@@ -142,20 +145,22 @@ def accuracy_steady(evidence: Evidence) -> Numbers:
 
 
 def _rho(x: np.ndarray, y: np.ndarray) -> float:
-    known = np.isfinite(x) & np.isfinite(y)
-    return float(spearmanr(x[known], y[known]).statistic) if known.sum() > 3 else np.nan
+    valid = np.isfinite(x) & np.isfinite(y)
+    return float(spearmanr(x[valid], y[valid]).statistic) if valid.sum() > 3 else np.nan
 
 
 def _complexity(evidence: Evidence, variant: str) -> Numbers:
     """Rank correlations of a robot's accuracy with M, N, speed and stability."""
     _, cases = evidence.study("complexity")
-    own = [case for case in cases if case.variant == variant]
-    accuracy = column(own, "accuracy", "test")
-    size = {axis: np.array([case.at[axis] for case in own], dtype=float) for axis in "MN"}
+    cases_of_variant = [case for case in cases if case.variant == variant]
+    accuracy = column(cases_of_variant, "accuracy", "test")
+    size = {
+        axis: np.array([case.at[axis] for case in cases_of_variant], dtype=float) for axis in "MN"
+    }
     return {
         "rho_M": _rho(size["M"], accuracy), "rho_N": _rho(size["N"], accuracy),
-        "rho_speed": _rho(accuracy, column(own, "speed", "test")),
-        "rho_range_of_height": _rho(accuracy, column(own, "stability", "test")),
+        "rho_speed": _rho(accuracy, column(cases_of_variant, "speed", "test")),
+        "rho_range_of_height": _rho(accuracy, column(cases_of_variant, "stability", "test")),
     }  # fmt: skip
 
 
@@ -177,8 +182,8 @@ def training_time(evidence: Evidence) -> Numbers:
     _, cases = evidence.study("complexity")
     time, accuracy = column(cases, "step_time", "train"), column(cases, "accuracy", "test")
     soft = np.array([case.variant == "compliant" for case in cases])
-    quick = time < TICK
-    best = [float(np.nanmax(accuracy[quick & kind], initial=0.0)) for kind in (soft, ~soft)]
+    in_time = time < TICK
+    best = [float(np.nanmax(accuracy[in_time & kind], initial=0.0)) for kind in (soft, ~soft)]
     return {
         "slowest_ms": 1e3 * np.nanmax(time), "compliant_accuracy": best[0],
         "compliant_over_stiff": best[0] / best[1] if best[1] else np.inf,
@@ -202,9 +207,11 @@ def operations(evidence: Evidence) -> Numbers:
 def trajectories(evidence: Evidence) -> Numbers:
     """Error and trunk motion in the test, stiff over compliant, for M and N nearest to 50."""
     _, cases = evidence.study("complexity")
-    near = min(abs(c.at["M"] - 50) + abs(c.at["N"] - 50) for c in cases)
-    own = [c for c in cases if abs(c.at["M"] - 50) + abs(c.at["N"] - 50) == near]
-    soft, stiff = ([c for c in own if c.variant == name] for name in ("compliant", "stiff"))
+    distance = min(abs(c.at["M"] - 50) + abs(c.at["N"] - 50) for c in cases)
+    nearest_cases = [c for c in cases if abs(c.at["M"] - 50) + abs(c.at["N"] - 50) == distance]
+    soft, stiff = (
+        [c for c in nearest_cases if c.variant == name] for name in ("compliant", "stiff")
+    )
 
     def ratio(metric: str) -> float:
         return float(
@@ -221,11 +228,11 @@ def impacts(evidence: Evidence) -> Numbers:
     shake, force = column(cases, "stability", "test"), column(cases, "grf_max", "test")
     power = np.log(np.maximum(column(cases, "positive_power", "test"), 1e-3))
     soft = np.array([case.variant == "compliant" for case in cases])
-    known = np.isfinite(power)
-    within = sum(float(np.sum((p - p.mean()) ** 2)) for p in (power[known & soft],
-                                                              power[known & ~soft]))  # fmt: skip
-    whole = float(np.sum((power[known] - power[known].mean()) ** 2))
-    return {"rho_shake_impact": _rho(shake, force), "power_by_stiffness": 1.0 - within / whole}
+    finite = np.isfinite(power)
+    within = sum(float(np.sum((p - p.mean()) ** 2)) for p in (power[finite & soft],
+                                                              power[finite & ~soft]))  # fmt: skip
+    total = float(np.sum((power[finite] - power[finite].mean()) ** 2))
+    return {"rho_shake_impact": _rho(shake, force), "power_by_stiffness": 1.0 - within / total}
 
 
 @measure
@@ -237,9 +244,9 @@ def real_like(evidence: Evidence) -> Numbers:
         values = column([c for c in cases if c.variant == variant], metric, "test")
         return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
-    own = [c for c in cases if c.variant == "real_like"]
+    cases_of_variant = [c for c in cases if c.variant == "real_like"]
     return {
-        "survived": float(np.mean([not c.verdict["fall"] for c in own])),
+        "survived": float(np.mean([not c.verdict["fall"] for c in cases_of_variant])),
         "nrmse": of("real_like", "nrmse"),
         "roll_ratio": of("real_like", "roll_range") / of("ideal", "roll_range"),
         "disturbed_nrmse_ratio": of("disturbed_real_like", "nrmse") / of("disturbed", "nrmse"),

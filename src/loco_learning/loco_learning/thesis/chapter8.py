@@ -33,8 +33,8 @@ def clock_keeps_the_gait(evidence: Evidence) -> Numbers:
 def no_clock_fails(evidence: Evidence) -> Numbers:
     """Share of RSE trials that fail by any criterion, and of those that fall."""
     _, rse = _trials(evidence)
-    fell = float(np.mean([bool(case.verdict["fall"]) for case in rse]))
-    return {"failed": 1.0 - _all(rse, "survived", np.mean), "fell": fell}
+    fall_share = float(np.mean([bool(case.verdict["fall"]) for case in rse]))
+    return {"failed": 1.0 - _all(rse, "survived", np.mean), "fell": fall_share}
 
 
 @measure

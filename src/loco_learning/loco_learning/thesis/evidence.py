@@ -67,7 +67,7 @@ def plan(name: str) -> dict[str, Entry]:
         ParameterError: The file is not a plan.
     """
     if name.endswith(".yaml"):
-        return _own(name)
+        return _cases_of(name)
     plans = read_yaml(file("plans.yaml"))
     if name not in plans:
         raise NameUnknownError("plan", name, plans)
@@ -75,7 +75,7 @@ def plan(name: str) -> dict[str, Entry]:
 
 
 @understood("plan")
-def _own(path: str) -> dict[str, Entry]:
+def _cases_of(path: str) -> dict[str, Entry]:
     keys = [field.name for field in dataclasses.fields(Entry)][1:]
     rows = read_yaml(Path(path))
     for name, row in rows.items():
@@ -102,7 +102,7 @@ class Evidence:
         folder: Path,
         others: dict[str, Callable[[], Any]] | None = None,
     ):
-        self.entries, self.folder, self._others = entries, folder, others or {}
+        self.entries, self.folder, self._other_results = entries, folder, others or {}
         self._read: dict[str, Any] = {}
 
     def study(self, name: str) -> tuple[Study, list[CaseResult]]:
@@ -127,10 +127,10 @@ class Evidence:
         Raises:
             NotRunError: There is no result of it.
         """
-        if name not in self._others:
+        if name not in self._other_results:
             raise NotRunError(f"{name} was not run")
         if name not in self._read:
-            self._read[name] = self._others[name]()
+            self._read[name] = self._other_results[name]()
         return self._read[name]
 
 
@@ -144,9 +144,9 @@ def over(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values of an axis and the mean of a metric there; cases that fell before are left out."""
     at = np.array([case.at[axis] for case in cases], dtype=float)
-    values, places = column(cases, metric, phase), np.unique(at)
+    values, positions = column(cases, metric, phase), np.unique(at)
     means = [
-        float(np.mean(known)) if len(known := v[np.isfinite(v)]) else np.nan
-        for v in (values[at == place] for place in places)
+        float(np.mean(finite)) if len(finite := v[np.isfinite(v)]) else np.nan
+        for v in (values[at == place] for place in positions)
     ]
-    return places, np.array(means)
+    return positions, np.array(means)

@@ -38,9 +38,12 @@ def figure_7_6(evidence: Evidence) -> Chart:
     for metric, label, log_scale in COMPARED:
         layers = []
         for phase, colour, name in (("train", BLUE, "open loop"), ("test", RED, "closed loop")):
-            values, places = column(cases, metric, phase), np.unique(kp)
-            means = [np.nanmean(values[kp == place]) for place in places]
-            layers += [dots(name, kp, values, colour, size=2.0), line(name, places, means, colour)]
+            values, positions = column(cases, metric, phase), np.unique(kp)
+            means = [np.nanmean(values[kp == place]) for place in positions]
+            layers += [
+                dots(name, kp, values, colour, size=2.0),
+                line(name, positions, means, colour),
+            ]
         x = Axis("stiffness [N·m/rad]", logarithmic=True)
         frames.append(Frame(x, Axis(label, logarithmic=log_scale), layers))
     return Chart(frames)
@@ -78,11 +81,11 @@ def charts(evidence: Evidence) -> list[tuple[str, str, Chart]]:
     drawn = []
     for draw in FIGURES:
         try:
-            made = draw(evidence)
+            charts_by_name = draw(evidence)
         except NotRunError as error:
             log.info("no %s: %s", draw.__name__, error)
             continue
         number = draw.__name__.removeprefix("figure_").replace("_", ".")
         caption = f"Figure {number}: {draw.__doc__ or ''}".replace("Figure terrain: ", "")
-        drawn.append((draw.__name__, caption, made))
+        drawn.append((draw.__name__, caption, charts_by_name))
     return drawn

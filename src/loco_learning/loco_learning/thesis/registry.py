@@ -62,7 +62,7 @@ class Claim:
     @property
     def wanted(self) -> str:
         """The rule in words."""
-        return "; ".join(_range(name, *ends) for name, ends in self.rule.items())
+        return "; ".join(_range(name, *limits) for name, limits in self.rule.items())
 
 
 @dataclass(frozen=True)
@@ -101,40 +101,47 @@ def claims() -> list[Claim]:
     Raises:
         ParameterError: The file has a claim twice, or a range that is not two numbers.
     """
-    made = []
+    claim_list = []
     for number, row in read_yaml(file("claims.yaml")).items():
         rule = ranges(row.get("rule", {}), f"claim {number}")
         evidence = row["from"] if isinstance(row["from"], list) else [row["from"]]
-        made.append(
+        claim_list.append(
             Claim(str(number), row.get("item", ""), row.get("says", ""), tuple(evidence),
                   row.get("measure", "msd"), rule, row.get("why", ""))
         )  # fmt: skip
-    return made
+    return claim_list
 
 
 def tally(verdicts: Iterable[str]) -> str:
     """Count each verdict, as a sentence: "13 agrees, 11 disagrees, 23 not decided"."""
     counts = Counter(verdicts)
-    return ", ".join(f"{counts[word]} {word}" for word in (AGREES, DISAGREES, OPEN))
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in (AGREES, DISAGREES, OPEN))
 
 
 def judge(claim: Claim, evidence: Any) -> Verdict:
     """Verdict of one claim by what was run."""
-    found, word = "not run", OPEN
+    text, verdict = "not run", OPEN
     try:
         numbers = MEASURES[claim.measure](evidence)
     except NotRunError as error:
-        found = str(error)
+        text = str(error)
     else:
-        found = "; ".join(f"{name.replace('_', ' ')} {_text(v)}" for name, v in numbers.items())
+        text = "; ".join(f"{name.replace('_', ' ')} {_text(v)}" for name, v in numbers.items())
         values = [numbers.get(name, math.nan) for name in claim.rule]
         if values and not any(math.isnan(value) for value in values):
             fits = (low <= v <= high for v, (low, high) in zip(values, claim.rule.values(),
                                                                strict=True))  # fmt: skip
-            word = AGREES if all(fits) else DISAGREES
-    why = claim.why if word == DISAGREES else ""
+            verdict = AGREES if all(fits) else DISAGREES
+    explanation = claim.why if verdict == DISAGREES else ""
     return Verdict(
-        claim.number, claim.item, claim.says, claim.wanted, found, word, claim.evidence, why
+        claim.number,
+        claim.item,
+        claim.says,
+        claim.wanted,
+        text,
+        verdict,
+        claim.evidence,
+        explanation,
     )
 
 

@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..drives.actuators import COMMANDS, asked, joint_torques
+from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
+from ..drives.servo_kernels import ROTOR, SPIN
 from ..effects.laws import bend, budgets, motors, torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "10c4c175cf3b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "db045b778aea"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,12 +45,13 @@ def run(
         gravity: Acceleration of gravity [m/s²], (3,).
         pieces: First row of each piece and the row after its last, (w, 2).
         starts: Positions and velocities at the start of each, in the robot's order, (w, 2, n).
-        targets: Commands as in `actuators.joint_torques`, in the robot's order, (k, COMMANDS, n).
+        targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
         which: Row of `targets` for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).
-        drives: Drives as `actuators.joint_torques` takes them, (n, 9).
-        springs: Springs as `actuators.joint_torques` takes them, (n, 7).
-        rotors: Rotors as `actuators.joint_torques` takes them, (n, 2); changed.
+        drives: Drives as `actuators.drive_torques` takes them, (n, COLUMNS).
+        springs: Springs as `actuators.drive_torques` takes them, (n, 7).
+        rotors: Rotors as `actuators.drive_torques` takes them, (n, MEMORY);
+            changed.
         change: `effects.rows.Laws` of the effects on torques.
         brakes: The same of the effects that brake.
         pulls: `effects.pulls.Pulls`.
@@ -63,7 +65,8 @@ def run(
     for w in range(len(pieces)):
         for i in range(n):
             q[i], dq[i] = starts[w, 0, order[i]], starts[w, 1, order[i]]
-            rotors[i, 0], rotors[i, 1] = starts[w, 0, i], starts[w, 1, i]
+            rotors[i] = 0.0
+            rotors[i, ROTOR], rotors[i, SPIN] = starts[w, 0, i], starts[w, 1, i]
         memory[:] = 0.0
         line[:] = 0.0
         follow(
@@ -101,7 +104,7 @@ def follow(
     n = len(q)
     steps = len(which) // out.shape[0]
     known, mean = np.empty(2 * n), np.zeros(n)
-    command, budget, tau = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n)
+    command, budget, tau, given = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n), np.empty(n)
     push, motor = np.empty(n), np.zeros(n)  # of the tree
     step, braked, weakened = first * steps, len(brake_plan) > 0, False
     rows = drives.copy()
@@ -131,17 +134,21 @@ def follow(
             supply, on = power[row, 0], power[row, 1]
             if weakened:
                 rows[:] = drives
-                share = asked(known, command, drives, rotors, supply, on)
+                share = asked(known, command, drives, rotors, supply, on, dt, step)
                 motors(step, plan, joint, const, rows, share[0], share[1])
-            joint_torques(known, command, rows, springs, rotors, dt, supply, on, tau)
+            drive_torques(known, command, rows, rotors, dt, supply, on, tau, step)
             if len(plan):
-                torques(step, dt, plan, joint, const, memory, line, tau, known[:n], known[n:])
+                torques(True, step, dt, change, tau, known[:n], known[n:])
+            given[:] = tau
+            add_springs(known, springs, tau)
+            if len(plan):
+                torques(False, step, dt, change, tau, known[:n], known[n:])
             for i in range(n):
                 mean[i] += tau[i]
                 push[i] = tau[order[i]]
             if braked:
                 budget[:] = 0.0
-                budgets(step, brake_plan, brake_joint, brake_const, budget, tau, known[n:])
+                budgets(step, brake_plan, brake_joint, brake_const, budget, given, known[n:])
                 held, drag = split(budget, known[n:], slow)
                 for i in range(n):
                     push[i] += drag[order[i]]

@@ -21,7 +21,7 @@ from loco_control.exceptions import ParameterError
 
 from ..drives.actuators import Actuators
 from ..drives.stability import substeps
-from ..effects.base import Effect, overrides, span, streams
+from ..effects.base import ON_TORQUES, Effect, overrides, span, streams
 from ..effects.catalogue.actuator import JointOffset
 from ..effects.catalogue.delay import CommandDelay
 from ..effects.chain import Chain
@@ -100,7 +100,7 @@ class Bolted:
         self._tree, self._order, self._frames, self._damping = described
         if setting.armature:
             self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
-        self._gravity = np.array(setting.gravity)
+        self._gravity, self._pull = np.array(setting.gravity), np.array(setting.pull)
         self._limbs = limbs.limbs(self._tree.kin)
 
     def _substeps(self) -> int:
@@ -117,7 +117,7 @@ class Bolted:
         matrix, bias = np.zeros((n, n)), np.empty(n)
         at = np.asarray(q, dtype=float)[self._order]
         links = kernels.workshop(n)[0]
-        kernels.dynamics(self._tree, self._gravity, at, np.zeros(n), links, matrix, bias)
+        kernels.dynamics(self._tree, self._pull, at, np.zeros(n), links, matrix, bias)
         back = np.argsort(self._order)
         return matrix[np.ix_(back, back)]
 
@@ -149,13 +149,17 @@ class Bolted:
         """
         rows, n = q_wanted.shape
         none = np.zeros((rows, n))
+        if self.robot.followers:
+            q_wanted, dq_wanted = self.robot.coupled(
+                q_wanted, none if dq_wanted is None else dq_wanted
+            )
         targets = [none if w is None else w for w in (q_wanted, dq_wanted, tau_wanted, swinging)]
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
         table, which = self._heard(
             *ramped(np.stack(targets, axis=1).astype(float), self._steps, ramps)
         )
-        change, brakes = self._chain("on_torque"), self._chain("on_brake")
+        change, brakes = self._chain(*ON_TORQUES), self._chain("on_brake")
         forces = laid_out(self._effects, self._frames, self.robot.height, self.physics_dt)
         if pieces is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
@@ -174,7 +178,7 @@ class Bolted:
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
         drive = Actuators(self.robot, self.physics_dt)
         orders = limbs.Orders(
-            self._tree, self._order, self._gravity, *pieces, table, which, power, *drive.rows(),
+            self._tree, self._order, self._pull, *pieces, table, which, power, *drive.rows(),
             change, brakes, forces, slow, self.physics_dt,
         )  # fmt: skip
         if remembered or self._joined(brakes):
@@ -193,9 +197,10 @@ class Bolted:
         braked = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limbs)
         return sum(braked) > 1
 
-    def _chain(self, hook: str) -> Laws:
-        """Laws of the effects that have a hook."""
-        acting = [e for e in self._effects if overrides(e, hook) and not e.absent()]
+    def _chain(self, *hooks: str) -> Laws:
+        """Laws of the effects that have one of some hooks."""
+        there = [e for e in self._effects if not e.absent()]
+        acting = [e for e in there if any(overrides(e, hook) for hook in hooks)]
         return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
 
     def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

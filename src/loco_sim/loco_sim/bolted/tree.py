@@ -16,9 +16,9 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
+from ..mesh_files import mesh_path
+from ..meshes.read import mesh_points
 from ..robot.description import TENSOR, Description, add_point_mass
-from ..robot.meshes import mesh_points
-from ..robot.urdf_check import mesh_path
 
 SLIDES = "prismatic"
 MOVES = ("revolute", "continuous", SLIDES)
@@ -76,7 +76,8 @@ def build(
     walk = _Walk(description, free)
     joints = (*joints, *FREE) if free else joints
     if sorted(walk.names) != sorted(joints):
-        raise ParameterError("the robot has moving joints that are not listed")
+        others = sorted(set(walk.names) ^ set(joints))
+        raise ParameterError(f"joints must list all that move, and no others: {', '.join(others)}")
     order = np.array([joints.index(name) for name in walk.names], dtype=np.int64)
     for name, mass, inertia in zip(walk.names, walk.mass, walk.inertia, strict=True):
         moments = np.linalg.eigvalsh(inertia)

@@ -15,72 +15,102 @@ from numba import njit
 from loco_control.types import MotionCommand, TrunkTorque
 
 from ..robot.robot import Robot
+from ..robot.servo import AVERAGED, EFFORT, IMPEDANCE, PERIOD, SERVO, TORQUE
 from ..robot.servo import COLUMNS as DRIVE_COLUMNS
-from ..robot.servo import IMPEDANCE, SERVO, TORQUE
 from ..robot.spring import COLUMNS as SPRING_COLUMNS
-from .servo_kernels import clipped, impedance_torque, servo_torque, share
+from .servo_kernels import (
+    MEMORY,
+    ROTOR,
+    SPIN,
+    clipped,
+    due,
+    hold,
+    impedance_torque,
+    in_force,
+    servo_torque,
+    share,
+)
 from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "c2fc449d1bc3"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "b4e7773116e3"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
-def joint_torques(
+def drive_torques(
     state: np.ndarray,
     command: np.ndarray,
     drives: np.ndarray,
-    springs: np.ndarray,
     rotors: np.ndarray,
     dt: float,
     supply: float,
     on: float,
     tau: np.ndarray,
+    step: int,
 ) -> None:
-    """Torque of drive and spring of every joint.
+    """Torque of the drive of every joint, springs left out.
 
     Args:
         state: Positions, then velocities of the joints [rad, rad/s], (2 n,).
         command: Positions, velocities, torques wanted, and above 0 where the leg of the joint
             swings, (COMMANDS, n).
-        drives: A row per joint, (n, 9).
-        springs: A row per joint, (n, 7).
-        rotors: Position and speed of each servo's rotor, (n, 2); changed in place.
+        drives: A row per joint, (n, COLUMNS).
+        rotors: Memory of the drives, such as position and speed of a servo's rotor, (n, MEMORY);
+            changed in place.
         dt: Physics step [s].
         supply: Voltage of the servos over the nominal one.
         on: 1, or 0 for drives that are switched off.
         tau: Filled in [N·m], (n,).
+        step: Number of the physics step, by which drives take samples.
     """
     n = len(drives)
     for i in range(n):
         tau[i] = 0.0
-        q, dq, row = state[i], state[n + i], drives[i]
+        q, dq, row, memory = state[i], state[n + i], drives[i], rotors[i]
+        sample = due(step, dt, row[PERIOD])
         if row[0] == SERVO:
-            tau[i] = servo_torque(q, dq, command[0, i], row, rotors[i], dt, supply, on)
+            asked = hold(share(q, command[0, i], row), row, memory, sample)
+            tau[i] = servo_torque(q, dq, asked, row, memory, dt, supply, on)
         elif row[0] == IMPEDANCE:
-            swings = command[3, i] > 0.0
-            tau[i] = on * impedance_torque(
-                q, dq, command[0, i], command[1, i], command[2, i], row, swings
-            )
+            each = row[PERIOD] <= 0.0 or row[AVERAGED] > 0.0
+            time = dt if each else sample * max(row[PERIOD], dt)
+            wanted = impedance_torque(q, dq, command[:, i], row, memory, on * time)
+            tau[i] = on * clipped(hold(wanted, row, memory, sample), row[EFFORT])
         elif row[0] == TORQUE:
-            tau[i] = on * clipped(row[1] * command[2, i] + row[2], row[8])
-        if springs[i, 0] > 0.0:
-            tau[i] += spring_torque(q, dq, springs[i])
+            told = hold(command[2, i], row, memory, sample)
+            tau[i] = on * clipped(row[1] * told + row[2] - row[3] * dq, row[EFFORT])
 
 
 @njit(cache=True, error_model="numpy")
-def asked(state, command, drives, rotors, supply, on):
+def add_springs(state, springs, tau):
+    """Add what the springs and dampers beside the drives give [N·m]; arguments of `drive_torques`.
+
+    Args:
+        state: Positions, then velocities of the joints, (2 n,).
+        springs: A row per joint, (n, 7).
+        tau: Torques of the drives after all that happens to them, (n,); changed.
+    """
+    n = len(springs)
+    for i in range(n):
+        if springs[i, 0] > 0.0:
+            tau[i] += spring_torque(state[i], state[n + i], springs[i])
+
+
+@njit(cache=True, error_model="numpy")
+def asked(state, command, drives, rotors, supply, on, dt, step):
     """Share of the voltage that each servo asks for, (n,), and speed of its rotor, (n,).
 
-    Arguments as of `joint_torques`. Both are 0 for other drives, and for one that is off.
+    Arguments as of `drive_torques`. Both are 0 for other drives, and for one that is off.
     """
     n = len(drives)
     found = np.zeros((2, n))
     for i in range(n):
         if drives[i, 0] == SERVO:
-            found[0, i] = supply * on * share(state[i], command[0, i], drives[i])
-            found[1, i] = on * rotors[i, 1]
+            now = share(state[i], command[0, i], drives[i])
+            sample = due(step, dt, drives[i, PERIOD])
+            found[0, i] = supply * on * in_force(now, drives[i], rotors[i], sample)
+            found[1, i] = on * rotors[i, SPIN]
     return found
 
 
@@ -92,11 +122,12 @@ class Actuators:
         dq: Desired joint velocities in force [rad/s], (n,).
         supply: Voltage of the servos over the nominal one.
         on: 1, or 0 while all drives are switched off; springs remain.
+        dt: Physics step [s].
     """
 
     def __init__(self, robot: Robot, dt: float):
         n = len(robot.joints)
-        self._dt, self._robot = dt, robot
+        self.dt, self._robot = dt, robot
         self._drives, self._springs = np.zeros((n, DRIVE_COLUMNS)), np.zeros((n, SPRING_COLUMNS))
         for i, joint in enumerate(robot.joints):
             if joint in robot.drives:
@@ -105,32 +136,38 @@ class Actuators:
                 self._springs[i] = robot.springs[joint].row()
         self._driven = self._drives[:, 0] > 0.0
         self._whole = bool(self._driven.all())
-        self._rotors, self._command = np.zeros((n, 2)), np.zeros((COMMANDS, n))
+        self._rotors, self._command = np.zeros((n, MEMORY)), np.zeros((COMMANDS, n))
         self._state, self._tau = np.empty(2 * n), np.empty(n)
         impedance = self._drives[:, 0] == IMPEDANCE
         self._two_gains = bool(np.any(self._drives[impedance, 1:3] != self._drives[impedance, 3:5]))
         self._swings: dict[bytes, np.ndarray] = {}  # by stance flags
 
-    def reset(self, q: np.ndarray) -> None:
-        """Hold a pose [rad], (n,), with all legs in stance and the rotors at rest."""
-        self._rotors[:, 0], self._rotors[:, 1] = q, 0.0
+    def reset(self, q: np.ndarray, step: int = 0) -> None:
+        """Hold a pose [rad], (n,), with all legs in stance and the rotors at rest.
+
+        Args:
+            q: The pose.
+            step: Number of the next physics step, by which drives take samples.
+        """
+        self._rotors[:], self._step = 0.0, step
+        self._rotors[:, ROTOR] = q
         self.q, self.dq = np.array(q, dtype=float), np.zeros(len(q))
         self._command[:] = 0.0
         self._command[0] = q
         self.supply = self.on = 1.0
 
-    def start(self, q: np.ndarray, dq: np.ndarray) -> None:
+    def start(self, q: np.ndarray, dq: np.ndarray, step: int = 0) -> None:
         """As `reset`, in motion: the rotors turn with the joints [rad/s], (n,)."""
-        self.reset(q)
-        self._rotors[:, 1] = dq
+        self.reset(q, step)
+        self._rotors[:, SPIN] = dq
 
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Drives, springs and rotors, as `joint_torques` takes them."""
+        """Drives, springs and what drives remember, as `drive_torques` takes them."""
         return self._drives, self._springs, self._rotors
 
     def limit(self, effort: np.ndarray) -> None:
         """Change the largest torques of the drives [N·m], (n,)."""
-        self._drives[:, -1] = effort
+        self._drives[:, EFFORT] = effort
 
     @property
     def command(self) -> np.ndarray:
@@ -170,8 +207,9 @@ class Actuators:
         dq: Sequence[float],
         change: Callable[..., np.ndarray] | None = None,
         held: tuple[np.ndarray, np.ndarray] | None = None,
+        given: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> list[float]:
-        """Joint torques within their limits [N·m], (n,).
+        """Joint torques within their limits in the next physics step [N·m], (n,).
 
         Args:
             q: Joint positions [rad], (n,).
@@ -179,31 +217,28 @@ class Actuators:
             change: Changes the motors in this step: takes and gives back what the hook
                 `on_motor` of effects does; None leaves them alone.
             held: Rows of drives and springs to use instead of the robot's.
+            given: Changes the torques of the drives in this step, (n,), before springs are
+                added; gives them back.
         """
         state, tau = self._state, self._tau
         drives, springs = held or (self._drives, self._springs)
         state[: len(tau)], state[len(tau) :] = q, dq
         if change:
-            power = self.supply, self.on
+            power = self.supply, self.on, self.dt, self._step
             drives = change(drives, *asked(state, self._command, drives, self._rotors, *power))
-        joint_torques(
-            state,
-            self._command,
-            drives,
-            springs,
-            self._rotors,
-            self._dt,
-            self.supply,
-            self.on,
-            tau,
-        )
+        power = self.dt, self.supply, self.on
+        drive_torques(state, self._command, drives, self._rotors, *power, tau, self._step)
+        if given:
+            tau[:] = given(tau.copy())
+        add_springs(state, springs, tau)
+        self._step += 1
         return tau.tolist()
 
     def energy(self, q: np.ndarray) -> tuple[float, float]:
         """Energy in springs and gears, and of the rotors [J]."""
         turned = self._drives[:, 5] * (self._drives[:, 0] == SERVO)
-        stretch = (self._rotors[:, 0] - q)[turned > 0.0]
+        stretch = (self._rotors[:, ROTOR] - q)[turned > 0.0]
         gears = 0.5 * np.sum(self._drives[turned > 0.0, 6] * stretch**2)
         rows = zip(q, self._springs, strict=True)
         springs = sum(spring_energy(x, row) for x, row in rows if row[0] > 0.0)
-        return float(gears + springs), float(0.5 * np.sum(turned * self._rotors[:, 1] ** 2))
+        return float(gears + springs), float(0.5 * np.sum(turned * self._rotors[:, SPIN] ** 2))

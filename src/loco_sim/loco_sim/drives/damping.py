@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..robot.servo import IMPEDANCE
+from ..robot.servo import IMPEDANCE, PERIOD
 from .actuators import Actuators
 from .servo_kernels import PASSIVE, impedance_laws
 
@@ -20,7 +20,8 @@ from .servo_kernels import PASSIVE, impedance_laws
 class DampedDrives:
     """Drives and springs of a robot, their damping kept apart for the engine to solve.
 
-    The damping of servos stays held over a step: their motors have equations of their own.
+    The damping of servos stays held over a step: their motors have equations of their own. That
+    of drives that are sampled is what they make it.
     """
 
     def __init__(self, drives: Actuators, own: np.ndarray):
@@ -32,9 +33,9 @@ class DampedDrives:
                 [N·m·s/rad], (n,).
         """
         self._drives = drives
-        self._rows, springs, _ = drives.rows()
+        self._rows, springs, self._memory = drives.rows()
         held, stiff = self._rows.copy(), springs.copy()
-        held[held[:, 0] == IMPEDANCE, 0] = 0.0
+        held[(held[:, 0] == IMPEDANCE) & (held[:, PERIOD] <= 0.0), 0] = 0.0
         stiff[:, 2] = 0.0
         self._held = held, stiff
         self._law = np.zeros((4, len(own)))
@@ -56,7 +57,9 @@ class DampedDrives:
         """
         drives = self._drives
         tau = drives.torque(q, dq, held=self._held)
-        impedance_laws(np.array(q), drives.command[0], self._rows, drives.on, self._law)
+        power = drives.dt, drives.on
+        state = np.array([*q, *dq])
+        impedance_laws(state, drives.command[0], self._rows, self._memory, *power, self._law)
         return tau, self._law
 
     def given(self, tau: Sequence[float], solved: np.ndarray, speed: np.ndarray) -> list[float]:

@@ -6,9 +6,22 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..robot.servo import IMPEDANCE
+from ..robot.servo import (
+    AVERAGED,
+    EFFORT,
+    IMPEDANCE,
+    INTEGRAL_LIMIT,
+    PERIOD,
+    SPEED_FEED,
+)
 
 WANTED, GAIN, LIMIT, PASSIVE = range(4)  # rows of a law: see `impedance_laws`
+# Columns of what a drive remembers: position and speed of the rotor of a servo [rad, rad/s];
+# torque of the integrator [N·m]; what is held, the sum of what was asked for since the last
+# sample, and how often it was asked (0: nothing is held yet).
+ROTOR, SPIN, INTEGRAL, IN_FORCE, TOTAL, COUNT = range(6)
+MEMORY = 6
+EARLY = 1e-6  # share of a period by which a sample may be early, for rounding
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -24,53 +37,133 @@ def clipped(x: float, limit: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def due(step: int, dt: float, period: float) -> bool:
+    """Whether a drive takes a sample at a physics step: the first at or after each period."""
+    if period <= dt:
+        return True
+    return np.floor(step * dt / period + EARLY) > np.floor((step - 1) * dt / period + EARLY)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
+    """Torque, or share of voltage, in force: that of now unless another is held.
+
+    Args:
+        now: Torque, or share of voltage, that its law gives now.
+        row: Constants of the drive.
+        memory: Memory of the drive, (MEMORY,).
+        sample: The drive takes a sample: `due`.
+    """
+    if row[PERIOD] <= 0.0:
+        return now
+    if memory[COUNT] > 0.0 and not sample:
+        return memory[IN_FORCE]
+    return memory[TOTAL] / memory[COUNT] if row[AVERAGED] > 0.0 and memory[COUNT] > 0.0 else now
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
+    """Return `in_force`, and remember it for the steps to come."""
+    value = in_force(now, row, memory, sample)
+    if sample or memory[COUNT] == 0.0:
+        memory[TOTAL] = memory[COUNT] = 0.0
+    memory[IN_FORCE] = value
+    memory[TOTAL] += now
+    memory[COUNT] += 1.0
+    return value
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def errors(
+    q: float, target: float, speed: float, row: np.ndarray, swinging: bool
+) -> tuple[float, float, float]:
+    """Position error [rad], velocity asked for [rad/s] and damping [N·m·s/rad] of an impedance."""
+    error = target - q
+    asked = row[SPEED_FEED] * speed + row[7] * error
+    return error, asked, row[4] if swinging else row[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def integrate(
+    tau: float, error: float, speed_error: float, row: np.ndarray, memory: np.ndarray, time: float
+) -> None:
+    """Advance the integrator of an impedance, unless its torque is limited and would grow.
+
+    Args:
+        tau: Torque before it is limited [N·m].
+        error: Position error [rad].
+        speed_error: Velocity error [rad/s].
+        row: `ImpedanceDrive.row`.
+        memory: Memory of the drive, (MEMORY,); changed.
+        time: Time for which the errors stand [s].
+    """
+    rate = row[5] * error + row[6] * speed_error
+    if abs(tau) > row[EFFORT] and rate * tau > 0.0:
+        return
+    memory[INTEGRAL] = clipped(memory[INTEGRAL] + time * rate, row[INTEGRAL_LIMIT])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def impedance_torque(
     q: float,
     dq: float,
-    target: float,
-    speed: float,
-    extra: float,
+    command: np.ndarray,
     row: np.ndarray,
-    swinging: bool,
+    memory: np.ndarray,
+    time: float,
 ) -> float:
-    """Torque kp (target - q) + kd (speed - dq) + extra of a joint impedance [N·m].
+    """Torque of a joint impedance [N·m], within its effort limit; its integrator is advanced.
 
-    It is clipped to the effort limit of the joint.
+    It is kp (target - q) + kd (speed - dq) + extra without integrators and position gain.
 
     Source: thesis eq. (4.8), (4.9), with the signs of the author's code.
 
     Args:
         q: Joint position [rad].
         dq: Joint velocity [rad/s].
-        target: Desired joint position [rad].
-        speed: Desired joint velocity [rad/s].
-        extra: Feed-forward torque [N·m].
+        command: Desired position and velocity, feed-forward torque, and above 0 where the leg
+            of the joint swings: its gains are those of swing, (COMMANDS,).
         row: `ImpedanceDrive.row`.
-        swinging: The leg of the joint swings: its gains are those of swing.
+        memory: Memory of the drive, (MEMORY,); its integrator is changed.
+        time: Time until the next sample [s]; 0 leaves the integrator alone.
     """
-    kp, kd = (row[3], row[4]) if swinging else (row[1], row[2])
-    return clipped(kp * (target - q) + kd * (speed - dq) + extra, row[8])
+    swinging = command[3] > 0.0
+    error, speed, kd = errors(q, command[0], command[1], row, swinging)
+    kp = row[3] if swinging else row[1]
+    tau = kp * error + kd * (speed - dq) + command[2]
+    if row[5] > 0.0 or row[6] > 0.0:
+        tau += memory[INTEGRAL]
+        integrate(tau, error, speed - dq, row, memory, time)
+    return clipped(tau, row[EFFORT])
 
 
 @njit(cache=True, error_model="numpy")
-def impedance_laws(q, command, drives, on, law):
-    """Fill in what the torque of each impedance drive depends on, for any joint velocity v.
+def impedance_laws(state, command, drives, memory, dt, on, law):
+    """Fill in what the torque of each continuous impedance depends on, for any joint velocity v.
 
     It is clip(wanted - gain v, +-limit). Other drives are left alone.
 
     Args:
-        q: Joint positions [rad], (n,).
-        command: Command in the rows of `actuators.joint_torques`, (COMMANDS, n).
-        drives: A row per joint, (n, 9).
+        state: Joint positions, then velocities [rad, rad/s], (2 n,).
+        command: Command in the rows of `actuators.drive_torques`, (COMMANDS, n).
+        drives: A row per joint, (n, COLUMNS).
+        memory: Memory of the drives, (n, MEMORY); integrators are changed.
+        dt: Physics step [s].
         on: 1, or 0 for drives that are switched off.
         law: Rows wanted [N·m], gain [N·m·s/rad], limit [N·m], and another, (4, n).
     """
-    for i in range(len(drives)):
+    n = len(drives)
+    for i in range(n):
         row = drives[i]
-        if row[0] == IMPEDANCE:
-            kp, kd = (row[3], row[4]) if command[3, i] > 0.0 else (row[1], row[2])
-            wanted = kp * (command[0, i] - q[i]) + kd * command[1, i] + command[2, i]
-            law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * wanted, on * kd, row[8]
+        if row[0] == IMPEDANCE and row[PERIOD] <= 0.0:
+            swinging, dq = command[3, i] > 0.0, state[n + i]
+            kp = row[3] if swinging else row[1]
+            error, speed, kd = errors(state[i], command[0, i], command[1, i], row, swinging)
+            wanted = kp * error + kd * speed + command[2, i]
+            if row[5] > 0.0 or row[6] > 0.0:
+                wanted += memory[i, INTEGRAL]
+                integrate(wanted - kd * dq, error, speed - dq, row, memory[i], on * dt)
+            law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * wanted, on * kd, row[EFFORT]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -97,7 +190,7 @@ def given(row: np.ndarray, asked: float, speed: float) -> float:
 def servo_torque(
     q: float,
     dq: float,
-    target: float,
+    asked: float,
     row: np.ndarray,
     rotor: np.ndarray,
     dt: float,
@@ -111,7 +204,7 @@ def servo_torque(
     Args:
         q: Joint position [rad].
         dq: Joint velocity [rad/s].
-        target: Desired joint position [rad].
+        asked: Share of the voltage that its position loop asks for: `share`.
         row: `ServoParams.row`.
         rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
         dt: Physics step [s].
@@ -120,7 +213,7 @@ def servo_torque(
     """
     stall, slope = row[1] * supply * on, row[2] * on
     inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
-    push = stall * share(q, target, row)
+    push = stall * asked
     if inertia <= 0.0:
         return clipped(push - slope * dq, effort)
     gear = stiff * (rotor[0] - q) - damp * dq  # torque of a rotor that stops now

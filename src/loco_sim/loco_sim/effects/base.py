@@ -20,6 +20,7 @@ import numpy as np
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import Params, from_dict, parameter
+from loco_control.reading import shown
 from loco_control.types import RobotState
 
 from ..robot.servo import TorqueDrive
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..world.world import Base, World
 
 EFFECTS: dict[str, type[Effect]] = {}
+ON_TORQUES = "on_drive", "on_torque"  # hooks on torques: of the drives, then on the joints
 
 
 @dataclass
@@ -164,12 +166,22 @@ class Effect:
         """
         return q, dq
 
+    def on_drive(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """Torque that the drives give, given what they want within their limits.
+
+        Springs of the robot are beside the drives and not in it. Called before every physics
+        step; arguments as of `on_torque`.
+        """
+        return tau
+
     def on_torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        """Torque on the joints, given what the drives want within their limits.
+        """Torque on the joints, given that of drives and springs.
 
-        Called before every physics step.
+        Called before every physics step, after `on_drive` of all effects.
 
         Args:
             tau: Torque [N·m], (n,).
@@ -188,7 +200,8 @@ class Effect:
         Called before every physics step, after `on_command`, for robots that list drives.
 
         Args:
-            rows: Drives as they are, a row each (`servo.ServoParams.row`), (n, 9).
+            rows: Drives as they are, a row each (`servo.ServoParams.row`),
+                (n, COLUMNS).
             asked: Share of its voltage that each servo asks for, (n,).
             speed: Speed of its rotor [rad/s], (n,).
             dt: Physics step [s].
@@ -213,7 +226,7 @@ class Effect:
 
         Args:
             budget: Stopping torque of the effects before this one [N·m], (n,), >= 0; add to it.
-            tau: Torque on the joints [N·m], (n,).
+            tau: Torque of the drives, after `on_drive` of all effects [N·m], (n,).
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
             dt: Physics step [s].
@@ -269,7 +282,7 @@ def make(name: str, **params: Any) -> Effect:
         NameUnknownError: No such effect, or no such parameter.
         ParameterError: A parameter has the wrong type or is out of range.
     """
-    if name not in EFFECTS:
+    if not isinstance(name, str) or name not in EFFECTS:
         raise NameUnknownError("effect", str(name), EFFECTS)
     return from_dict(EFFECTS[name], params, f"effect {name}")
 
@@ -284,7 +297,7 @@ def from_list(specs: Iterable[Mapping[str, Any]] | None) -> list[Effect]:
     effects = []
     for i, spec in enumerate(specs or ()):
         if not isinstance(spec, Mapping) or "name" not in spec:
-            raise ParameterError(f"effects[{i}] must be a mapping with a 'name', got {spec!r}")
+            raise ParameterError(f"effects[{i}] must be a mapping with a 'name', got {shown(spec)}")
         effects.append(make(**{str(key): value for key, value in spec.items()}))
     return effects
 
@@ -354,5 +367,7 @@ NEEDS: dict[str, tuple[str, Callable[[Robot], bool]]] = {
     "feet": ("feet", lambda robot: len(robot.feet) > 0),
     "legs": ("legs", lambda robot: len(robot.feet) > 1),
     "turns": ("link that turns", lambda robot: not robot.fixed_base or len(turning(robot)) > 0),
+    "drives": ("drive", lambda robot: len(robot.driven) > 0),
+    "bolted": ("base that is bolted", lambda robot: robot.fixed_base),
     "follower": ("drive that follows a position", lambda robot: listens(robot)),
 }

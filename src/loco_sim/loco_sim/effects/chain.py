@@ -24,7 +24,9 @@ from .rows import CONSTANTS, DELAY, MEMORY, NEVER, ON_MOTOR, Laws
 if TYPE_CHECKING:
     from ..world.world import World
 
-HOOKS = {"on_torque": "torque", "on_motor": "motor", "on_brake": "brake"}  # functions of a chain
+HOOKS = {  # functions of a chain
+    "on_drive": "drive", "on_torque": "torque", "on_motor": "motor", "on_brake": "brake",
+}  # fmt: skip
 
 
 class Chain:
@@ -73,9 +75,19 @@ class Chain:
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
         """Hook `on_torque` of all effects."""
-        out = tau.copy()
-        plan, joint, const, memory = self._plan, self._joint, self._const, self._memory
-        self._kernels.torques(round(t / dt), dt, plan, joint, const, memory, self._line, out, q, dq)
+        return self._changed(False, tau, q, dq, dt, t)
+
+    def drive(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        """Hook `on_drive` of all effects."""
+        return self._changed(True, tau, q, dq, dt, t)
+
+    def _changed(
+        self, of_drives: bool, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        out, step = tau.copy(), round(t / dt)
+        self._kernels.torques(of_drives, step, dt, self.laws(), out, q, dq)
         return out
 
     def motor(
@@ -162,7 +174,7 @@ class JointEffect(Effect):
 
 @dataclass
 class TorqueEffect(JointEffect):
-    """An effect that changes joint torques."""
+    """An effect beside the drives, such as a spring: it adds to the torques on the joints."""
 
     def on_torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
@@ -171,7 +183,17 @@ class TorqueEffect(JointEffect):
 
 
 @dataclass
-class MotorEffect(TorqueEffect):
+class DriveEffect(JointEffect):
+    """An effect on the torques that drives give; springs beside them are left alone."""
+
+    def on_drive(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.drive(tau, q, dq, dt, t)
+
+
+@dataclass
+class MotorEffect(DriveEffect):
     """An effect on what a motor gives: in a geared servo before rotor and gear.
 
     Behind them it would be a clutch that slips, which the rotor does not feel.

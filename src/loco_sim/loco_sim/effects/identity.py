@@ -12,15 +12,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-SITES = ("actuator", "compliance", "body", "contact", "sensor", "outside")
+SITES = ("actuator", "friction", "compliance", "body", "contact", "sensor", "outside")
 
 # What `SENSOR_SIGNALS` are called in a recording, where that differs.
 READ_AS = {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
 
-# Where an effect enters the plant: "command" is what the drives get, "torque" and "brake"
-# are the joints', "force" acts from outside, "model" is mass, contact or gravity. All of
+# Where an effect enters the plant: "command" is what the drives get, "drive" what they
+# give, "torque" and "brake" are the joints', "force" acts from outside, "model" is mass, contact
+# or gravity. All of
 # these change the motion. The others are what the sensors say, fields of `RobotState`.
-PLANT_SIGNALS = ("command", "torque", "brake", "force", "model")
+PLANT_SIGNALS = ("command", "drive", "torque", "brake", "force", "model")
 SENSOR_SIGNALS = (
     *("q", "dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration"),
 )

@@ -10,7 +10,7 @@ the laws of a `chain.Chain`, one after the other. Torques [N·m], angles [rad], 
 
 from __future__ import annotations
 
-from math import exp
+from math import cos, exp, sin
 
 from numba import njit
 
@@ -19,6 +19,7 @@ from ..drives.servo_kernels import given, scaled
 from ..drives.spring_kernels import spring_torque
 from .rows import (
     BACKLASH,
+    COUPLED,
     DELAY,
     END_STOP,
     GAIN,
@@ -27,6 +28,7 @@ from .rows import (
     LEARNED,
     LIMIT,
     MAXWELL,
+    OF_DRIVES,
     ON_MOTOR,
     RESCALED,
     SAG,
@@ -35,10 +37,12 @@ from .rows import (
     SHIFTED,
     SPEED_LINE,
     SPRING,
+    WAVE,
 )
 
-MADE_OF = "d98284b6a23b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "37a74410f67f"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
+REST = 1e-5  # speed below which a joint rests, beyond what engines leave of it [rad/s] (taste)
 SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
 
 
@@ -277,10 +281,37 @@ def learned(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @njit(cache=True)
+def wave(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law tau <- tau + sine sin(count q) + cosine cos(count q); const: sine, count, cosine."""
+    for r in range(first, last):
+        j = joint[r]
+        at = const[r, 1] * q[j]
+        tau[j] += const[r, 0] * sin(at) + const[r, 2] * cos(at)
+
+
+@njit(cache=True)
+def coupled(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law `hysteresis`, and damping, of the sum of the speeds of two joints, felt by both.
+
+    const: T, stroke, damping, the other joint. memory: z.
+    """
+    for r in range(first, last):
+        j, other = joint[r], int(const[r, 3])
+        speed = dq[j] + dq[other]
+        side = 1.0 if speed > 0.0 else -1.0
+        fade = exp(-abs(speed) * dt / const[r, 1])
+        memory[r, 0] = side + (memory[r, 0] - side) * fade
+        drag = const[r, 0] * memory[r, 0] + const[r, 2] * speed
+        tau[j] -= drag
+        tau[other] -= drag
+
+
+@njit(cache=True)
 def friction(first, last, joint, const, budget, tau, dq):
     """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
 
-    const: dry, extra, 1 / v, viscous, share.
+    const: dry, extra, 1 / v, viscous, share, and what is more dry backwards, where a joint at rest
+    goes as its drive pushes.
     """
     for r in range(first, last):
         j = joint[r]
@@ -288,28 +319,29 @@ def friction(first, last, joint, const, budget, tau, dq):
         more = const[r, 0] + const[r, 3] * abs(dq[j]) + const[r, 4] * abs(tau[j])
         if const[r, 1] != 0.0:
             more += const[r, 1] * exp(-slow * slow)
+        if dq[j] < -REST or (dq[j] <= REST and tau[j] < 0.0):
+            more += const[r, 5]
         budget[j] += more
 
 
 @njit(cache=True)
-def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
+def torques(of_drives, step, dt, laws, tau, q, dq):
     """Run laws of the torque one after the other, in place: the table of their numbers.
 
     Args:
+        of_drives: Run those about what drives give, else those about the torque on the joint,
+            springs included.
         step: Physics step.
         dt: Length of a physics step [s].
-        plan: Law, first row, row after the last, first step, step after the last, (m, 5).
-        joint: Joint of each row, (r,).
-        const: Constants of each row, (r, CONSTANTS).
-        memory: Memory of each row, (r, MEMORY).
-        line: Delay lines of all rows.
+        laws: `rows.Laws`; memory and delay lines are changed.
         tau: Torques [N·m], (n,).
         q: Joint positions [rad], (n,).
         dq: Joint velocities [rad/s], (n,).
     """
+    plan, joint, const, memory, line = laws
     for k in range(plan.shape[0]):
         law, a, b = plan[k, 0], plan[k, 1], plan[k, 2]
-        if step < plan[k, 3] or step >= plan[k, 4]:
+        if step < plan[k, 3] or step >= plan[k, 4] or (law < OF_DRIVES) != of_drives:
             continue
         if law == GAIN:
             gain(a, b, joint, const, memory, tau, q, dq, dt)
@@ -341,6 +373,10 @@ def torques(step, dt, plan, joint, const, memory, line, tau, q, dq):
             hysteresis(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == MAXWELL:
             maxwell(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == WAVE:
+            wave(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == COUPLED:
+            coupled(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == LEARNED:
             learned(a, b, joint, const, memory, tau, q, dq, dt)
 
@@ -354,7 +390,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
         plan: Law, first row, row after the last, first step, step after the last, (m, 5).
         joint: Joint of each row, (r,).
         const: Constants of each row, (r, CONSTANTS).
-        rows: Drives, as in `servo.ServoParams.row`, (n, 9); changed.
+        rows: Drives, as in `servo.ServoParams.row`, (n, COLUMNS); changed.
         asked: Share of the voltage that each asks for, (n,).
         speed: Speed of its rotor [rad/s], (n,).
     """
@@ -374,7 +410,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
 
 @njit(cache=True)
 def budgets(step, plan, joint, const, budget, tau, dq):
-    """Add up laws of friction, in place; arguments as of `torques`."""
+    """Add up laws of friction, in place; arguments as of `torques` and `motors`."""
     for k in range(plan.shape[0]):
         if plan[k, 3] <= step < plan[k, 4]:
             friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)

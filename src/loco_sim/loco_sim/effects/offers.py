@@ -32,12 +32,15 @@ class Hints:
         high: Largest measured position of each joint [rad], (n,).
         intervals: Times between which the residual is large, the same in all records [s].
         fast: Largest speed of each joint [rad/s], (n,); NaN or empty if not measured.
+        ripples: Periods in 2 pi of each joint with which the residual goes up and down, the
+            likeliest first; empty where it does not.
     """
 
     low: np.ndarray
     high: np.ndarray
     intervals: tuple[tuple[float, float], ...] = ()
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    ripples: tuple[tuple[float, ...], ...] = ()
 
 
 class Offer(NamedTuple):

@@ -22,6 +22,7 @@ AMONG = {  # which joints an effect may be about
     "limited": "joint with a drive and a torque limit",
     "turning": "joint that turns",
     "sprung": "joint with a spring in robot.yaml",
+    "followed": "joint with one other joint next to it outwards",
 }
 
 
@@ -31,10 +32,25 @@ def eligible(robot: Robot, among: str) -> np.ndarray:
         return np.arange(len(robot.joints))
     if among == "turning":
         return turning(robot)
+    if among == "followed":
+        return np.flatnonzero(outward(robot) >= 0)
     if among == "sprung":
         return np.flatnonzero([joint in robot.springs for joint in robot.joints])
     driven = np.asarray(robot.driven, dtype=np.int64)
     return driven if among == "driven" else driven[np.isfinite(robot.effort[driven])]
+
+
+def outward(robot: Robot) -> np.ndarray:
+    """Index of the joint next to each outwards, (n,); -1 where there is none or several."""
+    text, found = Description(robot.urdf), np.full(len(robot.joints), -1)
+    below = [set(text.below(text.child(joint))) for joint in robot.joints]
+    for i, mine in enumerate(below):
+        after = [j for j, joint in enumerate(robot.joints) if j != i and text.child(joint) in mine]
+        links = {j: text.child(robot.joints[j]) for j in after}
+        firsts = [j for j in after if sum(links[j] in below[k] for k in after) == 1]
+        if len(firsts) == 1:
+            found[i] = firsts[0]
+    return found
 
 
 def turning(robot: Robot) -> np.ndarray:

@@ -10,6 +10,8 @@ import numpy as np
 # Numbers of the laws in `laws.torques`; a law of friction has none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(8, 16)
+WAVE, COUPLED = range(16, 18)
+OF_DRIVES = 8  # laws below are about the torque of drives, the others about that on the joint
 FEATURES = 18  # of `learned_kernels.learned_torque`
 CONSTANTS, MEMORY = 7 + FEATURES, 5  # per row
 ON_MOTOR = 2  # among the constants of a drive's law: 1 where it is about the motor behind a gear

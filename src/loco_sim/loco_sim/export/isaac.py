@@ -112,8 +112,8 @@ def _delays(model: Portable, ranges: Sequence[Range]) -> tuple[int, int]:
 
 def _groups(model: Portable, delays: tuple[int, int], lost: list[str]) -> list[tuple]:
     """Name, class and fields of each group of actuators."""
-    made = []
-    for (kind, stall), group in groupby(sorted(model.joints, key=_alike), _alike):
+    groups = []
+    for (kind, stall), group in groupby(sorted(model.joints, key=_equal), _equal):
         joints = [_linear(joint, lost) for joint in group]
         values: dict = {"joint_names_expr": [joint.name for joint in joints]}
         values |= {"stiffness": _each(joints, "kp"), "damping": _each(joints, "kd")}
@@ -130,7 +130,7 @@ def _groups(model: Portable, delays: tuple[int, int], lost: list[str]) -> list[t
             if rests:
                 lost.append(f"springs pull to position targets: keep them at {rests}")
         elif kind == SERVO:
-            name, cls = f"servos_{len(made)}", "DCMotorCfg"
+            name, cls = f"servos_{len(groups)}", "DCMotorCfg"
             values["saturation_effort"] = stall
             values["velocity_limit"] = {j.name: stall / j.kd for j in joints if j.kd}
             if delays[1]:
@@ -142,11 +142,11 @@ def _groups(model: Portable, delays: tuple[int, int], lost: list[str]) -> list[t
         elif delays[1]:
             cls = "DelayedPDActuatorCfg"
             values |= {"min_delay": delays[0], "max_delay": delays[1]}
-        made.append((name, cls, values))
+        groups.append((name, cls, values))
     lost += [f"{joint.name}: offset {joint.offset:g}" for joint in model.joints if joint.offset]
     lost += [f"{joint.name}: spring of {joint.stiffness:g} beside the drive"
              for joint in model.joints if joint.stiffness and joint.kind != FREE]  # fmt: skip
-    return made
+    return groups
 
 
 def _linear(joint: Joint, lost: list[str]) -> Joint:
@@ -158,7 +158,7 @@ def _linear(joint: Joint, lost: list[str]) -> Joint:
     return joint.sprung(equal.rate, equal.slack)
 
 
-def _alike(joint: Joint) -> tuple[str, float]:
+def _equal(joint: Joint) -> tuple[str, float]:
     return joint.kind, joint.limit if joint.kind == SERVO else 0.0
 
 
@@ -184,15 +184,17 @@ def _event(index: int, one: Range, model: Portable) -> str:
     low, high = one.scales
     if operation == "abs":
         joint = next(joint for joint in model.joints if joint.name == one.joints[0])
-        rest = getattr(joint, one.constant) - one.value
-        low, high = one.low + rest, one.high + rest
+        offset = getattr(joint, one.constant) - one.value
+        low, high = one.low + offset, one.high + offset
     span = f"({low:.10g}, {high:.10g})"
-    more = f'            "damping_distribution_params": {span},\n' if one.constant == "gain" else ""
+    damping_line = (
+        f'            "damping_distribution_params": {span},\n' if one.constant == "gain" else ""
+    )
     return (
         f"\n    {one.constant}_{index} = EventTerm(\n        func=mdp.{function},\n"
         '        mode="startup",\n        params={\n'
         f'            "asset_cfg": SceneEntityCfg("robot", joint_names={list(one.joints)!r}),\n'
-        f'            "{parameter}": {span},\n{more}'
+        f'            "{parameter}": {span},\n{damping_line}'
         f'            "operation": "{operation}",\n'
         "        },\n    )\n"
     )

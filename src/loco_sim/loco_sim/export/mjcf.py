@@ -88,13 +88,13 @@ def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
         root: The MJCF.
         widths: Count of numbers of each type of joint that has not one: `WIDTHS` or `FREEDOMS`.
     """
-    found, at = {}, 0
+    addresses, at = {}, 0
     for joint in root.find("worldbody").iter():
         if joint.tag in ("joint", "freejoint"):
-            found[joint.get("name", "")] = at
+            addresses[joint.get("name", "")] = at
             kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
             at += widths.get(kind, 1)
-    return found
+    return addresses
 
 
 def dofs(text: str) -> dict[str, int]:
@@ -105,10 +105,10 @@ def dofs(text: str) -> dict[str, int]:
 def _numerics(driven: Sequence[Joint]) -> dict[str, list[float]]:
     """Contents of ``<custom>``, a number for each actuator."""
     keys = "delay", "offset", "resolution", "effort"
-    made = {key: [getattr(joint, key) for joint in driven] for key in keys}
-    made["encoder"] = [float(j.gear is not None) for j in driven]
-    made["brake"] = [j.kd if j.kind == SERVO else 0.0 for j in driven]
-    return made
+    values = {key: [getattr(joint, key) for joint in driven] for key in keys}
+    values["encoder"] = [float(j.gear is not None) for j in driven]
+    values["brake"] = [j.kd if j.kind == SERVO else 0.0 for j in driven]
+    return values
 
 
 def _numbers(values: Sequence[float]) -> str:
@@ -117,9 +117,9 @@ def _numbers(values: Sequence[float]) -> str:
 
 def _passive(element: ET.Element, joint: Joint) -> None:
     """Friction, damping, armature and spring of a joint; and what a motor on it brakes."""
-    braked = joint.damping + (joint.kd if joint.kind == SERVO and joint.gear is None else 0.0)
+    damping = joint.damping + (joint.kd if joint.kind == SERVO and joint.gear is None else 0.0)
     element.attrib.pop("actuatorfrcrange", None)  # the actuator has its own
-    values = {"damping": braked, "frictionloss": joint.friction, "armature": joint.armature}
+    values = {"damping": damping, "frictionloss": joint.friction, "armature": joint.armature}
     if joint.stiffness:
         values |= {"stiffness": joint.stiffness, "springref": joint.rest}
     for key, value in values.items():
@@ -133,8 +133,8 @@ def _actuator(joint: Joint) -> ET.Element:
         gain, slope, brake = joint.kp or 1.0, joint.kp, joint.kd
     elif joint.kind == SERVO:
         slope = joint.kp
-    turned = joint.name if joint.gear is None else f"{joint.name}{ROTOR}"
-    values = {"name": joint.name, "joint": turned, "gainprm": f"{gain:.10g}"}
+    joint_name = joint.name if joint.gear is None else f"{joint.name}{ROTOR}"
+    values = {"name": joint.name, "joint": joint_name, "gainprm": f"{gain:.10g}"}
     values |= {"biastype": "affine"}
     values["biasprm"] = _numbers([bias + slope * joint.offset, -slope, -brake])
     if joint.lag > 0.0:
@@ -157,8 +157,8 @@ def _body_of(root: ET.Element, joint: str) -> tuple[ET.Element, ET.Element, ET.E
 
 def _section(root: ET.Element, tag: str) -> ET.Element:
     """Section of the file, which is added where there is none."""
-    found = root.find(tag)
-    return ET.SubElement(root, tag) if found is None else found
+    section = root.find(tag)
+    return ET.SubElement(root, tag) if section is None else section
 
 
 def _rotor(root: ET.Element, joint: Joint) -> None:
@@ -207,15 +207,15 @@ def _tension(root: ET.Element, joint: Joint) -> None:
     w, *xyz = np.array(child.get("quat", "1 0 0 0").split(), dtype=float)
     turn = np.reshape(rotation_matrix((*xyz, w)), (3, 3))
     place = np.array(child.get("pos", "0 0 0").split(), dtype=float)
-    ends = {
+    limits = {
         f"{joint.name}_tibia": (child, pivot + spring.tibia * across),
         f"{joint.name}_femur": (parent, place + turn @ (pivot + spring.femur * across)),
     }
-    for name, (body, at) in ends.items():
+    for name, (body, at) in limits.items():
         body.append(ET.Element("site", name=name, pos=_numbers(at), size="0.002"))
     spatial = ET.SubElement(
         _section(root, "tendon"), "spatial", name=f"{joint.name}_spring",
         stiffness=f"{spring.stiffness:.10g}", springlength=f"{spring.length:.10g}",
     )  # fmt: skip
-    for name in ends:
+    for name in limits:
         ET.SubElement(spatial, "site", site=name)

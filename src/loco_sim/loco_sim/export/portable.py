@@ -90,10 +90,12 @@ class Joint:
     resolution: float = 0.0
     effort: float = 0.0
 
-    def sprung(self, stiffness: float, rest: float) -> Joint:
+    def sprung(self, stiffness: float, rest_angle: float) -> Joint:
         """The joint with one more linear spring."""
         total = self.stiffness + stiffness
-        middle = (self.stiffness * self.rest + stiffness * rest) / total if total else rest
+        middle = (
+            (self.stiffness * self.rest + stiffness * rest_angle) / total if total else rest_angle
+        )
         return replace(self, stiffness=total, rest=middle)
 
 
@@ -143,12 +145,12 @@ def portable(model: Model, gear: str = RIGID) -> Portable:
 
 def grouped(lost: Sequence[str], joints: Sequence[str]) -> list[str]:
     """Sentences with those of several joints as one."""
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for text in lost:
-        name, mark, rest = text.partition(": ")
-        own = bool(mark) and name in joints
-        found.setdefault(rest if own else text, []).extend([name] if own else [])
-    return [f"{', '.join(names)}: {text}" if names else text for text, names in found.items()]
+        name, mark, reason = text.partition(": ")
+        names_joint = bool(mark) and name in joints
+        groups.setdefault(reason if names_joint else text, []).extend([name] if names_joint else [])
+    return [f"{', '.join(names)}: {text}" if names else text for text, names in groups.items()]
 
 
 def _timed(effect: Effect, lost: list[str]) -> bool:
@@ -161,42 +163,50 @@ def _timed(effect: Effect, lost: list[str]) -> bool:
 def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) -> Joint:
     """A joint with drive and spring, before any effect."""
     limit = float(robot.effort[robot.joints.index(name)])
-    made = Joint(name, damping=world.description.damping(name))
+    joint = Joint(name, damping=world.description.damping(name))
     drive, spring = robot.drives.get(name), robot.springs.get(name)
+    if drive is not None and drive.sampled:
+        lost.append(f"{name}: what its drive asks for is {drive.torque} for {drive.period:g} s")
     if isinstance(drive, ServoParams):
         slope = drive.stall_torque / drive.no_load_speed
-        made = replace(made, kind=SERVO, kp=drive.kp * drive.stall_torque, kd=slope,
+        joint = replace(joint, kind=SERVO, kp=drive.kp * drive.stall_torque, kd=slope,
                        limit=drive.stall_torque)  # fmt: skip
-        made = _geared(made, drive, limit, gear, lost)
+        joint = _geared(joint, drive, limit, gear, lost)
     elif isinstance(drive, ImpedanceDrive):
-        made = replace(made, kind=IMPEDANCE, kp=drive.kp, kd=drive.kd, limit=limit)
+        stiff = drive.kp + drive.kd * drive.position_gain  # both loops of a cascade
+        joint = replace(joint, kind=IMPEDANCE, kp=stiff, kd=drive.kd, limit=limit)
+        if drive.integrates:
+            lost.append(f"{name}: its integrator (ki {drive.ki:g}, speed_ki {drive.speed_ki:g})")
+        if drive.speed_feed != 1.0:
+            lost.append(f"{name}: {drive.speed_feed:g} of the commanded velocity is asked for")
         if drive.swing != (drive.kp, drive.kd):
             lost.append(f"{name}: gains of swing ({drive.swing[0]:g}, {drive.swing[1]:g})")
     elif drive is not None:
-        made = replace(made, kind=TORQUE, kp=drive.gain, bias=drive.bias, limit=limit)
+        joint = replace(joint, kind=TORQUE, kp=drive.gain, bias=drive.bias, limit=limit)
+        joint = replace(joint, damping=joint.damping + drive.slope)
     if spring is not None:
-        made = replace(made, damping=made.damping + spring.damping)
+        joint = replace(joint, damping=joint.damping + spring.damping)
         if spring.kind == "pretension":
-            made = replace(made, tension=spring)
+            joint = replace(joint, tension=spring)
         else:
-            made = made.sprung(spring.rate, spring.slack)
-    return made
+            joint = joint.sprung(spring.rate, spring.slack)
+    return joint
 
 
-def _geared(made: Joint, drive: ServoParams, limit: float, gear: str, lost: list[str]) -> Joint:
+def _geared(joint: Joint, drive: ServoParams, limit: float, gear: str, lost: list[str]) -> Joint:
     """The joint of a servo with what is around its motor."""
     geared = drive.rotor_inertia > 0.0
-    known = Gear(drive.rotor_inertia, drive.gear_stiffness, drive.gear_damping)
+    gear_values = Gear(drive.rotor_inertia, drive.gear_stiffness, drive.gear_damping)
     if gear == ELASTIC:
-        made = replace(made, resolution=drive.resolution, effort=limit)
-        return replace(made, gear=known) if geared else made
+        joint = replace(joint, resolution=drive.resolution, effort=limit)
+        return replace(joint, gear=gear_values) if geared else joint
     if geared:
-        lost.append(ROTOR.format(made.name, known.stiffness, known.damping))
+        lost.append(ROTOR.format(joint.name, gear_values.stiffness, gear_values.damping))
     if drive.resolution > 0.0:
-        lost.append(f"{made.name}: its drive no longer rounds to {drive.resolution:g} rad")
+        lost.append(f"{joint.name}: its drive no longer rounds to {drive.resolution:g} rad")
     if limit < drive.stall_torque:
-        lost.append(f"{made.name}: the limit of {limit:g} is below the stall torque and left out")
-    return replace(made, armature=drive.rotor_inertia)
+        lost.append(f"{joint.name}: the limit of {limit:g} is below the stall torque and left out")
+    return replace(joint, armature=drive.rotor_inertia)
 
 
 def _apply(effect: Effect, robot: Robot, joints: dict, lost: list[str]) -> None:
@@ -226,10 +236,8 @@ def robot_joints(effect: JointEffect, robot: Robot) -> list[int]:
     return [i for i in able if fnmatchcase(robot.joints[i], effect.joint or "*")]
 
 
-def _scaled(effect: actuator.TorqueConstantError, joint: Joint, _: float) -> Joint | None:
+def _scaled(effect: actuator.TorqueConstantError, joint: Joint, _: float) -> Joint:
     by = 1.0 + effect.error
-    if joint.stiffness or joint.tension:
-        return None
     return replace(joint, kp=by * joint.kp, kd=by * joint.kd, bias=by * joint.bias,
                    limit=by * joint.limit, effort=by * joint.effort)  # fmt: skip
 
@@ -246,7 +254,7 @@ def _stiffer(effect: compliance.StiffnessError, joint: Joint, _: float) -> Joint
     return replace(joint, tension=spring.replace(stiffness=by * spring.stiffness))
 
 
-def _turned(effect: compliance.RestAngleError, joint: Joint, _: float) -> Joint | None:
+def _rotated(effect: compliance.RestAngleError, joint: Joint, _: float) -> Joint | None:
     return None if joint.tension else replace(joint, rest=joint.rest + effect.offset)
 
 
@@ -264,6 +272,6 @@ LAWS: dict[type, Callable[..., Joint | None]] = {
     actuator.TorqueConstantError: _scaled,
     actuator.TorqueLimit: _limited,
     compliance.StiffnessError: _stiffer,
-    compliance.RestAngleError: _turned,
+    compliance.RestAngleError: _rotated,
     compliance.AddedStiffness: lambda e, j, slack: j.sprung(e.stiffness, slack + e.rest),
 }

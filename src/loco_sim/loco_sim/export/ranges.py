@@ -80,7 +80,7 @@ class Range:
 
 def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range], list[str]]:
     """Ranges of the terms of a ``gap.json``, and those that no target takes, a sentence each."""
-    found, lost = [], []
+    entries, lost = [], []
     driven = [joint.name for joint in model.joints if joint.kind != FREE]
     for term in terms:
         named = str(term.get("place", "")).split()
@@ -88,16 +88,18 @@ def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range]
         joints = tuple(j for j in all_joints if any(fnmatchcase(j, name) for name in named))
         for name, entry in term["parameters"].items():
             constant = CONSTANTS.get((term["effect"], name))
-            if constant is None:
+            if None in (entry["value"], entry["low"], entry["high"]):
+                lost.append(f"range of {term['effect']} {name}: none is known")
+            elif constant is None:
                 lost.append(
                     f"range of {term['effect']} {name}: {entry['low']:g} to {entry['high']:g} "
                     f"{entry['unit']} around {entry['value']:g}"
                 )
-                continue
-            which = tuple(driven) if constant in ("gain", "offset", "delay") else tuple(all_joints)
-            known = joints or which
-            found.append(Range(constant, known, entry["value"], entry["low"], entry["high"]))
-    return found, lost
+            else:
+                whole = driven if constant in ("gain", "offset", "delay") else all_joints
+                names = joints or tuple(whole)
+                entries.append(Range(constant, names, entry["value"], entry["low"], entry["high"]))
+    return entries, lost
 
 
 def playground(
@@ -143,5 +145,5 @@ def _gains(joint: Any, index: int, value: float) -> list[tuple]:
         brake = 0.0 if joint.kind == SERVO else joint.kd
         entries += [("actuator_biasprm", (index, 1), -joint.kp),
                     ("actuator_biasprm", (index, 2), -brake)]  # fmt: skip
-    shares = [(name, at, whole / (1.0 + value)) for name, at, whole in entries if whole]
+    shares = [(name, at, gain / (1.0 + value)) for name, at, gain in entries if gain]
     return [(name, at, share, share) for name, at, share in shares]

@@ -130,10 +130,10 @@ def controllers(model: Portable, kind: str) -> str:
         model: The model.
         kind: Interface of the drives, ``position`` or ``effort``.
     """
-    own = {"joints": driven(model), "command_interfaces": [kind],
+    parameters = {"joints": driven(model), "command_interfaces": [kind],
            "state_interfaces": ["position", "velocity"]}  # fmt: skip
     if kind == "effort":
-        own["gains"] = {name: {"p": 0.0, "i": 0.0, "d": 0.0} for name in driven(model)}
+        parameters["gains"] = {name: {"p": 0.0, "i": 0.0, "d": 0.0} for name in driven(model)}
     types = {
         "joint_state_broadcaster": "joint_state_broadcaster/JointStateBroadcaster",
         CONTROLLER: "joint_trajectory_controller/JointTrajectoryController",
@@ -142,7 +142,7 @@ def controllers(model: Portable, kind: str) -> str:
     manager |= {name: {"type": value} for name, value in types.items()}
     content = {
         f"{NAMESPACE}/controller_manager": {"ros__parameters": manager},
-        f"{NAMESPACE}/{CONTROLLER}": {"ros__parameters": own},
+        f"{NAMESPACE}/{CONTROLLER}": {"ros__parameters": parameters},
     }
     head = HEAD.format(robot=model.robot.name, ns=NAMESPACE, controller=CONTROLLER)
     return head + yaml.safe_dump(content, sort_keys=False)

@@ -54,17 +54,17 @@ class _Port(PortHandler):
 
     def readPort(self, length: int) -> bytes:
         """Bytes that have come, `length` at most."""
-        return self._alive(self.ser.read, length)
+        return self._responds(self.ser.read, length)
 
     def writePort(self, packet: list[int]) -> int:
         """Send bytes; returns their number."""
-        return self._alive(self.ser.write, packet)
+        return self._responds(self.ser.write, packet)
 
     def clearPort(self) -> None:
         """Forget what has come."""
-        self._alive(self.ser.reset_input_buffer)
+        self._responds(self.ser.reset_input_buffer)
 
-    def _alive(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _responds(self, function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except (OSError, termios.error) as error:
@@ -102,7 +102,7 @@ class ServoRobot:
         ).T
         self._torque_unit = self._sign * unit * per_ampere  # of one count of current [N·m]
         most = np.minimum(most, np.array(robot.effort) / per_ampere)
-        self._most = np.maximum(np.floor(most / unit), 1.0)  # counts of current
+        self._max_tries = np.maximum(np.floor(most / unit), 1.0)  # counts of current
         drives = [robot.drives[j] for j in robot.joints]
         self._pure = np.array([isinstance(d, TorqueDrive) for d in drives])
         self.rejected = self.lost = self.clipped = 0
@@ -245,7 +245,7 @@ class ServoRobot:
         counts = np.round(self._zero + self._sign * q / TURN)
         inside = np.clip(counts, 0, COUNTS - 1)
         self.clipped += bool(np.any((inside != counts) & ~self._pure))
-        current = np.clip(np.round(tau / self._torque_unit), -self._most, self._most)
+        current = np.clip(np.round(tau / self._torque_unit), -self._max_tries, self._max_tries)
         self._send(p.GOAL_POSITION, inside, ~self._pure)
         self._send(p.GOAL_CURRENT, current, self._pure)
 
@@ -253,7 +253,7 @@ class ServoRobot:
         """Torque on, at rest; servos whose watchdog has barked listen again."""
         self._on = True
         try:
-            for servo, most, pure in zip(self._ids, self._most, self._pure, strict=True):
+            for servo, most, pure in zip(self._ids, self._max_tries, self._pure, strict=True):
                 self._set(servo, p.BUS_WATCHDOG, 0)
                 self._set(servo, p.GOAL_CURRENT, 0 if pure else int(most))
                 self._set(servo, p.TORQUE_ENABLE, 1)

@@ -29,8 +29,8 @@ from .wiring import TURN, JointServo, Wiring
 
 _MEMORY = 256  # bytes of a servo
 _EEPROM = 64  # registers below are locked while the torque is on
-_LOOK = 0.005  # longest wait between two steps of the simulation [s]
-_BEHIND = 0.1  # a host that stood still for longer than this has lost that time [s]
+_CHECK_PERIOD = 0.005  # longest wait between two steps of the simulation [s]
+_LAG = 0.1  # a host that stood still for longer than this has lost that time [s]
 _WARM, _HOT = 35, 85  # [degC]
 _MODEL = 1020  # XM430-W350
 _OVERHEATING = 0x04
@@ -154,9 +154,9 @@ class SimulatedBus:
         """
         done = time.monotonic()  # until when it is simulated
         while not ended():
-            ready, _, _ = select.select([self._master], [], [], _LOOK)
+            ready, _, _ = select.select([self._master], [], [], _CHECK_PERIOD)
             now = time.monotonic()
-            done = max(done, now - _BEHIND)
+            done = max(done, now - _LAG)
             while done + self._sim.dt <= now:
                 self._step()
                 done += self._sim.dt
@@ -217,28 +217,28 @@ class SimulatedBus:
     def _execute(self, packet: Packet) -> list[bytes]:
         data, kind = packet.parameters, packet.instruction
         if kind == p.SYNC_READ:
-            address, size = _words(data)
-            return [self._read(n, address, size) for n in data[4:] if self._alive(n)]
+            address, size = _bytes(data)
+            return [self._read(n, address, size) for n in data[4:] if self._responds(n)]
         if kind == p.SYNC_WRITE:
-            address, size = _words(data)
+            address, size = _bytes(data)
             for at in range(4, len(data), size + 1):
-                if self._alive(data[at]):
+                if self._responds(data[at]):
                     self._servos[data[at]].write(address, data[at + 1 : at + 1 + size])
             return []
-        if not self._alive(packet.id):
+        if not self._responds(packet.id):
             return []
         servo = self._servos[packet.id]
         if kind == p.PING:
             return [p.status(packet.id, self._alert(servo), bytes(servo.memory[:2]) + b"\x2d")]
         if kind == p.READ:
-            return [self._read(packet.id, *_words(data))]
+            return [self._read(packet.id, *_bytes(data))]
         if kind == p.WRITE:
             address = int.from_bytes(data[:2], "little")
             error = servo.write(address, data[2:])
             return [p.status(packet.id, error | self._alert(servo))]
         return []
 
-    def _alive(self, number: int) -> bool:
+    def _responds(self, number: int) -> bool:
         return number in self._servos and not self._servos[number].silent
 
     def _read(self, number: int, address: int, size: int) -> bytes:
@@ -251,6 +251,6 @@ class SimulatedBus:
         return p.ALERT if servo.get(p.HARDWARE_ERROR) else 0
 
 
-def _words(data: bytes) -> tuple[int, int]:
+def _bytes(data: bytes) -> tuple[int, int]:
     """Address and size with which the parameters of reading instructions begin."""
     return int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")

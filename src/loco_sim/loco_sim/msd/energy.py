@@ -31,8 +31,10 @@ def potential_energy(
     i, j = network.links.T
     length = np.linalg.norm(position[..., j, :] - position[..., i, :], axis=-1)
     stretch = length - network.rest * factor
-    bent = params.nonlinearity * stretch**4 / (4.0 * network.rest**2)
-    return params.gravity * height + np.sum(network.stiffness * (0.5 * stretch**2 + bent), axis=-1)
+    hardening = params.nonlinearity * stretch**4 / (4.0 * network.rest**2)
+    return params.gravity * height + np.sum(
+        network.stiffness * (0.5 * stretch**2 + hardening), axis=-1
+    )
 
 
 def momentum(network: Network, velocity: np.ndarray) -> np.ndarray:

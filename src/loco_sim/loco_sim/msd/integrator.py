@@ -50,18 +50,18 @@ def drift(masses, scales, choices, state):
     """Move the nodes, hold those in the ground; leaves v + h a / 2, u, drag and weight."""
     nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
     up = rows - nodes
-    h, half, drag = scales[STEP], 0.5 * scales[STEP], -scales[DRAG]
+    h, half_step, drag = scales[STEP], 0.5 * scales[STEP], -scales[DRAG]
     reach = 0.0 if choices[AUTHOR] else h
     ground, author = choices[GROUND], choices[GROUND] == AUTHOR_GROUND
     for i in range(nodes):
         height = get(state, up + i)
-        rise = fma(half, get(state, A * rows + up + i), get(state, V * rows + up + i))
+        rise = fma(half_step, get(state, A * rows + up + i), get(state, V * rows + up + i))
         landed = fma(h, rise, height)
         none = height * 0.0
         for row in range(i, rows, nodes):
             at, speed = get(state, row), get(state, V * rows + row)
             pull = get(state, A * rows + row)
-            to = fma(h, fma(half, pull, speed), at)
+            to = fma(h, fma(half_step, pull, speed), at)
             if ground:
                 stop = to if row < up else none
                 if not author:  # a node that lay on the ground has not moved along it either
@@ -72,7 +72,7 @@ def drift(masses, scales, choices, state):
                 speed = where_negative(landed, none, speed)
             flow = fma(reach, pull, speed)
             put(state, row, to)
-            put(state, V * rows + row, fma(half, pull, speed))
+            put(state, V * rows + row, fma(half_step, pull, speed))
             put(state, U * rows + row, flow)
             put(state, R * rows + row, none)
             if row < up:
@@ -93,10 +93,10 @@ def exact_sines(t, links, network):
 
 
 @inner
-def driven(e, count, rest, turning, choices, links, network, words):
+def driven(e, count, rest_length, turning, choices, links, network, words):
     """Length that a link is driven to [m], eq. 4.7, with noise on the amplitude."""
     if choices[GIVEN]:
-        return get(links, FACTOR * count + e) * rest
+        return get(links, FACTOR * count + e) * rest_length
     sine = get(links, SINE * count + e)
     if turning:  # to this step, by the addition theorem
         cosine = get(links, COSINE * count + e)
@@ -108,8 +108,8 @@ def driven(e, count, rest, turning, choices, links, network, words):
     if choices[NOISY]:
         word = next_word(get(words, e))
         put(words, e, word)
-        swing = fma(get(network, NOISE) * rest, bell(word), swing)
-    return fma(swing, sine, rest)
+        swing = fma(get(network, NOISE) * rest_length, bell(word), swing)
+    return fma(swing, sine, rest_length)
 
 
 @inner
@@ -117,11 +117,11 @@ def tension(e, square, closing, turning, shape, choices, links, network, words):
     """Pull of a link per length [N/m]: spring of eq. 4.3 and damper along the link of eq. 4.4."""
     count = links.shape[0] // 6
     inverse = inverse_length(square)
-    rest = get(shape, REST * count + e)
-    wanted = driven(e, count, rest, turning, choices, links, network, words)
-    stretch = square * inverse - wanted
-    bent = fma(stretch * get(shape, HARDENING * count + e), stretch, 1.0)
-    pull = get(links, STIFFNESS * count + e) * stretch * bent * inverse
+    rest_length = get(shape, REST * count + e)
+    target_length = driven(e, count, rest_length, turning, choices, links, network, words)
+    stretch = square * inverse - target_length
+    hardening = fma(stretch * get(shape, HARDENING * count + e), stretch, 1.0)
+    pull = get(links, STIFFNESS * count + e) * stretch * hardening * inverse
     if choices[ALONG]:
         damping = get(shape, DAMPING * count + e)
         pull = fma(closing * damping, inverse * inverse, pull)
@@ -175,35 +175,35 @@ def single_forces(near, far, turning, shape, choices, state, links, network, wor
     Run e joins nodes near[e], near[e] + 1, … to far[e], far[e] + 1, …; what is missing to
     `WIDTH` links has no stiffness and no damping.
     """
-    count, flat = links.shape[0] // 6, state.reshape(-1)
-    size = flat.size // 6
+    count, values = links.shape[0] // 6, state.reshape(-1)
+    size = values.size // 6
     side = size // (3 if choices[THREE] else 2)
     up, f, r, u = size - side, F * size, R * size, U * size
     three, along = choices[THREE], choices[ALONG]
     for e in range(count):
         i, j = get(near, e), get(far, e)
-        dx, dz = span(flat, j) - span(flat, i), span(flat, up + j) - span(flat, up + i)
-        du = span(flat, u + j) - span(flat, u + i)
-        dw = span(flat, u + up + j) - span(flat, u + up + i)
+        dx, dz = span(values, j) - span(values, i), span(values, up + j) - span(values, up + i)
+        du = span(values, u + j) - span(values, u + i)
+        dw = span(values, u + up + j) - span(values, u + up + i)
         square = fma(dz, dz, fma(dx, dx, TINY))
         closing = fma(dw, dz, du * dx)
         dy = dv = dx * 0.0
         if three:
-            dy = span(flat, side + j) - span(flat, side + i)
-            dv = span(flat, u + side + j) - span(flat, u + side + i)
+            dy = span(values, side + j) - span(values, side + i)
+            dv = span(values, u + side + j) - span(values, u + side + i)
             square, closing = fma(dy, dy, square), fma(dv, dy, closing)
         pull = tension(e, square, closing, turning, shape, choices, links, network, words)
         gx, gz, gy = pull * dx, pull * dz, pull * dy
         if not along:
             damping = get(shape, DAMPING * count + e)
             gx, gz, gy = fma(damping, du, gx), fma(damping, dw, gz), fma(damping, dv, gy)
-        put_span(flat, f + i, span(flat, f + i) + gx)
-        put_span(flat, f + up + i, span(flat, f + up + i) + gz)
-        put_span(flat, r + j, span(flat, r + j) + gx)
-        put_span(flat, r + up + j, span(flat, r + up + j) + gz)
+        put_span(values, f + i, span(values, f + i) + gx)
+        put_span(values, f + up + i, span(values, f + up + i) + gz)
+        put_span(values, r + j, span(values, r + j) + gx)
+        put_span(values, r + up + j, span(values, r + up + j) + gz)
         if three:
-            put_span(flat, f + side + i, span(flat, f + side + i) + gy)
-            put_span(flat, r + side + j, span(flat, r + side + j) + gy)
+            put_span(values, f + side + i, span(values, f + side + i) + gy)
+            put_span(values, r + side + j, span(values, r + side + j) + gy)
 
 
 @inner
@@ -215,7 +215,7 @@ def jolt(masses, scales, choices, state, words, running, push):
     """
     width, dimension = words.size, 3 if choices[THREE] else 2
     nodes, size = choices[NODES], state.size // 6
-    flat, mass = state.reshape(-1), masses.reshape(-1)
+    values, mass = state.reshape(-1), masses.reshape(-1)
     stride = size // dimension  # of an axis; a network alone has room to spare
     for w in range(width):
         word = next_word(words[w])
@@ -223,7 +223,7 @@ def jolt(masses, scales, choices, state, words, running, push):
             mean = 0.0
             for d in range(dimension):
                 for i in range(nodes):
-                    mean += abs(flat[A * size + d * stride + i * width + w])
+                    mean += abs(values[A * size + d * stride + i * width + w])
             mean /= nodes * dimension
             word = next_word(word)
             running[width + w] = np.int64((word >> np.uint64(33)) % np.uint64(nodes))
@@ -237,19 +237,19 @@ def jolt(masses, scales, choices, state, words, running, push):
             running[w] -= 1
             i = running[width + w]
             for d in range(dimension):
-                flat[F * size + d * stride + i * width + w] += mass[i] * push[d * width + w]
+                values[F * size + d * stride + i * width + w] += mass[i] * push[d * width + w]
 
 
 @inner
 def kick(masses, scales, state):
     """Acceleration from force, and the second half of the change of velocity."""
-    nodes, rows, half = masses.shape[0] // 2, state.shape[0] // 6, 0.5 * scales[STEP]
+    nodes, rows, half_step = masses.shape[0] // 2, state.shape[0] // 6, 0.5 * scales[STEP]
     for i in range(nodes):
         light = get(masses, nodes + i)
         for row in range(i, rows, nodes):
             pull = (get(state, F * rows + row) - get(state, R * rows + row)) * light
             put(state, A * rows + row, pull)
-            put(state, V * rows + row, fma(half, pull, get(state, V * rows + row)))
+            put(state, V * rows + row, fma(half_step, pull, get(state, V * rows + row)))
 
 
 @inner
@@ -264,10 +264,10 @@ def forces(near, far, turning, shape, choices, state, links, network, words):
 @outer
 def advance(
     tick, steps, every, near, far, shape, masses, scales, choices,
-    state, links, network, words, jolt_words, running, push, seen,
+    state, links, network, words, jolt_words, running, push, samples,
 ):  # fmt: skip
-    """Run `steps` steps from step number `tick`; `seen` takes x, v, a each `every` steps."""
-    kept = 3 * (state.shape[0] // 6)
+    """Run `steps` steps from step number `tick`; `samples` takes x, v, a each `every` steps."""
+    rows = 3 * (state.shape[0] // 6)
     for k in range(tick + 1, tick + steps + 1):
         drift(masses, scales, choices, state)
         turning = k % EXACT_EVERY != 0
@@ -278,21 +278,21 @@ def advance(
             jolt(masses, scales, choices, state, jolt_words, running, push)
         kick(masses, scales, state)
         if every and (k - tick) % every == 0:
-            frame = ((k - tick) // every - 1) * kept
-            for row in range(kept):
-                put(seen, frame + row, get(state, row))
+            frame = ((k - tick) // every - 1) * rows
+            for row in range(rows):
+                put(samples, frame + row, get(state, row))
 
 
 @outer
 def advance_blocks(
     begin, end, tick, steps, every, near, far, shape, masses, scales, choices,
-    state, links, network, words, jolt_words, running, push, seen,
+    state, links, network, words, jolt_words, running, push, samples,
 ):  # fmt: skip
     """`advance` for the blocks begin … end - 1 of a population, one after the other."""
     for b in range(begin, end):
         advance(
             tick, steps, every, near, far, shape, masses, scales, choices, state[b],
-            links[b], network[b], words[b], jolt_words[b], running[b], push[b], seen[b],
+            links[b], network[b], words[b], jolt_words[b], running[b], push[b], samples[b],
         )  # fmt: skip
 
 

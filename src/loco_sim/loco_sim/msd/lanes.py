@@ -77,7 +77,7 @@ def _call(builder, name, *values):
     return builder.call(function, values)
 
 
-def _spread(builder, value):
+def _splat(builder, value):
     """One double in all lanes."""
     kind = ir.VectorType(DOUBLE, WIDTH)
     first = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(INT, 0))
@@ -131,7 +131,7 @@ def _wide(context, builder, kind, value):
     """A lane vector from lanes or from a number."""
     if kind is LANES or isinstance(kind, LanesType):
         return value
-    return _spread(builder, context.cast(builder, value, kind, types.float64))
+    return _splat(builder, context.cast(builder, value, kind, types.float64))
 
 
 def _is_lanes(kind):
@@ -257,17 +257,17 @@ def get(typing, array, i):
 
     Unlike ``array[i]`` it counts no reference and knows no index from the end.
     """
-    flat = array.ndim == 1
+    is_flat = array.ndim == 1
 
     def code(context, builder, signature, values):
         kind = signature.args[0]
-        if flat:
+        if is_flat:
             struct = context.make_array(kind)(context, builder, values[0])
             return builder.load(builder.gep(struct.data, [values[1]]))
         first = builder.mul(values[1], ir.Constant(INT, WIDTH))
         return builder.load(_pointer(context, builder, kind, values[0], first), align=8)
 
-    return (array.dtype if flat else _vector(array))(array, types.intp), code
+    return (array.dtype if is_flat else _vector(array))(array, types.intp), code
 
 
 @intrinsic

@@ -53,8 +53,8 @@ class Alone:
 
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
         """The inverse of `nodes_in`, with the same axes in front of rows and nodes."""
-        flat = rows.reshape(*rows.shape[:-2], self.axes, self.blocks * WIDTH)
-        return np.moveaxis(flat[..., : self.nodes], -2, -1).copy()
+        values = rows.reshape(*rows.shape[:-2], self.axes, self.blocks * WIDTH)
+        return np.moveaxis(values[..., : self.nodes], -2, -1).copy()
 
 
 class Blocks:
@@ -62,9 +62,9 @@ class Blocks:
 
     def __init__(self, network: Network, size: int):
         self.nodes, self.axes, self.size = network.nodes, network.dimension, size
-        ends = network.links
-        self.near = np.searchsorted(ends[:, 0], np.arange(network.nodes + 1)).astype(np.int64)
-        self.far = np.array(ends[:, 1], np.int64)
+        links = network.links
+        self.near = np.searchsorted(links[:, 0], np.arange(network.nodes + 1)).astype(np.int64)
+        self.far = np.array(links[:, 1], np.int64)
         self.count = -(-size // WIDTH)
         self.who = np.minimum(np.arange(self.count * WIDTH), size - 1)
 
@@ -92,8 +92,8 @@ class Blocks:
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
         """The inverse of `nodes_in`; axes between blocks and rows stay where they are."""
         first = np.moveaxis(rows, -1, 1)  # (blocks, WIDTH, …, axes * nodes)
-        flat = first.reshape(-1, *first.shape[2:-1], self.axes, self.nodes)[: self.size]
-        return np.swapaxes(flat, -2, -1).copy()
+        values = first.reshape(-1, *first.shape[2:-1], self.axes, self.nodes)[: self.size]
+        return np.swapaxes(values, -2, -1).copy()
 
 
 def _runs(links: np.ndarray) -> list[list[tuple[int, int]]]:

@@ -48,8 +48,10 @@ class Network:
         links, order = _sorted_links(self.links, len(positions))
         length = np.linalg.norm(positions[links[:, 1]] - positions[links[:, 0]], axis=1)
         _refuse("link", length <= 1e-9, length, "has no length [m]; its nodes must differ", links)
-        rest = length if self.rest is None else _each("rest", self.rest, len(links))[order]
-        _refuse("rest length of link", rest <= 0.0, rest, "must be positive [m]", links)
+        rest_lengths = length if self.rest is None else _each("rest", self.rest, len(links))[order]
+        _refuse(
+            "rest length of link", rest_lengths <= 0.0, rest_lengths, "must be positive [m]", links
+        )
         masses = _each("masses", self.masses, len(positions))
         _refuse("mass of node", masses <= 0.0, masses, "must be positive [kg]")
         stiffness = _each("stiffness", self.stiffness, len(links))[order]
@@ -57,8 +59,16 @@ class Network:
         damping = _each("damping", self.damping, len(links))[order]
         _refuse("damping of link", damping < 0.0, damping, "must be 0 or more [N·s/m]", links)
         _check_connected(links, len(positions))
-        for name in ("positions", "links", "masses", "stiffness", "damping", "rest"):
-            object.__setattr__(self, name, locals()[name])
+        checked = {
+            "positions": positions,
+            "links": links,
+            "masses": masses,
+            "stiffness": stiffness,
+            "damping": damping,
+            "rest": rest_lengths,
+        }
+        for name, values in checked.items():
+            object.__setattr__(self, name, values)
 
     @property
     def nodes(self) -> int:
@@ -110,10 +120,10 @@ def _each(name: str, values: np.ndarray | float, count: int) -> np.ndarray:
 
 
 def _refuse(
-    what: str, bad: np.ndarray, values: np.ndarray, text: str, links: np.ndarray | None = None
+    what: str, invalid: np.ndarray, values: np.ndarray, text: str, links: np.ndarray | None = None
 ) -> None:
-    if bad.any():
-        i = int(np.argmax(bad))
+    if invalid.any():
+        i = int(np.argmax(invalid))
         name = f"{i}" if links is None else f"{i} (nodes {links[i, 0]} and {links[i, 1]})"
         raise ParameterError(f"{what} {name} {text}, got {values[i]:g}")
 
@@ -133,9 +143,9 @@ def _sorted_links(links: Sequence, nodes: int) -> tuple[np.ndarray, np.ndarray]:
             raise ParameterError(f"link {i} joins node {a} to itself")
     order = np.lexsort((links[:, 1], links[:, 0]))
     links = links[order]
-    twice = np.all(links[1:] == links[:-1], axis=1)
-    if twice.any():
-        a, b = links[int(np.argmax(twice))]
+    duplicate = np.all(links[1:] == links[:-1], axis=1)
+    if duplicate.any():
+        a, b = links[int(np.argmax(duplicate))]
         raise ParameterError(f"nodes {a} and {b} are linked twice")
     return links, order
 

@@ -95,10 +95,10 @@ class MsdSimulation:
     def _read_drive(self, drive: Drive, seed: int | np.ndarray) -> None:
         links = (*self._lead, self.network.count)
         stiffness = self.network.stiffness if drive.stiffness is None else drive.stiffness
-        self.amplitude = _shaped("amplitude", drive.amplitude, links)
-        self.phase = _shaped("phase", drive.phase, links)
-        self.frequency = _shaped("frequency", drive.frequency, self._lead)
-        self.stiffness = _shaped("stiffness", stiffness, links)
+        self.amplitude = _reshape("amplitude", drive.amplitude, links)
+        self.phase = _reshape("phase", drive.phase, links)
+        self.frequency = _reshape("frequency", drive.frequency, self._lead)
+        self.stiffness = _reshape("stiffness", stiffness, links)
         if (self.stiffness < 0.0).any():
             raise ParameterError(
                 f"stiffness must be 0 or more N/m, got {float(self.stiffness.min()):g}"
@@ -125,7 +125,7 @@ class MsdSimulation:
 
     def reset(self) -> None:
         """Back to the first instant, at rest, with the same noise to come."""
-        self.tick, self._stale = 0, False
+        self.tick, self._is_outdated = 0, False
         network, lead = self.network, self._lead
         one = np.ones_like(self.phase)
         self._links = self._layout.links(
@@ -144,23 +144,23 @@ class MsdSimulation:
             np.stack([omega, noise, np.sin(turn), np.cos(turn)], axis=-1)
         )
         words = _streams(self.seed, network.count + 1)
-        self._words = self._layout.links(words[..., None, :-1])
+        self._random_state = self._layout.links(words[..., None, :-1])
         self._jolts = self._layout.numbers(words[..., -1:])[..., 0, :] if lead else words[-1:]
         width = self._jolts.shape[-1]
         self._running = np.zeros((*self._jolts.shape[:-1], 2 * width), np.int64)
         self._push = np.zeros((*self._jolts.shape[:-1], network.dimension * width))
-        still = np.zeros((*lead, *network.positions.shape))
-        self.place(still + network.positions, still)
+        zeros = np.zeros((*lead, *network.positions.shape))
+        self.place(zeros + network.positions, zeros)
 
     def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Put the nodes somewhere [m] with velocities [m/s], each (nodes, axes)."""
         shape = (*self._lead, *self.network.positions.shape)
         parts = [
-            self._layout.nodes_in(_shaped(name, values, shape))
+            self._layout.nodes_in(_reshape(name, values, shape))
             for name, values in (("position", position), ("velocity", velocity))
         ]
-        rest = [np.zeros_like(parts[0])] * 4
-        self._state = np.concatenate([*parts, *rest], axis=-2)
+        derivatives = [np.zeros_like(parts[0])] * 4
+        self._state = np.concatenate([*parts, *derivatives], axis=-2)
         if self.params.integrator == "author":
             return
         quiet = self._choices.copy()
@@ -169,7 +169,7 @@ class MsdSimulation:
             kernel.settle(
                 self._layout.near, self._layout.far, self._shape, self._masses, self._scales,
                 quiet, self._state[block], self._links[block], self._network[block],
-                self._words[block],
+                self._random_state[block],
             )  # fmt: skip
 
     def run(self, steps: int, every: int = 0) -> History | None:
@@ -200,15 +200,15 @@ class MsdSimulation:
             self._choices[kernel.GIVEN] = True
         self._advance(1, 0, np.zeros((*self._state.shape[:-2], 0, self._state.shape[-1])))
         self._choices[kernel.GIVEN] = False
-        self._stale = factor is not None
+        self._is_outdated = factor is not None
 
-    def _advance(self, steps: int, every: int, seen: np.ndarray) -> None:
-        if self._stale and not self._choices[kernel.GIVEN]:
+    def _advance(self, steps: int, every: int, samples: np.ndarray) -> None:
+        if self._is_outdated and not self._choices[kernel.GIVEN]:
             self._catch_up()
         rest = (
             self.tick, steps, every, self._layout.near, self._layout.far, self._shape,
             self._masses, self._scales, self._choices, self._state, self._links, self._network,
-            self._words, self._jolts, self._running, self._push, seen,
+            self._random_state, self._jolts, self._running, self._push, samples,
         )  # fmt: skip
         if not self._lead:
             kernel.advance(*rest)
@@ -261,7 +261,7 @@ class MsdSimulation:
             raise DivergedError(f"the network diverged before {self.time:g} s")
 
 
-def _shaped(name: str, values: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
+def _reshape(name: str, values: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
     try:
         values = np.broadcast_to(np.asarray(values, float), shape)
     except ValueError as error:

@@ -40,9 +40,9 @@ def largest_step(network: Network, params: MsdParams, stiffness: np.ndarray | No
     """
     k = network.stiffness if stiffness is None else stiffness
     fast = _largest_eigenvalue(network, k)
-    slow = _largest_eigenvalue(network, network.damping) + params.drag / network.masses.min()
+    decay_rate = _largest_eigenvalue(network, network.damping) + params.drag / network.masses.min()
     author = params.integrator == "author"
-    pairs = [(fast, slow), (fast, 0.0), (0.0, slow)]
+    pairs = [(fast, decay_rate), (fast, 0.0), (0.0, decay_rate)]
     return min(_limit(square, damping, author) for square, damping in pairs)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..bolted import tree as trees
+from ..foreign.rotors import Rotors
 from ..robot.description import Description
 from ..robot.equipment import GRAVITY
 from ..robot.urdf_check import TENSOR, inertia_matrix
@@ -23,12 +24,19 @@ class Body:
         low: Smallest position of each joint [rad or m], (n,); infinite without limits.
         high: Largest position of each joint [rad or m], (n,); infinite without limits.
         damping: Viscous damping of each joint [N·m·s/rad], (n,).
+        armature: Inertia of rotor and gear that each joint feels besides [kg·m²], (n,).
+        stiffness: Stiffness of the spring of each joint [N·m/rad or N/m], (n,).
+        rest: Position at which that spring is slack [rad or m], (n,).
         links: Names of the links of each body, by index.
         mass: Mass of each body [kg], (n + 1,), the base last.
     """
 
-    def __init__(self, description: Description):
+    def __init__(self, description: Description, rotors: Rotors | None = None):
         """Read the tree.
+
+        Args:
+            description: The robot.
+            rotors: Rotors and springs of its joints.
 
         Raises:
             ParameterError: A joint moves what has no inertia that a body can have.
@@ -36,6 +44,10 @@ class Body:
         listed = tuple(description.joint_types())
         tree, order, frames = trees.build(description, listed)
         self.joints = tuple(listed[i] for i in order)
+        rotors = rotors or Rotors()
+        self.armature = np.array([rotors.armature.get(joint, 0.0) for joint in self.joints])
+        springs = [rotors.springs.get(joint, (0.0, 0.0)) for joint in self.joints]
+        self.stiffness, self.rest = np.array(springs).reshape(-1, 2).T
         n = len(self.joints)
         self.above, self.slides = tree.kin[:, 0].copy(), tree.kin[:, 1] > 0
         rows = tree.body
@@ -132,6 +144,8 @@ class Body:
     def weight_torque(self, q: np.ndarray, feet: list[int], points: np.ndarray) -> np.ndarray:
         """Torque with which each joint carries the robot at rest, base level [N·m], (n,).
 
+        Springs are held as well.
+
         The ground pushes upwards at `points` so that forces and moments balance, in the
         sense of least squares; without feet the base is held.
 
@@ -142,7 +156,7 @@ class Body:
         """
         frames = self.forward(q)
         turn, place = frames
-        tau = np.zeros(len(self.joints))
+        tau = self.stiffness * (q - self.rest)
         for k in range(len(self.joints)):
             at = place[k] + turn[k] @ self._com[k]
             tau += self.mass[k] * GRAVITY * self.jacobian(k, at, frames)[2]
@@ -172,6 +186,7 @@ class Body:
                 angular[:, 6 + j] = 0.0 if self.slides[j] else axes[j]
             own = turn[k] @ self._inertia[k] @ turn[k].T
             mass += self.mass[k] * linear.T @ linear + angular.T @ own @ angular
+        mass[6:, 6:] += np.diag(self.armature)
         if bolted:
             return mass[6:, 6:]
         cross = mass[6:, :6]

@@ -17,6 +17,9 @@ import yaml
 
 from loco_control.exceptions import ParameterError
 
+from ..foreign.notes import listed
+from ..foreign.read import stem
+from ..foreign.tidy import Tidied
 from ..robot import robot as robots
 from ..robot.description import Description
 from .body import Body
@@ -24,7 +27,6 @@ from .gains import Gains
 from .picture import picture
 from .posture import Posture
 from .supports import Support
-from .tidy import Tidied, listed
 from .trial import Outcome
 
 RATE = 250.0  # of commands [Hz]
@@ -79,11 +81,16 @@ class Draft:
 
     def body(self) -> Body:
         """Its tree."""
-        return Body(self.description())
+        return Body(self.description(), self.tidied.rotors)
+
+    @property
+    def loose(self) -> set[str]:
+        """Joints that a spring holds and nothing drives."""
+        return self.tidied.rotors.idle & set(self.tidied.rotors.springs)
 
     def all_notes(self) -> list[str]:
         """Notes about mended faults, then those about decisions."""
-        extra = [f"driven by themselves, along with what they mimic: {listed(self.mimics)}"]
+        extra = [f"commands made from those of the joints that they mimic: {listed(self.mimics)}"]
         return [*self.tidied.notes, *(extra if self.mimics else []), *self.notes]
 
 
@@ -114,7 +121,7 @@ class Folder:
 
     @property
     def _stem(self) -> str:
-        return self._draft.urdf.stem
+        return stem(self._draft.urdf)
 
     def _write(self) -> None:
         (self._place / "robot.yaml").write_text(self._yaml(), encoding="utf-8")
@@ -167,12 +174,14 @@ class Folder:
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
         lines.append("drives:  # guessed; a kp of 0 is a wheel that follows a velocity")
         for name, kp, kd in zip(body.joints, gains.kp, gains.kd, strict=True):
-            lines.append(f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}")
-        if gains.armature.any():
-            lines.append(
-                "dynamics:  # guessed: rotors and gears of joints that are too light [kg·m²]"
-            )
-            for name, value in zip(body.joints, gains.armature, strict=True):
+            if name not in draft.loose:
+                lines.append(f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}")
+        lines += self._springs()
+        if (gains.armature + body.armature).any():
+            guessed = "guessed for joints that are too light" if gains.armature.any() else "read"
+            lines.append(f"dynamics:  # rotors and gears, {guessed} [kg·m²]")
+            armature = gains.armature + body.armature
+            for name, value in zip(body.joints, armature, strict=True):
                 if value > 0.0:
                     lines.append(f"  {_name(name)}: {{armature: {value:.3g}}}")
         if self._found:
@@ -181,6 +190,16 @@ class Folder:
             low = f"height: {LOW * self._height:.3g}, " if self._tall() else ""
             lines.append(f"fall: {{{low}roll: {TILT}, pitch: {TILT}}}  # guessed [m, rad]")
         return "\n".join(lines) + "\n"
+
+    def _springs(self) -> list[str]:
+        """Lines about the springs of the file, of joints that still move."""
+        springs = self._draft.tidied.rotors.springs
+        lines = [
+            f"  {_name(name)}: {{kind: linear, stiffness: {stiffness:.6g}, rest: {rest:.6g}}}"
+            for name, (stiffness, rest) in springs.items()
+            if name in self._body.joints
+        ]
+        return ["springs:  # read", *lines] if lines else []
 
     def _tall(self) -> bool:
         """The base is so high that a robot whose base is half as high has fallen."""

@@ -4,9 +4,9 @@
 A joint carries I = M (r² with the lever arm r to a foot, M its share of the mass) and holds
 the torque T of the weight. Its stiffness is the largest of
 
-    kp = T / sag,      kp = I (2 pi f)²      and      kp = 2 pi f d
+    kp = T / sag,      kp = I (2 pi f)²,      kp = 2 pi f d      and      kp = 3 k
 
-(d its passive damping, which would hold it back),
+(d its passive damping and k its spring, which would hold it back),
 
 its damping kd = 2 z sqrt(kp I), but at most `DAMPING` I_free / dt, where I_free is the
 inertia that the joint feels when its limb is in the air: damping that is computed at the
@@ -21,11 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..drives.stability import stability_ratio
+from ..robot.equipment import GRAVITY
 from .body import Body
 
 SAG = 0.03  # that a joint gives way under the weight [rad]
 SLIDE_SAG = 0.003  # the same of a slide [m]
 FREQUENCY = 2.5  # of a joint with what it carries [Hz]
+AGAINST = 3.0  # times the spring of a joint that its drive is as stiff as
 DAMPING_RATIO = 0.7
 DAMPING = 0.4  # largest kd dt / I
 STEPS = 8  # sub-steps that gains may cost
@@ -75,9 +77,11 @@ def choose(
     held = np.diag(inertia).copy()  # with all other joints locked
     if not bolted:
         held = np.maximum(held, _carried(body, q, feet, bodies))
+    tau = np.where(body.slides, np.maximum(tau, GRAVITY * np.diag(inertia)), tau)  # upright once
     sag = np.where(body.slides, SLIDE_SAG, SAG)
     pace = 2.0 * np.pi * FREQUENCY
-    kp = stiffer * np.maximum.reduce([tau / sag, held * pace**2, body.damping * pace])
+    least = np.maximum(body.damping * pace, AGAINST * body.stiffness)
+    kp = stiffer * np.maximum.reduce([tau / sag, held * pace**2, least])
     kd = 2.0 * DAMPING_RATIO * np.sqrt(kp * held)
     # A wheel follows a speed; it stops the robot within a second or so.
     kp[wheels] = 0.0

@@ -11,6 +11,7 @@ from .body import Body
 from .posture import Posture
 from .supports import Support, side_of
 
+JOINTS = ("haa", "hfe", "kfe")
 PLACES = dict(zip(LEGS, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
 
 
@@ -61,6 +62,6 @@ def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dic
         ]
         if len(fits) != 1:
             return {}
-        haa, hfe, kfe = (body.joints[j] for j in fits[0].chain)
-        made[leg] = {"haa": haa, "hfe": hfe, "kfe": kfe, "foot": fits[0].link}
+        chain = [body.joints[j] for j in fits[0].chain]
+        made[leg] = {**dict(zip(JOINTS, chain, strict=True)), "foot": fits[0].link}
     return made

@@ -12,6 +12,7 @@ from .body import Body
 
 RESERVE = 5.0  # times the largest torque that holds the robot at rest
 SPEEDS_UP = 10.0  # acceleration that an effort is enough for [rad/s² or m/s²]
+TURNS_AT = 1.0  # speed against its damping that an effort is enough for [rad/s or m/s]
 POSES = 60  # drawn to find it
 PACE = 8.0  # joint velocity times sqrt(size / g) [-]
 SLIDES = 2.0  # velocity of a slide over sqrt(g size) [-]
@@ -53,7 +54,7 @@ def guess(
         effort = np.maximum(effort, np.abs(body.weight_torque(q, [], NO_FEET)))
     effort = RESERVE * np.maximum(effort, 0.02 * effort.max(initial=0.0))
     held = np.diag(body.inertia(body.nominal(), bolted=True))
-    effort = np.maximum(effort, SPEEDS_UP * held)
+    effort = np.maximum(effort, SPEEDS_UP * held + RESERVE * TURNS_AT * body.damping)
     for joint, radius in wheels.items():
         effort[joint] = GRIP * body.mass.sum() * GRAVITY * radius / len(wheels)
         velocity[joint] = 4.0 * np.sqrt(GRAVITY * size) / radius
@@ -79,7 +80,8 @@ def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.n
         pace: Angular frequency of the swing [rad/s].
     """
     weight = [body.weight_torque(q + s * amplitude, [], NO_FEET) for s in (-1.0, 0.0, 1.0)]
-    return np.abs(weight).max(axis=0) + np.abs(body.inertia(q, True) @ amplitude) * pace**2
+    moved = np.abs(body.inertia(q, True) @ amplitude) * pace**2 + body.damping * amplitude * pace
+    return np.abs(weight).max(axis=0) + moved
 
 
 def held(

@@ -15,6 +15,8 @@ import numpy as np
 from loco_control.exceptions import MissingFileError, ParameterError
 
 from ..bolted.tree import clearance
+from ..foreign.joints import WORLDS
+from ..foreign.tidy import Tidied
 from ..geometry import rotation_matrix
 from ..robot.urdf_check import mass_of, problems
 from . import gains as gain
@@ -23,7 +25,6 @@ from .body import Body
 from .files import Draft, written
 from .posture import LEVEL, Posture, Search
 from .supports import Probe, Support, probe, stands_at, supports
-from .tidy import WORLDS, Tidied
 
 HALF = 0.5**0.5
 UPWARDS = {  # orientation of the base, x y z w, that turns an axis of it upwards
@@ -31,6 +32,10 @@ UPWARDS = {  # orientation of the base, x y z w, that turns an axis of it upward
     "x": (0.0, -HALF, 0.0, HALF), "-x": (0.0, HALF, 0.0, HALF), "-z": (1.0, 0.0, 0.0, 0.0),
 }  # fmt: skip
 STIFFER = (1.0, 2.0, 4.0, 0.5)  # factors on the stiffness, tried in turn
+ARMS = (
+    "locked for the gait, which moves legs alone (to move them make them revolute in the URDF "
+    "and take `legs` out of robot.yaml)"
+)
 SEED = 0  # of what is drawn: the same URDF gives the same robot
 SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a slide [m]
 SHARE = 0.2  # of its range that a joint swings to each side
@@ -67,7 +72,7 @@ def make(urdf: Path, out: Path) -> Result:
         ParameterError: The URDF is broken, the folder exists, or no gains hold the robot.
     """
     if not urdf.is_file():
-        raise MissingFileError(f"there is no URDF at {urdf}; name a .urdf file")
+        raise MissingFileError(f"there is no URDF at {urdf}; name a .urdf, .xacro or .xml file")
     if out.exists():
         raise ParameterError(f"{out} exists already; give another folder with --out")
     draft = Draft(urdf, Tidied(urdf))
@@ -76,6 +81,8 @@ def make(urdf: Path, out: Path) -> Result:
         raise ParameterError(f"{urdf}: no joint of it moves, so there is nothing to drive")
     rng = np.random.default_rng(SEED)
     standing = _floating(draft, urdf, rng)
+    if standing is not None:
+        standing = _arms_locked(draft, *standing, rng)
     if standing is not None:
         result = _try(draft, out, *standing, rng)
         if result is not None:
@@ -125,6 +132,25 @@ def _floating(
     draft.tidied.turn_root(root, yaw)
     draft.turned.append("turned so that the legs named front are at +x")
     with probe(draft.text(), draft.folder) as final:
+        return _posture(draft, final, supports(final, q, rng), q, rng)
+
+
+def _arms_locked(
+    draft: Draft, found: list[Support], posture: Posture, size: float, rng: np.random.Generator
+) -> tuple[list[Support], Posture, float] | None:
+    """Supports, posture and size of a quadruped once all but its legs is locked.
+
+    The gait moves legs alone; other robots are returned as they are.
+    """
+    body = draft.body()
+    named = legs.section(body, found, posture)
+    own = {leg[key] for leg in named.values() for key in legs.JOINTS}
+    rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in own}
+    if not named or not rest:
+        return found, posture, size
+    draft.tidied.lock(rest, ARMS)
+    with probe(draft.text(), draft.folder) as final:
+        q = final.body.nominal()
         return _posture(draft, final, supports(final, q, rng), q, rng)
 
 
@@ -239,13 +265,11 @@ def _swing(body: Body, q: np.ndarray) -> np.ndarray:
 
 
 def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> None:
-    """Joints that follow another in the URDF are driven by themselves, along with it."""
-    for element in draft.root.findall("joint"):
-        follows, name = element.find("mimic"), element.get("name")
-        if follows is None or name not in body.joints or follows.get("joint") not in body.joints:
+    """Joints that follow another in the URDF swing along with it."""
+    for name, (leader, factor, offset) in draft.description().mimics().items():
+        if name not in body.joints or leader not in body.joints:
             continue
-        i, lead = body.joints.index(name), body.joints.index(follows.get("joint"))
-        factor, offset = (float(follows.get(k, d)) for k, d in (("multiplier", 1), ("offset", 0)))
+        i, lead = body.joints.index(name), body.joints.index(leader)
         q[i] = np.clip(factor * q[lead] + offset, body.low[i], body.high[i])
         amplitude[i] = factor * amplitude[lead]
         if name not in draft.mimics:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..foreign.shapes import link_points
 from ..geometry import Triple, rotate, rotation_matrix
 from ..params import SimParams
 from ..robot.description import TENSOR, Description
 from ..robot.robot import Robot
 from ..world.world import World, make_world
 from .body import BASE, Body
-from .shapes import link_points
 
 UNIT = {"ixx": "1", "iyy": "1", "izz": "1"}  # inertia of a link that has none [kg·m²]
 ALOFT = 100.0  # where poses are tried, so that nothing reaches the ground [m]
@@ -156,11 +157,35 @@ def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Supp
     deep = {end: z for end, (z, _) in reach.items() if z < floor - LEVEL * size}
     if not deep:
         return []
-    limit = min(deep.values()) + SAME_DEPTH * abs(min(deep.values()) - min(floor, 0.0))
-    standing = [end for end in deep if deep[end] <= limit]
     return [
-        Support(e, reach[e][1], chains[e], _is_wheel(probe, q, e), -reach[e][0]) for e in standing
+        Support(e, reach[e][1], chains[e], _is_wheel(probe, q, e), -reach[e][0])
+        for e in _deepest(body, deep, min(floor, 0.0))
     ]
+
+
+def _deepest(body: Body, deep: dict[int, float], floor: float) -> list[int]:
+    """Ends that reach about as deep as the deepest, arms not counted.
+
+    An arm is a limb that alone reaches deeper than all others, or one among three limbs or more
+    that are all alike but for it.
+
+    Args:
+        body: The robot.
+        deep: Depth of each end below the base [m], negative.
+        floor: Height of what does not move [m], at most 0.
+    """
+    limb, rest = {end: body.path(end)[0] for end in deep}, dict(deep)
+    while True:
+        limit = min(rest.values()) + SAME_DEPTH * abs(min(rest.values()) - floor)
+        chosen = [end for end in rest if rest[end] <= limit]
+        beyond = {e: z for e, z in rest.items() if limb[e] not in {limb[c] for c in chosen}}
+        if len({limb[end] for end in chosen}) > 1 or len({limb[end] for end in beyond}) < 2:
+            break
+        rest = beyond
+    (joints, count), *_ = Counter(len(body.path(end)) for end in chosen).most_common()
+    alike = [end for end in chosen if len(body.path(end)) == joints]
+    others = {limb[end] for end in chosen} - {limb[end] for end in alike}
+    return alike if count >= 3 and len(others) == 1 else chosen
 
 
 def _own(body: Body, end: int) -> tuple[int, ...]:

@@ -62,7 +62,7 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
                 load = max(load, _load(state.tau, robot))
                 if plant.fallen:
                     return Outcome(f"it falls after {k * plant.dt:.1f} s ({plant.fallen})")
-            held = np.array([getattr(robot.drives[j], "kp", 0.0) > 0.0 for j in robot.joints])
+            held = np.array([getattr(robot.drives.get(j), "kp", 0.0) > 0.0 for j in robot.joints])
             gave = np.abs(plant.true_q - robot.standing)[held].max(initial=0.0)
             quiet = np.array(rows)[-round(QUIET / plant.dt) :]
     except DivergedError:
@@ -105,6 +105,7 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
     except LocoError as error:
         return Outcome(str(error))
     rms, size = np.sqrt(np.mean(np.square(missed), axis=0)), np.abs(amplitude)
+    rms = np.where(np.isin(np.arange(len(rms)), robot.driven), rms, 0.0)  # others hang free
     worst = int(np.argmax(rms / np.maximum(size, 1e-9)))
     if rms[worst] > FOLLOWS * size[worst]:
         name = robot.joints[worst]

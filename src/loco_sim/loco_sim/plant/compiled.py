@@ -16,7 +16,7 @@ import numpy as np
 from loco_control.exceptions import DivergedError
 
 from ..drives.actuators import Actuators
-from ..effects.base import Effect, overrides, windows
+from ..effects.base import ON_TORQUES, Effect, overrides, windows
 from ..effects.chain import Chain, JointEffect
 from ..effects.pulls import Pulls, laid_out
 from ..effects.pulls import of as pulls
@@ -26,7 +26,7 @@ from ..world.world import World
 from . import kernels
 from .sensing import BASE
 
-IN_JOINTS = "on_torque", "on_motor", "on_brake"  # hooks that must be laws of `effects.laws`
+IN_JOINTS = *ON_TORQUES, "on_motor", "on_brake"  # hooks that must be laws of `effects.laws`
 
 
 class Acting(NamedTuple):
@@ -71,7 +71,7 @@ class Compiled:
             [e for e in acting if e.blind and e not in forces], "on_step", self._dt
         )
         self._commands = commanding(acting, self._dt)
-        brakes, change = self._laws(acting, "on_brake"), self._laws(acting, "on_torque")
+        brakes, change = self._laws(acting, "on_brake"), self._laws(acting, *ON_TORQUES)
         springs = [(*spring, felt) for spring, felt in world.sprung()]
         self._acting = Acting(
             change,
@@ -98,8 +98,8 @@ class Compiled:
         if len(memories):
             self._acting.change.memory[:] = memories[row]
 
-    def _laws(self, effects: Sequence[Effect], hook: str) -> Laws:
-        acting = [effect for effect in effects if overrides(effect, hook)]
+    def _laws(self, effects: Sequence[Effect], *hooks: str) -> Laws:
+        acting = [e for e in effects if any(overrides(e, hook) for hook in hooks)]
         return Chain(acting, self._dt).laws() if acting else NO_LAWS
 
     def period(self, before: np.ndarray, first: int) -> np.ndarray:

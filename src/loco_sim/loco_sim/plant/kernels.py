@@ -11,12 +11,12 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from ..drives.actuators import COMMANDS, asked, joint_torques
+from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
 from ..effects.laws import bend, budgets, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "97224d852907"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "fb92dc45e933"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -37,9 +37,9 @@ def run(engine, drives, acting, told, first, dt, memories, out):
 
     Args:
         engine: `world.Handles`.
-        drives: Drives, springs and rotors, as `actuators.joint_torques` takes them; rotors change.
+        drives: Drives, springs and rotors, as `actuators.drive_torques` takes them; rotors change.
         acting: `compiled.Acting`.
-        told: Commands as in `actuators.joint_torques`, (k, COMMANDS, n), the one of them that
+        told: Commands as in `actuators.drive_torques`, (k, COMMANDS, n), the one of them that
             counts in each physics step, (T * steps,), and supply and switch of the drives in each
             row, (T, 2).
         first: Number of the first physics step.
@@ -56,7 +56,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
     n, m, rows = len(engine.q_at), len(engine.feet), len(power)
     steps, event = len(which) // rows, 0
     state, command = np.empty(2 * n), np.empty((COMMANDS, n))
-    tau, budget, motor = np.empty(n), np.zeros(n), given.copy()
+    tau, budget, motor, pushed = np.empty(n), np.zeros(n), given.copy(), np.empty(n)
     look(engine, out[0])
     if len(memories):
         memories[0] = memory
@@ -73,17 +73,21 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             bend(step, plan, joint, memory, command)
             if acting.weakens:
                 motor[:] = given
-                share = asked(state, command, given, rotors, supply, on)
+                share = asked(state, command, given, rotors, supply, on, dt, step)
                 motors(step, plan, joint, const, motor, share[0], share[1])
-            joint_torques(state, command, motor, springs, rotors, dt, supply, on, tau)
+            drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
             if len(plan):
-                torques(step, dt, plan, joint, const, memory, line, tau, state[:n], state[n:])
+                torques(True, step, dt, acting.change, tau, state[:n], state[n:])
+            pushed[:] = tau
+            add_springs(state, springs, tau)
+            if len(plan):
+                torques(False, step, dt, acting.change, tau, state[:n], state[n:])
             for i in range(n):
                 said[2 * n + i] += tau[i]
                 engine.tau[engine.dq_at[i]] = tau[i]
             if len(brake_plan):
                 budget[:] = 0.0
-                budgets(step, brake_plan, brake_joint, brake_const, budget, tau, state[n:])
+                budgets(step, brake_plan, brake_joint, brake_const, budget, pushed, state[n:])
                 for i in range(n):
                     engine.held[engine.dq_at[i]] = budget[i]
             hang(engine, acting.hinges, dt)

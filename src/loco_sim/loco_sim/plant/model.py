@@ -116,6 +116,7 @@ def from_values(values: Any, path: str | Path = "model.yaml") -> Model:
     return model
 
 
+@understood("robot or model")
 def load_any(name_or_path: str | Path) -> Model:
     """Model of a robot's name, the path of a robot, or the path of a ``model.yaml``.
 

@@ -25,7 +25,7 @@ from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorq
 from ..drives.actuators import Actuators
 from ..drives.damping import DampedDrives
 from ..drives.stability import plan
-from ..effects.base import Effect, overrides, streams, windows
+from ..effects.base import ON_TORQUES, Effect, overrides, streams, windows
 from ..params import SimParams
 from ..robot import robot as robots
 from ..robot.sensors import Sensors
@@ -114,7 +114,7 @@ class Simulation:
         """Choose how damping is made stable (`stability.plan`)."""
         world = self._world
         world.rebuild(self._standing, self._functions("configure"), self.robot.height)
-        hooks = ("on_torque", "on_motor", "on_brake")
+        hooks = *ON_TORQUES, "on_motor", "on_brake"
         acting = [effect for effect in self._effects if not effect.absent()]
         solve = not any(overrides(effect, hook) for effect in acting for hook in hooks)
         try:
@@ -165,9 +165,9 @@ class Simulation:
         self._tick, self._step, self.rejected = tick, tick * self._steps, 0
         self.fallen: str | None = None
         if dq is None:
-            self._drive.reset(q)
+            self._drive.reset(q, self._step)
         else:
-            self._drive.start(q, dq)
+            self._drive.start(q, dq, self._step)
         if self._sensors:
             self._sensors.reset(self._seed)
         plant = self._world, self._drive, self._effects
@@ -218,6 +218,9 @@ class Simulation:
             DivergedError: The state is no longer finite; or the command is not, and
                 `SimParams.safety` is off.
         """
+        if self.robot.followers and len(command.q) == len(command.dq) == len(self.robot.joints):
+            q, dq = self.robot.coupled(command.q, command.dq)
+            command = MotionCommand(command.tick, command.t, q, dq)
         if not self._drive.accept(command, trunk or self._no_trunk):
             self._reject()
         rows = self._loop.period(self._row, self._step)
@@ -242,7 +245,8 @@ class Simulation:
             yield from self._stepped(orders.held())
             return
         power = self._drive.supply, self._drive.on
-        told = orders.table(self.robot, self._steps, power)
+        q, dq = self.robot.coupled(orders.q, orders.dq)
+        told = orders._replace(q=q, dq=dq).table(self.robot, self._steps, power)
         rows, done, memories = loop.run(*told, self._step)
         values, touches, verdicts = self._readings(rows)
         for k, verdict in enumerate(verdicts):

@@ -13,7 +13,7 @@ from ..effects.base import Effect, windows
 from ..geometry import added
 from ..world.world import World
 
-HOOKS = "on_command", "on_motor", "on_torque", "on_brake", "on_step"
+HOOKS = "on_command", "on_motor", "on_drive", "on_torque", "on_brake", "on_step"
 
 
 def seen(world: World, q: Sequence[float], dq: Sequence[float], forces: Sequence[float]):
@@ -50,12 +50,10 @@ class Stepwise:
     ):
         self._world, self._drive, self._damped = world, drive, damped
         self._steps, self._mean, self._dt = steps, world.params.grf == "mean", world.dt
-        self._on_command, self._on_motor, self._on_torque, self._on_brake, self._on_step = (
-            windows(effects, hook, world.dt) for hook in HOOKS
-        )
-        self._affected = bool(
-            self._on_command or self._on_torque or self._on_brake or self._on_step
-        )
+        found = [windows(effects, hook, world.dt) for hook in HOOKS]
+        self._on_command, self._on_motor, self._on_drive = found[:3]
+        self._on_torque, self._on_brake, self._on_step = found[3:]
+        self._affected = any(found)
         self._joints = world.joint_states()
 
     def period(self, before: np.ndarray, first: int) -> np.ndarray:
@@ -101,9 +99,18 @@ class Stepwise:
         """Joint torques of this physics step with every effect that is on."""
         t = self._step * self._dt
         self._told(t)
-        tau = self._drive.torque(q, dq, self._motors if self._on_motor else None)
-        if self._on_torque or self._on_brake:
-            tau = self._changed(tau, np.array(q), np.array(dq), t)
+        state = np.array(q), np.array(dq)
+        given: list[np.ndarray] = []  # torques of the drives
+
+        def changed(tau: np.ndarray) -> np.ndarray:
+            given.append(self._passed(self._on_drive, tau, *state, t))
+            return given[0]
+
+        tau = self._drive.torque(q, dq, self._motors if self._on_motor else None, None, changed)
+        if self._on_torque:
+            tau = self._passed(self._on_torque, np.array(tau), *state, t).tolist()
+        if self._on_brake:
+            self._braked(given[0], *state, t)
         self._acted(t)
         return tau
 
@@ -131,16 +138,19 @@ class Stepwise:
                 rows = change(rows, asked, speed, dt, step * dt)
         return rows
 
-    def _changed(self, tau: list[float], q: np.ndarray, dq: np.ndarray, t: float) -> list[float]:
-        """Torques after the effects that change them; brakes the joints."""
-        step, now, dt = self._step, np.array(tau), self._dt
-        for start, stop, change in self._on_torque:
-            if start <= step < stop:
-                now = change(now, q, dq, dt, t)
-        if self._on_brake:
-            budget = np.zeros(len(now))
-            for start, stop, brake in self._on_brake:
-                if start <= step < stop:
-                    budget = brake(budget, now, q, dq, dt, t)
-            self._world.brake(budget, dq)
-        return now.tolist()
+    def _passed(
+        self, hooks: list, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float
+    ) -> np.ndarray:
+        """Torques after the effects that change them."""
+        for start, stop, change in hooks:
+            if start <= self._step < stop:
+                tau = change(tau, q, dq, self._dt, t)
+        return tau
+
+    def _braked(self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float) -> None:
+        """Brake the joints, given the torques of the drives."""
+        budget = np.zeros(len(tau))
+        for start, stop, brake in self._on_brake:
+            if start <= self._step < stop:
+                budget = brake(budget, tau, q, dq, self._dt, t)
+        self._world.brake(budget, dq)

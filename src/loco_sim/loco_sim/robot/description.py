@@ -13,8 +13,9 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 
 from ..geometry import added
+from ..mesh_files import mesh_path
 from .frames import fixed_axes, numbers
-from .urdf_check import TENSOR, inertia_matrix, mass_of, mesh_path, parse
+from .urdf_check import TENSOR, inertia_matrix, mass_of, parse
 
 
 def add_point_mass(
@@ -108,6 +109,29 @@ class Description:
         joints = self._root.findall("joint")
         return {j.get("name", ""): j.get("type") for j in joints if j.get("type") in moving}
 
+    def mimics(self) -> dict[str, tuple[str, float, float]]:
+        """Joint that each joint with a ``<mimic>`` follows, factor and offset [rad or m].
+
+        A joint that follows a follower follows its leader; rings of followers follow nobody.
+        """
+        direct = {}
+        for joint in self._root.findall("joint"):
+            mimic = joint.find("mimic")
+            if mimic is not None:
+                factor = float(mimic.get("multiplier", 1.0))
+                offset = float(mimic.get("offset", 0.0))
+                direct[joint.get("name", "")] = mimic.get("joint", ""), factor, offset
+        found = {}
+        for name, (leader, factor, offset) in direct.items():
+            passed = {name}
+            while leader in direct and leader not in passed:
+                passed.add(leader)
+                leader, before, more = direct[leader]
+                factor, offset = factor * before, factor * more + offset
+            if leader not in passed:
+                found[name] = leader, factor, offset
+        return found
+
     def child(self, joint: str) -> str:
         """Name of the link that a joint moves."""
         return self._find("joint", joint).find("child").get("link", "")
@@ -173,6 +197,11 @@ class Description:
         if unlimited or element.get("type") == "continuous":  # as the engine has it
             return -math.inf, math.inf
         return float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+
+    def velocity(self, joint: str) -> float:
+        """Velocity limit of a joint [rad/s or m/s]; 0 where the URDF has none."""
+        limit = self._find("joint", joint).find("limit")
+        return 0.0 if limit is None else float(limit.get("velocity", 0.0))
 
     def fastest(self) -> float:
         """Joint velocity at which the engine clips [rad/s or m/s]: 100, or a faster joint's."""
@@ -366,8 +395,8 @@ class Description:
                 tensor.set(key, repr(float(value)))
         return inertial.find("mass"), tensor, origin
 
-    def text(self, folder: Path | None = None) -> str:
-        """The URDF; with `folder` as the engine needs it.
+    def text(self, folder: Path | None = None, drawn: bool = True) -> str:
+        """The URDF; with `folder` as the engine needs it, and without pictures unless `drawn`.
 
         Mesh files are then found from that folder. Links without mass have no inertia either,
         where the engine would give them 1 kg, or a tensor alone. PyBullet's own ``<contact>``
@@ -376,8 +405,8 @@ class Description:
         """
         root = copy.deepcopy(self._root)
         for link in root.findall("link") if folder else ():
-            for contact in link.findall("contact"):
-                link.remove(contact)
+            for part in [*link.findall("contact"), *([] if drawn else link.findall("visual"))]:
+                link.remove(part)
         for mesh in root.iter("mesh") if folder else ():
             name = mesh.get("filename", "")
             mesh.set("filename", str(mesh_path(name, folder) or folder / name))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from typing import Any
@@ -114,3 +115,14 @@ def numbers(element: ElementTree.Element | None, key: str, default: str) -> np.n
     """Numbers in an attribute of an element, or those of `default` where there is none."""
     text = default if element is None else element.get(key, default)
     return np.array([float(v) for v in text.split()])
+
+
+def set_pose(origin: ElementTree.Element, offset: np.ndarray, turn: np.ndarray) -> None:
+    """Write a place [m], (3,), and a rotation, (3, 3), into an origin of a URDF."""
+    pitch = math.asin(max(-1.0, min(1.0, -turn[2, 0])))
+    if abs(turn[2, 0]) < 1.0 - 1e-12:
+        roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+    else:
+        roll, yaw = math.atan2(-turn[1, 2], turn[1, 1]), 0.0
+    origin.set("xyz", " ".join(f"{v:.12g}" for v in offset + 0.0))
+    origin.set("rpy", " ".join(f"{v:.12g}" for v in (roll, pitch, yaw)))

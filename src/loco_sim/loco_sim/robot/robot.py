@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.gait import similarity
 from loco_control.gait.generator import standing_pose
-from loco_control.legs import similarity
 from loco_control.names import JOINT_KINDS
 from loco_control.params import Params, from_dict, parameter, to_dict
 from loco_control.reading import read_bytes, read_yaml, shown, understood
@@ -79,6 +79,8 @@ class Robot:
             `legs.geometry.COLUMNS`; None on other robots.
         uncertain: Standard deviation of values that are not known well, by dotted name, each in
             the unit of the value.
+        followers: Leader, factor and offset [rad or m] of each joint that the URDF couples to
+            another one (``<mimic>``), by name.
         mass: Mass of all links [kg].
         foot_of: Index in `feet` of the foot that each joint moves, (n,); -1 for a joint that
             moves none, or several.
@@ -105,6 +107,7 @@ class Robot:
     hall: dict[str, HallSensor] = field(default_factory=dict, repr=False)
     legs: np.ndarray | None = field(default=None, repr=False)
     uncertain: dict[str, float] = field(default_factory=dict, repr=False)
+    followers: dict[str, tuple[str, float, float]] = field(default_factory=dict, repr=False)
     mass: float = 0.0
     foot_of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
 
@@ -118,6 +121,21 @@ class Robot:
         """Largest damping of drive and spring of each joint [N·m·s/rad], (n,)."""
         parts = [(self.drives.get(joint), self.springs.get(joint)) for joint in self.joints]
         return np.array([sum(getattr(part, "damping", 0.0) for part in pair) for pair in parts])
+
+    def coupled(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities wanted, those of followers made from their leaders'.
+
+        Args:
+            q: Positions wanted [rad or m], (..., n).
+            dq: Velocities wanted, (..., n).
+        """
+        if not self.followers:
+            return q, dq
+        q, dq = np.array(q, dtype=float), np.array(dq, dtype=float)
+        for joint, (leader, factor, offset) in self.followers.items():
+            i, k = self.joints.index(joint), self.joints.index(leader)
+            q[..., i], dq[..., i] = factor * q[..., k] + offset, factor * dq[..., k]
+        return q, dq
 
     def swinging(self, stance: np.ndarray) -> np.ndarray:
         """1.0 for each joint whose leg swings, 0.0 for all others, (n,).
@@ -191,8 +209,20 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
         effort=limits,
         legs=legs,
         uncertain=equipment.uncertain(values, moved, path),
+        followers=_followers(description, joints),
         **fitted,
     )
+
+
+def _followers(
+    description: Description, joints: tuple[str, ...]
+) -> dict[str, tuple[str, float, float]]:
+    """Joints of the robot that follow another one of it."""
+    try:
+        found = description.mimics()
+    except ValueError as error:
+        raise ParameterError(f"a <mimic> of the URDF has no number: {error}") from None
+    return {j: lead for j, lead in found.items() if j in joints and lead[0] in joints}
 
 
 def _text(urdf: Path) -> str:
@@ -270,7 +300,7 @@ def _with_legs(
     listed, standing = list(values["joints"]), values.get("standing")
     for key, wanted, found in (("joints", joints, listed), ("feet", feet, values.get("feet"))):
         if found and sorted(map(str, found)) != sorted(wanted):
-            raise ParameterError(f"{path}: {key} must be those of legs: {', '.join(wanted)}")
+            raise ParameterError(f"{path}: {_not_of_legs(key, list(map(str, found)), wanted)}")
     posed = None
     if standing:
         posed = _standing(standing, len(joints))[[listed.index(joint) for joint in joints]]
@@ -285,6 +315,16 @@ def _with_legs(
     if not values.get("fall"):
         ordered["fall"] = to_dict(similarity.scaled(LEGGED_FALL, size))
     return {**values, **ordered}, legs
+
+
+def _not_of_legs(key: str, listed: list[str], wanted: tuple[str, ...]) -> str:
+    """Names that a list has too many or too few of, compared with the legs, and what to do."""
+    extra = [name for name in listed if name not in wanted]
+    missing = [name for name in wanted if name not in listed]
+    if extra:
+        cure = "fix it in the URDF, or take `legs` out" if key == "joints" else "take it out"
+        return f"{key} must be those of legs, {', '.join(extra)} is none of them: {cure}"
+    return f"{key} must be those of legs, {', '.join(missing) or 'one'} is missing or there twice"
 
 
 def _drives_like_hyq(joints: tuple[str, ...], length: float, mass: float) -> dict[str, dict]:

@@ -11,20 +11,71 @@ A servo is a DC motor behind a gear with a position loop of its own:
 with q and q_d rounded to the resolution of its encoder. Behind a gear of 193 : 1 the
 rotor is far heavier than a leg of 40 g, so leaving it out (`rotor_inertia` 0, then tau
 is tau_m with w = dq) is the worse model, and one that needs ten times finer steps.
+
+An impedance is a cascade of a position and a velocity loop with an integrator, of which most
+gains are 0:
+
+    v = speed_feed dq_d + position_gain (q_d - q)        velocity asked for
+    dz/dt = ki (q_d - q) + speed_ki (v - dq)             |z| <= integral_limit
+    tau = kp (q_d - q) + kd (v - dq) + z + tau_ff        |tau| <= effort
+
+z rests while tau is at its limit and the error would drive it further. Whatever a drive asks for
+may be sampled: see `Sampled`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 TORQUE, IMPEDANCE, SERVO = 1.0, 2.0, 3.0  # in the first column of a row; 0 is passive
-COLUMNS = 9
+# Columns of a row that have a name; the others are those of the kind of drive.
+EFFORT, PERIOD, AVERAGED, SPEED_FEED, INTEGRAL_LIMIT = 8, 9, 10, 11, 12
+COLUMNS = 13
+CONTINUOUS, HELD, MEAN = "continuous", "held", "averaged"
 
 
 @dataclass(frozen=True)
-class ServoParams(Params):
+class Sampled(Params):
+    """Drive whose torque, or share of voltage, may be sampled and held.
+
+    A controller on a computer looks at the joint once in its period and holds what follows from
+    it until it looks again.
+    """
+
+    torque: str = parameter(
+        CONTINUOUS,
+        "continuous: at every physics step; held: of the last sample; averaged: mean over the "
+        "period before",
+        choices=(CONTINUOUS, HELD, MEAN),
+    )
+    period: float = parameter(
+        0.0, "of the samples, unless continuous; the first is at 0", "s", low=0.0, high=10.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.torque != CONTINUOUS and self.period <= 0.0:
+            raise ParameterError(
+                f"a drive whose torque is {self.torque} needs a period above 0 s, got "
+                f"{self.period:g}; say for instance period: 0.004"
+            )
+
+    @property
+    def sampled(self) -> bool:
+        """The torque is not computed at every physics step."""
+        return self.torque != CONTINUOUS
+
+    def _sampling(self) -> tuple[float, float]:
+        """Columns `PERIOD` and `AVERAGED` of a row."""
+        return self.period if self.sampled else 0.0, float(self.torque == MEAN)
+
+
+@dataclass(frozen=True)
+class ServoParams(Sampled):
     """A geared servo with a position loop, e.g. a Dynamixel."""
 
     stall_torque: float = parameter(2.6, "torque at rest at full voltage", "N·m", low=1e-6)
@@ -47,7 +98,12 @@ class ServoParams(Params):
         """Constants of the kernel, (COLUMNS,)."""
         line = self.stall_torque, self.stall_torque / self.no_load_speed, self.kp
         gear = self.rotor_inertia, self.gear_stiffness, self.gear_damping
-        return (SERVO, *line, self.resolution, *gear, effort)
+        return (SERVO, *line, self.resolution, *gear, effort, *self._sampling(), 0.0, 0.0)
+
+    @property
+    def command(self) -> str:
+        """Kind of command: ``position``."""
+        return "position"
 
     @property
     def damping(self) -> float:
@@ -57,20 +113,45 @@ class ServoParams(Params):
 
 
 @dataclass(frozen=True)
-class ImpedanceDrive(Params):
+class ImpedanceDrive(Sampled):
     """Joint impedance kp (q_d - q) + kd (dq_d - dq) + feed-forward torque, within the effort limit.
 
-    The gains of a joint of a leg may differ while that leg swings (thesis section 7.3.3).
+    The gains of a joint of a leg may differ while that leg swings (thesis section 7.3.3). With
+    integrators it is a PI or PID loop, with `position_gain` a cascade: see above.
     """
 
     kp: float = parameter(0.0, "stiffness", "N·m/rad", low=0.0)
     kd: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0)
     swing_kp: float = parameter(-1.0, "stiffness while the leg swings; -1: kp", "N·m/rad", low=-1.0)
     swing_kd: float = parameter(-1.0, "damping while the leg swings; -1: kd", "N·m·s/rad", low=-1.0)
+    ki: float = parameter(0.0, "torque per integral of the position error", "N·m/(rad·s)", low=0.0)
+    speed_ki: float = parameter(
+        0.0, "torque per integral of the velocity error", "N·m/rad", low=0.0
+    )
+    integral_limit: float = parameter(math.inf, "largest torque of the integrator", "N·m", low=0.0)
+    position_gain: float = parameter(
+        0.0, "velocity asked for per position error, of a cascade", "1/s", low=0.0
+    )
+    speed_feed: float = parameter(
+        1.0, "share of the commanded velocity that is asked for", "-", low=0.0, high=10.0
+    )
 
     def row(self, effort: float) -> tuple[float, ...]:
         """Constants of the kernel, (COLUMNS,)."""
-        return (IMPEDANCE, self.kp, self.kd, *self.swing, 0.0, 0.0, 0.0, effort)
+        loop = self.ki, self.speed_ki, self.position_gain
+        end = self.speed_feed, self.integral_limit
+        return (IMPEDANCE, self.kp, self.kd, *self.swing, *loop, effort, *self._sampling(), *end)
+
+    @property
+    def integrates(self) -> bool:
+        """The loop has an integrator."""
+        return self.ki > 0.0 or self.speed_ki > 0.0
+
+    @property
+    def command(self) -> str:
+        """Kind of command: ``position``, or ``velocity`` where no gain is on the position."""
+        stiff = max(self.kp, self.swing[0], self.ki, self.position_gain)
+        return "velocity" if stiff == 0.0 and self.kd + self.speed_ki > 0.0 else "position"
 
     @property
     def swing(self) -> tuple[float, float]:
@@ -81,24 +162,39 @@ class ImpedanceDrive(Params):
     @property
     def damping(self) -> float:
         """Largest damping that the joint feels within one physics step [N·m·s/rad]."""
-        return max(self.kd, self.swing[1])
+        return 0.0 if self.sampled else max(self.kd, self.swing[1])
 
 
 @dataclass(frozen=True)
-class TorqueDrive(Params):
-    """A direct drive: gain times the feed-forward torque plus bias, within the joint's limit."""
+class TorqueDrive(Sampled):
+    """A motor without a loop: gain u + bias - slope dq, within the joint's limit.
 
-    gain: float = parameter(1.0, "torque per torque asked for", low=0.0, high=100.0)
+    What it is told, u, is a torque, or with another `gain` a current (gain is the torque
+    constant), a voltage or a share of one (gain is the torque at rest per unit, slope the back
+    electromotive force).
+    """
+
+    gain: float = parameter(1.0, "torque at rest per unit of the command", low=0.0, high=1e6)
     bias: float = parameter(0.0, "torque when none is asked for", "N·m", low=-1e4, high=1e4)
+    slope: float = parameter(
+        0.0, "torque lost per velocity, where a voltage is told", "N·m·s/rad", low=0.0, high=1e6
+    )
 
     def row(self, effort: float) -> tuple[float, ...]:
         """Constants of the kernel, (COLUMNS,)."""
-        return (TORQUE, self.gain, self.bias, 0.0, 0.0, 0.0, 0.0, 0.0, effort)
+        rest = (0.0,) * 4
+        motor = self.gain, self.bias, self.slope
+        return (TORQUE, *motor, *rest, effort, *self._sampling(), 0.0, 0.0)
+
+    @property
+    def command(self) -> str:
+        """Kind of command: ``torque``."""
+        return "torque"
 
     @property
     def damping(self) -> float:
         """Damping that the joint feels within one physics step [N·m·s/rad]."""
-        return 0.0
+        return self.slope
 
 
 DriveParams = ServoParams | ImpedanceDrive | TorqueDrive

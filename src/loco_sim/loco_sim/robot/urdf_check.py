@@ -9,7 +9,7 @@ by reading; `check` raises the first.
 from __future__ import annotations
 
 import math
-import os
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,11 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from loco_control.exceptions import ParameterError
+from loco_control.exceptions import LocoError, ParameterError
+
+from ..mesh_files import is_pointer, mesh_path
+from ..meshes.read import load
 
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
-MESHES = (".stl", ".obj", ".dae")
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MOST = 64 * 2**20  # bytes of a URDF
 LARGEST = 1e9  # mass [kg], inertia [kg·m²] or length [m] beyond which no engine can count
@@ -55,17 +57,38 @@ def parse(urdf: str, name: str = "the robot description") -> ET.Element:
     Raises:
         ParameterError: The text is not XML or not a robot.
     """
+    root = parse_xml(urdf, name)
+    if root.tag != "robot":
+        raise ParameterError(f"{name}: a URDF starts with <robot>, this one with <{root.tag}>")
+    if is_xacro(root):
+        raise ParameterError(f"{name} is xacro, which makes a URDF: xacro {name} > robot.urdf")
+    return root
+
+
+def parse_xml(text: str, name: str) -> ET.Element:
+    """Root element of an XML text, whatever blanks or zero bytes stand around it.
+
+    Prefixes that it uses without declaring them, as of extensions for Drake or Gazebo, are
+    declared.
+
+    Raises:
+        ParameterError: The text is not XML.
+    """
+    text = text.strip("\0\ufeff \t\r\n")
+    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[\w.-]+[\s/>=]", text)) - {"xmlns", "xml"}
+    missing = sorted(prefix for prefix in used if f"xmlns:{prefix}=" not in text)
+    declared = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in missing)
     try:
-        root = ET.fromstring(urdf.strip("\0\ufeff \t\r\n"))
+        return ET.fromstring(re.sub(r"<(\w+)", rf"<\1{declared}", text, count=1))
     except ET.ParseError as error:
         raise ParameterError(f"{name} is not XML: {error}") from None
     except ValueError as error:  # an encoding that Python does not know
         raise ParameterError(f"{name} cannot be read: {error}") from None
-    if root.tag != "robot":
-        raise ParameterError(f"{name}: a URDF starts with <robot>, this one with <{root.tag}>")
-    if any("xacro}" in str(element.tag) for element in root.iter()):
-        raise ParameterError(f"{name} is xacro, which makes a URDF: xacro {name} > robot.urdf")
-    return root
+
+
+def is_xacro(root: ET.Element) -> bool:
+    """Whether macros of xacro are still to be expanded."""
+    return any("xacro}" in str(element.tag) for element in root.iter())
 
 
 def problems(root: ET.Element, folder: Path, bolted: bool = False) -> Iterator[str]:
@@ -91,7 +114,7 @@ def problems(root: ET.Element, folder: Path, bolted: bool = False) -> Iterator[s
         name = link.get("name")
         for kind in ("collision", "visual"):
             for shape in link.findall(kind):
-                yield from _shape(shape, f"link {name!r}", folder, kind == "collision")
+                yield from shape_problems(shape, f"link {name!r}", folder, kind == "collision")
 
 
 def _free_links(root: ET.Element, bolted: bool) -> set[str]:
@@ -238,6 +261,9 @@ def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
         while name in parents:
             name = parents[name]
             total[name] += mass
+    if free and not any(own.values()):
+        yield "no link of it has a mass: it is a drawing, and moves once links have an <inertial>"
+        return
     for name in own:
         if name in free and (total[name] == 0.0 or (name not in parents and own[name] == 0.0)):
             moves = "moves" if name in parents else "is the root of a robot that is not bolted"
@@ -277,8 +303,15 @@ def inertia_fault(tensor: list[float]) -> str:
     return ""
 
 
-def _shape(shape: ET.Element, what: str, folder: Path, collides: bool) -> Iterator[str]:
-    """Geometry of a shape; a mesh that is only seen may be missing."""
+def shape_problems(shape: ET.Element, what: str, folder: Path, collides: bool) -> Iterator[str]:
+    """Sentences about the geometry of a shape; a mesh that is only seen may be missing.
+
+    Args:
+        shape: Element ``collision`` or ``visual``.
+        what: Owner of the shape, such as "link 'base'", with which sentences begin.
+        folder: Folder of relative mesh files.
+        collides: The shape touches the ground.
+    """
     yield from _origin(shape.find("origin"), what)
     geometry = shape.find("geometry")
     body = None if geometry is None else next(iter(geometry), None)
@@ -303,61 +336,14 @@ def _mesh(filename: str, what: str, folder: Path) -> Iterator[str]:
     path = mesh_path(filename, folder)
     if path is None:
         yield f"{what}: there is no mesh file {filename!r}"
-    elif path.suffix.lower() not in MESHES:
-        yield f"{what}: the engine reads no mesh of kind {path.suffix!r}, only {', '.join(MESHES)}"
-    elif path.suffix.lower() == ".stl" and not _whole_stl(path):
-        yield f"{what}: the mesh file {path} is cut off"
-
-
-def mesh_path(filename: str, folder: Path) -> Path | None:
-    """File that a URDF means by the name of a mesh, None if there is none.
-
-    ``package://NAME/REST`` is looked for in the folders of ``AMENT_PREFIX_PATH`` and
-    ``ROS_PACKAGE_PATH``, then in and above the folder of the URDF.
-
-    Args:
-        filename: Name of the file in the URDF: a path, ``file://`` or ``package://``.
-        folder: Folder at which relative paths start.
-    """
-    filename = filename.strip()
-    if not filename:
-        return None
-    for scheme in ("package://", "model://"):
-        if filename.startswith(scheme):
-            return _in_package(filename[len(scheme) :], folder)
-    path = folder / filename.removeprefix("file://")
-    return path if _is_file(path) else None
-
-
-def _in_package(rest: str, folder: Path) -> Path | None:
-    name, _, inside = rest.partition("/")
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    places = [Path(p) / "share" for p in prefixes if p]
-    places += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
-    above = [folder.resolve(), *folder.resolve().parents]
-    for place in (*places, *above):
-        if _is_file(place / rest):
-            return place / rest
-    for place in above:  # the clone of a package need not be named like it
-        if (place / "package.xml").is_file() and _is_file(place / inside):
-            return place / inside
-    return folder / inside if name and _is_file(folder / inside) else None
-
-
-def _is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that no file can have is that of none."""
+        return
+    if is_pointer(path):
+        yield f"{what}: {path} is a pointer of Git LFS in place of the mesh: git lfs pull"
+        return
     try:
-        return path.is_file()
-    except OSError:
-        return False
-
-
-def _whole_stl(path: Path) -> bool:
-    """A binary STL has as many triangles as it says; the engine reads on beyond its end."""
-    data = path.read_bytes()
-    if data[:5] == b"solid" and b"facet" in data[:1000]:
-        return b"endsolid" in data[-1000:]
-    return len(data) >= 84 and len(data) >= 84 + 50 * int.from_bytes(data[80:84], "little") > 84
+        load(path)
+    except LocoError as error:
+        yield f"{what}: {error}"
 
 
 def _origin(origin: ET.Element | None, what: str) -> Iterator[str]:

@@ -51,7 +51,7 @@ class DriverNode(JointPlantNode):
         self.sim = ServoRobot(wired, robot)
         self._speed = wired.bus.approach
         self._acted, self._limp, self._dropped = -1, True, 0
-        self._way: Any = None  # from where to the standing posture [rad], and ticks done
+        self._approach_start: Any = None  # from where to the standing posture [rad], and ticks done
         self._limited: set[str] = set()
         self._open()
 
@@ -67,13 +67,13 @@ class DriverNode(JointPlantNode):
         standing = self.sim.robot.standing
         if self._estop.reason:
             self.sim.limp()
-            self._way = None  # begins anew after a reset
+            self._approach_start = None  # begins anew after a reset
             return
-        begin, k = self._way or (state.q, 0)
+        begin, k = self._approach_start or (state.q, 0)
         most = FASTEST * max(abs(standing - begin)) / self._speed
         share = min(1.0, (k + 1) / max(1.0, most * self.rate))
         self.sim.drive(begin + share * share * (3.0 - 2.0 * share) * (standing - begin))
-        self._way = begin, k + 1
+        self._approach_start = begin, k + 1
         if share >= 1.0:
             self._timer.cancel()
             super()._start()

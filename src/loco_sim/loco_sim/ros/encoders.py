@@ -26,8 +26,8 @@ def encoders(robot: Any) -> dict[str, Encode]:
     """
     blocks = _blocks(len(robot.joints))
     templates = _templates(robot.joints)
-    made = {name: _encoder(message, *blocks[name]) for name, message in templates.items()}
-    return {**made, "/tf": _frames(Skeleton(robot))}
+    by_topic = {name: _encoder(message, *blocks[name]) for name, message in templates.items()}
+    return {**by_topic, "/tf": _frames(Skeleton(robot))}
 
 
 def _frames(skeleton: Skeleton) -> Encode:
@@ -46,8 +46,8 @@ def _frames(skeleton: Skeleton) -> Encode:
     record = Codec(frames_of(transforms=transforms)).record()
     names = [f"transforms.{k}" for k in range(len(links))]
     stamps = [stamp_views(record, f"{name}.header.stamp") for name in names]
-    base, *others = (block_view(record, f"{name}.transform.translation.x", 7) for name in names)
-    rows = others[: len(skeleton.links)]
+    base, *link_views = (block_view(record, f"{name}.transform.translation.x", 7) for name in names)
+    rows = link_views[: len(skeleton.links)]
 
     def encode(state: RobotState, truth: GroundTruth) -> bytes:
         for stamp in stamps:
@@ -84,8 +84,8 @@ def _templates(joints: tuple[str, ...]) -> dict[str, Message]:
     imu.header.frame_id = "base_link"
     odometry = odometry_of(child_frame_id="base_link")
     odometry.header.frame_id = "odom"
-    made = states, imu, odometry, clock_of()
-    return dict(zip(_ENCODED, made, strict=True))
+    messages = states, imu, odometry, clock_of()
+    return dict(zip(_ENCODED, messages, strict=True))
 
 
 _TRUE_POSE = [(3, lambda state, truth: truth.position), (4, lambda state, truth: truth.orientation)]

@@ -27,8 +27,8 @@ class EmergencyStop:
         reason: Why it is engaged, "" while it is not.
     """
 
-    def __init__(self, node: LocoNode, tell: Callable[[str, str], None]):
-        self.reason, self._tell = "", tell
+    def __init__(self, node: LocoNode, on_change: Callable[[str, str], None]):
+        self.reason, self._on_change = "", on_change
         node.input("estop", self._on_topic)
         node.create_service(SetBool, SERVICE, self._on_service)
 
@@ -36,7 +36,7 @@ class EmergencyStop:
         """Stop; the first reason stays."""
         if not self.reason:
             self.reason = reason
-            self._tell("estop", reason)
+            self._on_change("estop", reason)
 
     def _on_topic(self, message: Bool) -> None:
         if message.data:
@@ -50,7 +50,7 @@ class EmergencyStop:
         elif self.reason:
             response.message = f"reset; it was stopped by {self.reason}"
             self.reason = ""
-            self._tell("estop reset", response.message)
+            self._on_change("estop reset", response.message)
         else:
             response.message = "it is not stopped"
         return response
@@ -70,7 +70,7 @@ class Heartbeat:
         self._last = math.inf  # wall time of the last beat; no silence counts before `begin`
         node.input("heartbeat", self._on_beat)
         if longest:
-            node.create_timer(longest / 4.0, self._look)
+            node.create_timer(longest / 4.0, self._check)
 
     def begin(self) -> None:
         """The robot may move from now on: silence counts."""
@@ -80,7 +80,7 @@ class Heartbeat:
         if self._last < math.inf:
             self._last = time.monotonic()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         silence = time.monotonic() - self._last
         if silence > self._longest:
             self._engage(f"no heartbeat for {self._longest:g} s")

@@ -30,7 +30,7 @@ class JointPlantNode(PlantNode):
     def _open(self) -> None:
         """Make outputs, then inputs, and announce the node."""
         names = [*EACH_TICK, *(ALONE if self.get_namespace() == "/" else ())]
-        self._said = {name: self.raw_output(name) for name in names}
+        self._outputs_by_topic = {name: self.raw_output(name) for name in names}
         self._encode()
         self._description = self.output("robot_description")
         self._description.publish(String(data=self.sim.robot_description))
@@ -45,8 +45,8 @@ class JointPlantNode(PlantNode):
 
     def _encode(self) -> None:
         """Make the messages anew: a model may have other links of the same joints."""
-        made = encoders(self.sim.robot)
-        self._rows = [(publish, made[name]) for name, publish in self._said.items()]
+        by_topic = encoders(self.sim.robot)
+        self._rows = [(publish, by_topic[name]) for name, publish in self._outputs_by_topic.items()]
         self._commands_of = JointCommands(self.sim.robot)
 
     def _hear(self) -> None:

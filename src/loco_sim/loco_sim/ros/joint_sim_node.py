@@ -44,7 +44,7 @@ class JointSimNode(JointPlantNode):
         effects = json.loads(self.declare_parameter("effects", "[]").value)
         self._sim_changes = json.loads(self.declare_parameter("sim", "{}").value)
         base = models.load_any(robot)
-        self._own = {Path(name).resolve() for name in (robot, base.robot)}
+        self._own_files = {Path(name).resolve() for name in (robot, base.robot)}
         model = models.Model(base.robot, {**base.overrides, **overrides}, [*base.effects, *effects])
         self.sim = self._make_sim(model)
         self._from = 0  # tick at the last change of the plant
@@ -76,7 +76,7 @@ class JointSimNode(JointPlantNode):
         """Between two ticks: the next one is that of the new plant."""
         old = self.sim
         try:
-            model = model_of(message.data, self._own, self._folders)
+            model = model_of(message.data, self._own_files, self._folders)
             robot = model.make_robot()
             if robot.joints != old.robot.joints or robot.driven.tolist() != (
                 old.robot.driven.tolist()
@@ -99,7 +99,7 @@ class JointSimNode(JointPlantNode):
         self._travelled, self._x = self._travelled + self._x, 0.0
         old.close()
         self._description.publish(String(data=self.sim.robot_description))
-        self.event("model loaded", _words(model), *self.now())
+        self.event("model loaded", _summary(model), *self.now())
 
     def send(self, state: RobotState) -> None:
         """Publish sensors and ground truth, all with one stamp."""
@@ -126,7 +126,7 @@ def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models
     """
     if "\n" not in text.strip() and text.strip().endswith((".yaml", ".yml")):
         return models.load(allowed(text.strip(), folders, "model"))
-    values = parse_yaml(text, "the model", most=MOST_MODEL)
+    values = parse_yaml(text, "the model", max_size=MOST_MODEL)
     if isinstance(values, dict):
         named = str(values.get("robot"))
         if named not in robots.names() and not _is_one_of(named, own):
@@ -145,7 +145,7 @@ def _is_one_of(name: str, own: Collection[Path]) -> bool:
         return False
 
 
-def _words(model: models.Model) -> str:
+def _summary(model: models.Model) -> str:
     changes = [
         f"{key} {value:.6g}" if isinstance(value, float) else f"{key} {value}"
         for key, value in model.overrides.items()

@@ -92,7 +92,7 @@ class MsdSimNode(PlantNode):
         stiffness = np.array(self.declare_parameter("gait.stiffness", [0.0]).value)
         network = chain(params)
         self.sim = MsdPlant(params, stiffness if len(stiffness) == network.count else None)
-        self._rest = LinkCommand(0, np.ones(network.count))
+        self._rest_command = LinkCommand(0, np.ones(network.count))
         self._pack = JointCodec(node_names(network.nodes, network.dimension), "node_states").pack
         self._states = self.raw_output("node_states")
         self._clock_output = self.output("/clock") if self.get_namespace() == "/" else None
@@ -114,7 +114,7 @@ class MsdSimNode(PlantNode):
 
     def safe_command(self) -> tuple[Any, Any]:
         """Links go back to their rest lengths."""
-        return self._rest._replace(tick=self.state.tick), None
+        return self._rest_command._replace(tick=self.state.tick), None
 
     def newest(self) -> int:
         """Stamp of the newest state [ns]."""

@@ -16,7 +16,9 @@ from typing import Any, ClassVar
 
 from std_msgs.msg import UInt64
 
+from loco_control.exceptions import GraphError
 from loco_control.pacing import Deadlines
+from loco_control.ros.endpoints import strangers
 from loco_control.ros.join import TickJoin, loco_tick
 from loco_control.ros.messages.topics import LOST_TICK
 from loco_control.ros.node import LocoNode
@@ -34,6 +36,9 @@ __all__ = ["CLOCKS", "PlantNode", "TickParams"]
 
 FIRST = 2  # ticks of clock realtime that wait for their commands: kernels are loaded then
 PATIENCE = 1.0  # but no longer than this [s]
+GRACE = 1.0  # of a right command after one that cannot be read: a stranger may have sent that [s]
+LOOK = 1.0  # between looks for other writers, whose messages push out those of the graph [s]
+BESIDE = 10.0  # so long after one was there a tick may still be lost [s]
 NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
 
 
@@ -79,19 +84,23 @@ class PlantNode(LocoNode):
         self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
         self._late, self._published, self._began = 0, -1, time.perf_counter()
         self._deadlines: Deadlines | None = None  # clock realtime, when it has begun
-        self._silent = self._unreadable = False
+        self._silent = False
+        self._looked_at, self._beside = -1, -math.inf  # tick then; time of another writer [s]
+        self._unreadable = -1, ""  # tick and fault of a command
+        self._grace: Any = None  # timer, while a right one may still come
         self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
         self._estop = EmergencyStop(self, self._on_estop)
         self._heartbeat = Heartbeat(self, self.tick.heartbeat, self._estop.engage)
         self._make_safety()
         self.input("events", self._on_event)
         self.input("recorder_status", self._on_recorder)
+        self.create_timer(LOOK, self._look_beside)
 
     def _make_safety(self) -> None:
         """Limits and safe state of the robot that is simulated."""
         robot = getattr(self.sim, "robot", None)
-        wanted = robot is not None and self._limits.enabled
-        self._safety = Safety(robot, self._limits, 1.0 / self.rate) if wanted else None
+        is_limited = robot is not None and self._limits.enabled
+        self._safety = Safety(robot, self._limits, 1.0 / self.rate) if is_limited else None
         self._fallback = Fallback(robot, self._stages, 1.0 / self.rate)
 
     def send(self, state: RobotState) -> None:
@@ -174,14 +183,45 @@ class PlantNode(LocoNode):
         """A command cannot be used, so it is none; words say what is wrong with its form."""
         if not reason and self._join.done == self.newest():
             self._on_lost(UInt64(data=self.state.tick))
-        elif reason and not self._unreadable:
-            self._unreadable = True
+        elif reason and self._grace is None and self.started:
+            self._unreadable = self.state.tick, reason
+            self._grace = self.create_timer(GRACE, self._judge_unreadable)
+
+    def _judge_unreadable(self) -> None:
+        """End the run if no right command came in the place of one that cannot be read.
+
+        Raises:
+            GraphError: The controller sends what this plant cannot read.
+        """
+        self._grace.cancel()
+        self._grace = None
+        tick, reason = self._unreadable
+        answered = self._commands is not None and self._commands[0].tick >= tick
+        if not (answered or self._finished or self._strangers()):
             self.event("error", reason, *self.now())
+            raise GraphError(reason)
 
     def _on_lost(self, lost: UInt64) -> None:
         """No command will come for a tick: without a clock that runs on, step now."""
         if self.started and not self.timed and not self._finished:
             self._step(lost.data)
+
+    def _look_beside(self) -> None:
+        """Step a tick whose messages another writer has pushed out of the queues of one.
+
+        Lockstep waits for them for good, and as long as a controller thinks; so this is only
+        done where another writer is, or was not long ago.
+        """
+        if any(self._has_stranger(row.name) for row in self.table.values() if row.paced):
+            self._beside = time.monotonic()
+        waited = self.started and self._looked_at == self.state.tick
+        if waited and not self.timed and time.monotonic() - self._beside < BESIDE:
+            self._on_lost(UInt64(data=self.state.tick))
+        self._looked_at = self.now()[0]
+
+    def _has_stranger(self, name: str) -> bool:
+        name = self.resolve_topic_name(name)
+        return self.count_publishers(name) > 1 and bool(strangers(self, name, self._host()))
 
     def now(self) -> tuple[int, float]:
         """Tick and simulated time [s]."""
@@ -219,14 +259,14 @@ class PlantNode(LocoNode):
         tick = self.state.tick
         last = self._commands[0].tick if self._commands else -1
         self._late += last < tick
-        silent = (tick - last) / self.rate > self.tick.command_timeout
-        if silent and self._commands and self.tick.late == "safe-stop":
+        is_silent = (tick - last) / self.rate > self.tick.command_timeout
+        if is_silent and self._commands and self.tick.late == "safe-stop":
             self._estop.engage(f"no command since tick {last}")
-        if silent != self._silent and self._commands:
-            text = "no command since tick" if silent else "commands are back at tick"
+        if is_silent != self._silent and self._commands:
+            text = "no command since tick" if is_silent else "commands are back at tick"
             self.event("timeout", f"{text} {last}", *self.now())
-        self._silent = silent
-        if self._estop.reason or silent or not self._commands:
+        self._silent = is_silent
+        if self._estop.reason or is_silent or not self._commands:
             return self._safe()
         self._fallback.reset()
         command, trunk = self._commands
@@ -260,10 +300,10 @@ class PlantNode(LocoNode):
 
     def _over(self) -> bool:
         """Whether the run ends here; the last state is not published, as nobody answers it."""
-        s, fallen = self.state, self.sim.fallen
-        if fallen and self.tick.stop_on_fall:
-            self.event("fall", fallen, s.tick, s.t)
-            self._finish(f"fell at {s.t:.2f} s: {fallen}")
+        s, fall_reason = self.state, self.sim.fallen
+        if fall_reason and self.tick.stop_on_fall:
+            self.event("fall", fall_reason, s.tick, s.t)
+            self._finish(f"fell at {s.t:.2f} s: {fall_reason}")
         elif self._last is not None and s.tick >= self._last:
             self._finish(self.ending())
         return self._finished
@@ -273,6 +313,9 @@ class PlantNode(LocoNode):
         return f"{self.state.t:.1f} s simulated"
 
     def _on_recorder(self, status: RecorderStatus) -> None:
+        if status.tick > self.now()[0]:
+            self.refuse("recorder_status", f"tick {status.tick} has not come yet")
+            return
         self._recorder_tick = status.tick
         if self._held is not None and self._held.tick - status.tick <= self.tick.flow_window:
             state, self._held = self._held, None
@@ -305,9 +348,9 @@ class PlantNode(LocoNode):
             return {"waiting for nodes": waits} if waits else {"silence": 0.0}
         wall = time.perf_counter() - self._began
         refused = self._join.refused + self.sim.rejected
-        now = (self.state.tick, self._late, refused)
-        ticks, late, rejected = (a - b for a, b in zip(now, self._reported, strict=True))
-        self._reported = now
+        counts = (self.state.tick, self._late, refused)
+        ticks, late, rejected = (a - b for a, b in zip(counts, self._reported, strict=True))
+        self._reported = counts
         values: dict[str, Any] = {"silence": 0.0} if self._finished else {}
         if self._estop.reason:
             values["estop"] = self._estop.reason

@@ -6,6 +6,8 @@ from __future__ import annotations
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from loco_control.ros.parameters import seal
+
 from ..export.ros2_control import COMMANDS, STATES
 
 
@@ -19,6 +21,7 @@ class Ros2ControlNode(Node):
 
     def __init__(self) -> None:
         super().__init__("reflex_network")  # the place it takes
+        seal(self)
         self._newest: JointState | None = None
         self._command = self.create_publisher(JointState, "joint_command", 10)
         self.create_subscription(JointState, COMMANDS, self._take, 1)
@@ -31,6 +34,6 @@ class Ros2ControlNode(Node):
         newest = self._newest
         if newest is not None:
             # A torque drive of loco has its torque where others have a position.
-            wanted = newest.position or newest.effort
-            answer = JointState(header=state.header, name=newest.name, position=wanted)
+            position = newest.position or newest.effort
+            answer = JointState(header=state.header, name=newest.name, position=position)
             self._command.publish(answer)

@@ -49,8 +49,8 @@ class RobotSimNode(PlantNode):
         self._tools = ToolTopics(self, self.sim.robot, self.rate)
         self.output("robot_description").publish(String(data=self.sim.robot_description))
         self._connect()
-        wanted = {"motion_command": MotionCommand, "trunk_torque": TrunkTorque}
-        self.listen({name: Converter(cls) for name, cls in wanted.items()}, self._on_commands)
+        types = {"motion_command": MotionCommand, "trunk_torque": TrunkTorque}
+        self.listen({name: Converter(cls) for name, cls in types.items()}, self._on_commands)
         self.announce_ready()
 
     def send(self, state: RobotState) -> None:

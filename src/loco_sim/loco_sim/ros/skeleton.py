@@ -28,9 +28,9 @@ class Skeleton:
         root = ElementTree.fromstring(robot.urdf)
         joints = root.findall("joint")
         self.links = [(j.find("parent").get("link"), j.find("child").get("link")) for j in joints]
-        carried = {child for _, child in self.links}
+        children = {child for _, child in self.links}
         names = [link.get("name") for link in root.findall("link")]
-        self.base = next(name for name in names if name not in carried)
+        self.base = next(name for name in names if name not in children)
         column = {name: i for i, name in enumerate(robot.joints)}
         self._origin = np.array([numbers(j.find("origin"), "xyz", "0 0 0") for j in joints])
         self._origin = self._origin.reshape(len(joints), 3)
@@ -46,7 +46,7 @@ class Skeleton:
         self._hinges, self._hinge_columns = _pick(moving, HINGES)
         self._slides, self._slide_columns = _pick(moving, SLIDES)
         self._hinge_axes = axes[self._hinges]
-        self._ways = _turned(self._turn[self._slides], axes[self._slides])
+        self._paths = _rotate(self._turn[self._slides], axes[self._slides])
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """Place x y z [m] and attitude x y z w of each child link in its parent, (j, 7).
@@ -55,10 +55,12 @@ class Skeleton:
             q: Joint positions in the robot's order [rad, m], (n,).
         """
         out = np.concatenate((self._origin, self._turn), axis=1)
-        half = 0.5 * np.asarray(q)[self._hinge_columns, None]
-        own = np.concatenate((self._hinge_axes * np.sin(half), np.cos(half)), axis=1)
-        out[self._hinges, 3:] = _product(self._turn[self._hinges], own)
-        out[self._slides, :3] += self._ways * np.asarray(q)[self._slide_columns, None]
+        half_angle = 0.5 * np.asarray(q)[self._hinge_columns, None]
+        rotations = np.concatenate(
+            (self._hinge_axes * np.sin(half_angle), np.cos(half_angle)), axis=1
+        )
+        out[self._hinges, 3:] = _product(self._turn[self._hinges], rotations)
+        out[self._slides, :3] += self._paths * np.asarray(q)[self._slide_columns, None]
         return out
 
 
@@ -77,15 +79,15 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _fixed_axes(rpy: np.ndarray) -> np.ndarray:
     """Quaternions of roll, pitch and yaw about fixed axes, (n, 3) to (n, 4)."""
-    half = 0.5 * rpy[:, :, None]
+    half_angles = 0.5 * rpy[:, :, None]
     roll, pitch, yaw = (
-        np.concatenate((axis * np.sin(half[:, i]), np.cos(half[:, i])), axis=1)
+        np.concatenate((axis * np.sin(half_angles[:, i]), np.cos(half_angles[:, i])), axis=1)
         for i, axis in enumerate(np.eye(3))
     )
     return _product(yaw, _product(pitch, roll))
 
 
-def _turned(turn: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _rotate(turn: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by quaternions (n, 4)."""
     pure = np.concatenate((v, np.zeros((len(v), 1))), axis=1)
     back = turn * np.array([-1.0, -1.0, -1.0, 1.0])

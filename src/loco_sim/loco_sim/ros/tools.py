@@ -25,10 +25,10 @@ class ToolTopics:
     """
 
     def __init__(self, node: LocoNode, robot: Robot, rate: float):
-        chosen = node.declare_parameter("tool_rate", 0.0).value  # 0: as in the table
+        tool_rate = node.declare_parameter("tool_rate", 0.0).value  # 0: as in the table
         self._rows = []
         for name, encode in encoders(robot).items():
-            wanted = topic(name).rate if name == "/clock" else chosen or topic(name).rate
+            wanted = topic(name).rate if name == "/clock" else tool_rate or topic(name).rate
             every = max(1, round(rate / wanted))
             self._rows.append((node.raw_output(name), encode, every))
 

@@ -14,6 +14,7 @@ import ctypes
 import os
 import tempfile
 import weakref
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,7 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 
 from ..geometry import Rotation, Triple, multiply, rotate, rotate_back, rotation_matrix
+from ..meshes.read import rewritten
 from ..params import SimParams
 from ..robot.description import Description
 from ..robot.robot import Robot
@@ -111,7 +113,7 @@ class World(world.World):
         self._ahead: Ahead | None = None
         c.resetSimulation()
         c.setTimeStep(self.dt)
-        c.setGravity(*self.gravity)
+        c.setGravity(*self.pull)
         c.setPhysicsEngineParameter(
             numSolverIterations=p.solver_iterations,
             deterministicOverlappingPairs=1,
@@ -121,7 +123,7 @@ class World(world.World):
         c.changeDynamics(self._ground, -1, lateralFriction=GROUND_FRICTION, restitution=1.0)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "robot.urdf"
-            file.write_text(self._text(), encoding="utf-8")
+            file.write_text(_with_own_meshes(self._text(), Path(folder)), encoding="utf-8")
             try:
                 self._body = c.loadURDF(
                     str(file), [0.0, 0.0, height],
@@ -274,7 +276,7 @@ class World(world.World):
         n, (wanted, gain, _, passive) = len(tau), law
         if self._ahead is None:
             names = tuple(self._name[j] for j in self._read)
-            self._ahead = Ahead(self._given(), names, self.robot.fixed_base, self.gravity)
+            self._ahead = Ahead(self._given(), names, self.robot.fixed_base, self.pull)
         motion = self.joint_states()
         bent = self._bending()
         laws, held = np.zeros((4, n + len(bent))), np.array([*tau, *bent])
@@ -433,7 +435,7 @@ class World(world.World):
                 )
                 at, turn, velocity, spin = state[0], state[1], state[6], state[7]
             own = rotate_back(rotation_matrix(turn), spin)  # along the principal axes
-            potential -= mass * float(np.dot(self.gravity, at))
+            potential -= mass * float(np.dot(self.pull, at))
             kinetic += 0.5 * mass * float(np.dot(velocity, velocity))
             kinetic += 0.5 * float(np.dot(moments, np.square(own)))
         return potential, kinetic
@@ -448,3 +450,22 @@ class World(world.World):
         mass = self._client.calculateMassMatrix(self._body, moving)
         bent = [row[self._links[link]] for link in self.hinges]
         return np.array(mass), [row[j] for j in self._joints], list(range(base)), bent
+
+
+def _with_own_meshes(text: str, folder: Path) -> str:
+    """The URDF without what is only seen, its meshes read by us and written anew in a folder."""
+    if "<mesh" not in text:
+        return text
+    root = ET.fromstring(text)
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    written: dict[str, Path] = {}
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name not in written:
+            end, content = rewritten(Path(name))
+            written[name] = folder / f"{len(written)}{end}"
+            written[name].write_bytes(content)
+        mesh.set("filename", str(written[name]))
+    return ET.tostring(root, encoding="unicode")

@@ -17,10 +17,11 @@ import trimesh
 from numba import njit
 
 from ..geometry import Triple, rotation_matrix
+from ..mesh_files import mesh_path
+from ..meshes.read import read_mesh
 from ..robot.frames import link_frames, origin_of
-from ..robot.meshes import read_mesh
 from ..robot.robot import Robot
-from ..robot.urdf_check import mass_of, mesh_path
+from ..robot.urdf_check import mass_of
 
 GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
 AMBIENT, DIFFUSE = 0.62, 0.45  # light from everywhere, and from the sun

@@ -66,7 +66,7 @@ class World(world.World):
         text = self._text()
         root = "" if self.robot.fixed_base else self.description.root_link()
         self._asked = (
-            text, dates(text), root, self.robot.feet, self.dt, tuple(self.gravity),
+            text, dates(text), root, self.robot.feet, self.dt, tuple(self.pull),
             self.params.solver_iterations, self.terrain,
         )  # fmt: skip
         try:
@@ -369,7 +369,7 @@ class World(world.World):
     def energy(self) -> tuple[float, float]:
         m, data = self._model, self._data
         mass = self._mass(data)
-        potential = -float(m.body_mass @ (data.xipos @ np.array(self.gravity)))
+        potential = -float(m.body_mass @ (data.xipos @ np.array(self.pull)))
         return potential, 0.5 * float(data.qvel @ mass @ data.qvel)
 
     def _mass_matrix(

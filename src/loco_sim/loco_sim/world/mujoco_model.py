@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..geometry import Triple
-from ..robot.meshes import read_mesh
+from ..meshes.read import load
 from .terrain import CELL, Terrain
 
 OF_WORLD = "link_named_world"  # name of the body of a link that is named "world"
@@ -24,7 +24,10 @@ GEOM = mujoco.mjtGeom
 @lru_cache(maxsize=64)
 def compiled(*asked: Any) -> mujoco.MjModel:
     """Model of a URDF on the ground; kept, as reading takes longer than many a run."""
-    return plan(*asked).compile()
+    spec = plan(*asked)
+    for mesh in spec.meshes:
+        _fill(mesh)
+    return spec.compile()
 
 
 def plan(
@@ -53,7 +56,9 @@ def plan(
         ValueError: MuJoCo cannot build it.
     """
     spec = mujoco.MjSpec.from_string(_for_mujoco(text))
-    _read_collada(spec)
+    for mesh in spec.meshes:
+        if mesh.file.lower().endswith(".dae"):  # MuJoCo cannot read it
+            _fill(mesh)
     if root:
         spec.body(body_of(root)).add_freejoint()
     option = spec.option
@@ -77,15 +82,12 @@ def plan(
     return spec
 
 
-def _read_collada(spec: mujoco.MjSpec) -> None:
-    """Put corners and faces in the place of the ``.dae`` files that MuJoCo cannot read."""
-    for mesh in spec.meshes:
-        if mesh.file.lower().endswith(".dae"):
-            read = read_mesh(Path(mesh.file))
-            if read is None:
-                raise ValueError(f"the mesh {mesh.file} cannot be read")
-            mesh.uservert, mesh.userface = read.vertices.ravel(), read.faces.ravel()
-            mesh.file = ""
+def _fill(mesh: mujoco.MjsMesh) -> None:
+    """Put corners and faces, which have been checked, in the place of a file."""
+    if mesh.file:
+        shape = load(Path(mesh.file))
+        mesh.uservert, mesh.userface = shape.vertices.ravel(), shape.faces.ravel()
+        mesh.file = ""
 
 
 def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
@@ -115,6 +117,9 @@ def link_of(body: str) -> str:
 def _for_mujoco(text: str) -> str:
     """URDF without what only pictures need; every link stays a body of its own."""
     robot = ET.fromstring(text)
+    for link in robot.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
     for element in robot.iter():
         for key in ("name", "link"):
             if element.tag in ("link", "parent", "child") and element.get(key):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -14,9 +14,13 @@ from loco_control.exceptions import ParameterError
 
 from ..robot import robot as robots
 from .figure import Figure
-from .stage import Stage
+from .stage import EYE, FIELD_OF_VIEW, Stage, look_at, perspective
 
 FULL_SIZE = 0.9  # the camera comes closer to robots that are smaller [m]
+CLOSER, FILLED = 1.05, 0.85  # steps of the camera, and how far from the middle a robot may be
+NEAREST = 4.0  # times nearer than to a robot that walks, where the camera begins
+LOOKED_AT = 50  # poses of a bolted robot that the camera shows whole
+LOWEST = -0.4  # height of the point looked at, of a robot of full size [m]
 FOLLOW = 0.5  # the camera follows the mean position over this time [s]
 
 
@@ -88,14 +92,52 @@ def frames(
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))
     figure = Figure(robot)
-    if not len(corners := figure.corners(0.0)):
+    if not len(figure.corners(0.0)):
         raise ParameterError(f"robot {robot.name!r} has nothing that could be drawn")
-    stage = Stage(size, scale=min(1.0, np.ptp(corners, axis=0).max() / FULL_SIZE))
+    poses = list(zip(position, orientation, q, strict=True))
+    stage, middle = camera(figure, size, poses if robot.fixed_base else [])
     for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):
         k = min(int(np.searchsorted(t, now - 1e-9)), len(t) - 1)
         near = np.abs(t - t[k]) <= 0.5 * FOLLOW
         figure.pose(position[k], orientation[k], q[k])
-        yield _labelled(stage.draw(figure, position[near].mean(axis=0)), f"t = {t[k]:.2f} s")
+        centre = position[near].mean(axis=0) if middle is None else middle
+        yield _labelled(stage.draw(figure, centre), f"t = {t[k]:.2f} s")
+
+
+def camera(
+    figure: Figure, size: tuple[int, int], poses: Sequence[tuple[np.ndarray, ...]]
+) -> tuple[Stage, np.ndarray | None]:
+    """Camera that shows a robot whole, and the point that it looks at.
+
+    Args:
+        figure: The robot as it stands.
+        size: Width and height of the pictures [pixel].
+        poses: Position, orientation and joints of a robot that stays where it is; all of them are
+            in view, whatever its size. None for a robot that walks: the camera goes with it.
+    """
+    if not poses:
+        extent = np.ptp(figure.corners(0.0), axis=0).max()
+        return Stage(size, scale=min(1.0, extent / FULL_SIZE)), None
+    boxes = []
+    for k in np.linspace(0, len(poses) - 1, min(len(poses), LOOKED_AT)).astype(int):
+        figure.pose(*poses[k])
+        boxes.append(figure.corners(0.0))
+    corners = np.concatenate(boxes)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle, scale = 0.5 * (low + high), float((high - low).max()) / FULL_SIZE / NEAREST
+    while not _fits(corners, middle, scale, size):
+        scale *= CLOSER
+    height = max(float(middle[2]) / scale, LOWEST)  # or the floor would be over the camera
+    return Stage(size, height=height, scale=scale), middle
+
+
+def _fits(corners: np.ndarray, middle: np.ndarray, scale: float, size: tuple[int, int]) -> bool:
+    """Whether a camera that looks at `middle` has all corners well within its picture."""
+    target = np.array([*middle[:2], max(float(middle[2]), LOWEST * scale)])
+    view = perspective(FIELD_OF_VIEW, size[0] / size[1], 0.1 * scale, 100.0 * scale)
+    view = view @ look_at(target + scale * EYE, target)
+    clip = np.column_stack([corners, np.ones(len(corners))]) @ view.T
+    return bool(np.all(clip[:, 3] > 0.0) and np.all(np.abs(clip[:, :2]) < FILLED * clip[:, 3:]))
 
 
 def _check(t: np.ndarray, position: np.ndarray, orientation: np.ndarray, q: np.ndarray, n: int):

@@ -36,9 +36,11 @@ def make_world(robot: Robot, params: SimParams, dt: float) -> World:
         dt: Physics step [s].
 
     Raises:
-        ParameterError: The engine is not installed.
+        ParameterError: The engine is not installed, or does not survive a mesh of the robot.
     """
     require(params.engine)
+    if "<mesh" in robot.urdf:
+        importlib.import_module("..meshes.trial", __package__).check(robot, params.engine)
     return importlib.import_module(MODULES[params.engine], __package__).World(robot, params, dt)
 
 
@@ -90,6 +92,7 @@ class Setting:
         contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
             have the world's.
         gravity: Acceleration of gravity [m/s²], (3,); a slope is gravity turned.
+        carried: Share of the robot's weight that its drives carry by themselves.
         terrain: Heights of the ground; None is a plane.
         armature: Inertia of rotor and gear [kg·m²] that a joint feels, and none before it.
         hinges: Stiffness [N·m/rad] and damping [N·m·s/rad] of the joint that moves a
@@ -107,9 +110,18 @@ class Setting:
         self.friction: dict[str, float] = dict(self.robot.friction)
         self.contact: dict[str, tuple[float, float]] = dict(self.robot.contact)
         self.gravity: Triple = (0.0, 0.0, -self.params.gravity)
+        self.carried = 0.0
         self.terrain: Terrain | None = None
         self.hinges: dict[str, tuple[float, float]] = {}
         self.armature: dict[str, float] = {}
+
+    @property
+    def pull(self) -> Triple:
+        """Acceleration with which weight pulls on what drives do not carry [m/s²], (3,)."""
+        if not self.carried:
+            return self.gravity
+        x, y, z = ((1.0 - self.carried) * part for part in self.gravity)
+        return x, y, z
 
     @property
     def description(self) -> Description:
@@ -210,11 +222,11 @@ class World(Setting, ABC):
     def _text(self) -> str:
         """URDF for the engine."""
         if not self.damped:
-            return self._given().text(self.robot.folder)
+            return self._given().text(self.robot.folder, drawn=False)
         undamped = Description(self._given().text())
         for joint in self.robot.joints:
             undamped.set_damping(joint, 0.0)
-        return undamped.text(self.robot.folder)
+        return undamped.text(self.robot.folder, drawn=False)
 
     def close(self) -> None:  # noqa: B027  (an engine may have nothing to free)
         """Free what the engine holds; calling again does nothing."""

@@ -21,7 +21,8 @@ SIGNALS = ("q", "dq", "tau", "gyro", "acceleration", "grf")
 def all_of(name):
     made = robot.load(name)
     n = len(made.joints)
-    return made, offer(made, SIGNALS, Hints(np.full(n, -0.5), np.full(n, 0.5), ((1.0, 1.4),)))
+    hints = Hints(np.full(n, -0.5), np.full(n, 0.5), ((1.0, 1.4),), ripples=((9.0, 40.0),) * n)
+    return made, offer(made, SIGNALS, hints)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

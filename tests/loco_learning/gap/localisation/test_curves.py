@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from loco_learning.drawing.chart import limits
 from loco_learning.gap.localisation import curves as gap_curves
 from loco_learning.gap.localisation import errors, figures
 from loco_learning.gap.localisation.curves import FIT, HELD_OUT, Curve, Curves
+from loco_learning.gap.statistics import evidence
 
 CHANNELS = (("q", "lf_kfe_joint", "rad"), ("gyro", "x", "rad/s"), ("q", "rh_kfe_joint", "rad"))
 
@@ -24,11 +27,12 @@ def curve(name="bag", role=HELD_OUT, late=0.0, noise=0.0, count=600):
         return sizes * np.sin(2.0 * np.pi * rates * (t[:, None] - lag))
 
     measured = motion(0.0) + noise * rng.normal(size=(count, 3))
-    return Curve(name, role, t, measured, motion(late), motion(0.0))
+    floor, judged = np.full((count, 3), 0.01), np.full(count, role == HELD_OUT)
+    return Curve(name, role, t, measured, motion(late), motion(0.0), floor, judged, np.zeros(0))
 
 
 def made(**more):
-    return Curves(CHANNELS, np.full(3, 0.01), (curve("fit", FIT), curve(**more)))
+    return Curves(CHANNELS, (curve("fit", FIT), curve(**more)))
 
 
 def test_what_was_saved_is_read_again(tmp_path):
@@ -53,12 +57,41 @@ def test_another_file_is_refused_in_one_line(tmp_path):
         gap_curves.load(tmp_path / "gap.npz")
 
 
-def test_rms_is_of_held_out_records_and_knows_gaps():
+def test_rms_is_of_what_judges_and_knows_gaps():
     found = made(late=0.1)
-    assert np.all(found.rms("before") > 0.01)
-    np.testing.assert_allclose(found.rms("after"), 0.0)
+    assert np.all(found.floors("before") > 1.0)
+    np.testing.assert_allclose(found.floors("after"), 0.0)
+    found.records[0].before[:] = 99.0  # fitted: no number is about it
+    assert found.rms("before") < 100.0 and found.closed == 1.0
     found.records[1].measured[:, 1] = np.nan
-    assert np.isnan(found.rms("before")[1])
+    assert np.isnan(found.floors("before")[1])
+
+
+def test_a_model_that_diverged_misses_as_much_as_can_be():
+    found = made()
+    found.records[1].after[300:] = np.nan
+    assert found.floors("after") == pytest.approx(evidence.LIMIT / np.sqrt(2.0))
+
+
+def test_rows_of_which_none_was_compared_are_left_out_where_they_are_even():
+    measured = np.full((100, 2), np.nan)
+    measured[7::5, 1] = 0.0
+    assert range(100)[gap_curves._compared(measured)] == range(2, 100, 5)
+    measured[50, 0] = 0.0
+    assert range(100)[gap_curves._compared(measured)] == range(0, 100, 1)
+
+
+def test_in_the_air_and_on_the_ground_share_channels_and_the_ground_judges():
+    ground = made(late=0.1)
+    air = Curves(tuple(reversed(CHANNELS[1:])), tuple(
+        dataclasses.replace(r, **{k: getattr(r, k)[:, :2] for k in gap_curves._KEYS})
+        for r in made(late=0.2).records
+    ))  # fmt: skip
+    both = gap_curves.joined(air, ground)
+    assert both.channels == CHANNELS and len(both.records) == 4
+    assert both.rms("before") == ground.rms("before") and both.closed == ground.closed
+    np.testing.assert_array_equal(both.records[0].measured[:, [2, 1]], air.records[0].measured)
+    assert np.isnan(both.records[0].measured[:, 0]).all()
 
 
 def test_the_worst_channels_come_first_and_in_order():
@@ -80,7 +113,7 @@ def test_an_instant_is_no_gap_to_look_at():
 def test_nrmse_is_zero_for_the_truth_and_one_for_the_mean():
     true = curve(late=0.2)
     assert errors.nrmse(true, 0, "after").value == 0.0
-    still = Curve("x", HELD_OUT, true.t, true.measured, 0 * true.before, true.after)
+    still = dataclasses.replace(true, before=0 * true.before)
     found = errors.nrmse(still, 0, "before")
     assert found.value == pytest.approx(1.0, abs=0.03)
     assert found.low <= found.value <= found.high
@@ -104,7 +137,7 @@ def test_nothing_measured_is_a_dash():
     empty = curve()
     empty.measured[:, 1] = np.nan
     assert str(errors.nrmse(empty, 1, "after")) == "–"
-    assert len(errors.error_rows(Curves(CHANNELS, np.ones(3), (empty,)))) == 2
+    assert len(errors.error_rows(Curves(CHANNELS, (empty,)))) == 2
 
 
 def test_a_channel_that_misses_nothing_does_not_stretch_the_axis_of_the_others():

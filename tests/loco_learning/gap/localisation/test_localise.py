@@ -66,8 +66,40 @@ def test_bands_add_up_to_the_residual():
     r = noise()[:, 0]
     r[100:150] = np.nan
     parts = localise.split(r, 1.0 / RATE)
-    np.testing.assert_allclose(sum(p for _, p, _ in parts), np.nan_to_num(r), atol=1e-9)
+    np.testing.assert_allclose(sum(p for _, p, _ in parts), r, atol=1e-9)
     assert sum(share for _, _, share in parts) == pytest.approx(1.0)
+
+
+def sparse(every: int) -> np.ndarray:
+    """Residual of 0.7 Hz in one joint, known in one row of a few."""
+    r = noise()
+    r[:, 0] += 10.0 * np.sin(2 * np.pi * 0.7 * T)
+    r[np.arange(len(T)) % every != 0] = np.nan
+    return r
+
+
+@pytest.mark.parametrize("every", [2, 5, 8])
+def test_rows_that_are_unknown_say_nothing_of_the_frequency(every):
+    shares = found(sparse(every)).by("band")
+    assert shares["below 1 Hz",] > 0.97
+
+
+@pytest.mark.parametrize("start", [300, 700])
+def test_a_gap_in_the_readings_is_no_fast_residual(start):
+    r = noise()
+    r[:, 0] += 8.0 + 10.0 * np.sin(2 * np.pi * 0.7 * T)
+    r[start : start + 400] = np.nan
+    assert found(r).by("band")["below 1 Hz",] > 0.97
+
+
+def test_noise_that_is_known_in_a_few_rows_is_no_gap():
+    r = noise()
+    r[np.arange(len(T)) % 5 != 0] = np.nan
+    parts = localise.split(r[:, 0], 1.0 / RATE)
+    known = np.isfinite(r[:, 0])
+    for _, part, share in parts:  # as much in each band as white noise has
+        assert np.mean(part[known] ** 2) == pytest.approx(share, rel=0.4)
+    assert [name for name, _, _ in parts] == localise.band_names(RATE / 5)
 
 
 def test_phase_with_and_without_feet():
@@ -127,6 +159,26 @@ def test_a_region_is_told_in_words(where, words):
     assert str(best).startswith(f"lf_knee, {words}")
     assert best.energy > 0.8
     assert best.time == pytest.approx(where(q, dq).mean(), abs=0.1)
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_regions_are_those_of_rows_that_were_measured(every):
+    rec, r = record(), noise()
+    r[:, 1] *= np.where(phases.position(rec, "lf_knee") > 0.3, 6.0, 1.0)
+    whole = regions.regions([rec], CHANNELS, [r])[0]
+    r[np.arange(len(T)) % every != 0] = np.nan
+    few = regions.regions([rec], CHANNELS, [r])[0]
+    cut = 1.0 / regions.CUTS  # thresholds are this share of the samples apart
+    assert few.time == pytest.approx(whole.time, abs=cut)
+    assert few.energy == pytest.approx(whole.energy, abs=0.1)
+
+
+def test_a_time_without_readings_is_no_time_without_a_gap():
+    r = noise()
+    r[:, 0] *= 5.0
+    r[T > 4.0] = np.nan
+    (region,) = regions.regions([record()], CHANNELS, [r])
+    assert region.words == ("everywhere",)
 
 
 def test_states_of_a_joint_that_slides_are_lengths():

@@ -13,7 +13,7 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import floors, horizon, running
 from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_learning.gap.proposals.following import following
-from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.record import Record, coarsest
 from loco_learning.runs import experiment
 from loco_learning.runs.rollout import rollout
 from loco_sim.plant.model import Model
@@ -38,10 +38,10 @@ def test_each_joint_has_its_own_quantisation_step(slide):
     (record, *_), _ = slide.records()
     steps = {("q", "hip"): 0.005, ("q", "knee"): 0.001}
     both = [replace(record, resolution=steps), replace(record, resolution={("q", "hip"): 0.004})]
-    assert cases._step(both, "q", "hip") == 0.005
-    assert cases._step(both, "q", "knee") == 0.001
-    assert cases._step(both, "q", "one that hardly moves") == 0.005  # the signal's largest
-    assert cases._step(both, "tau", "hip") == 0.0
+    assert coarsest(both, "q", "hip") == 0.005
+    assert coarsest(both, "q", "knee") == 0.001
+    assert coarsest(both, "q", "one that hardly moves") == 0.005  # the signal's largest
+    assert coarsest(both, "tau", "hip") == 0.0
 
 
 def test_what_hangs_on_the_phase_of_hunting_is_no_gap():
@@ -108,13 +108,18 @@ def test_experiments_are_ranked_with_delays_as_they_are(bench, slide):
     case, _ = bench([])
 
     def model(name, delay):
-        held, spec = SimpleNamespace(scale=np.ones(1)), {"name": "actuation_delay", "delay": delay}
-        return SimpleNamespace(names=(name,), specs=[spec], overrides={}, held=held)
+        spec, left = {"name": "actuation_delay", "delay": delay}, [np.ones((50, 1))]
+        held = SimpleNamespace(scale=np.ones(1), residuals=left)
+        return SimpleNamespace(
+            names=(name,), key=name, specs=[spec], parts=(), overrides={}, held=held, whole=left,
+            score=SimpleNamespace(tau=np.ones((1, 1))),
+        )  # fmt: skip
 
     def best(delay, other):
         judged = SimpleNamespace(
+            base=SimpleNamespace(held=SimpleNamespace(residuals=[np.full((50, 1), 9.0)])),
             best=model("one", delay),
-            rivals=[(model("other", other), SimpleNamespace(odds=2.0))],
+            rivals=[(model("other", other), SimpleNamespace(odds=1.0))],
             decision=SimpleNamespace(verdict="ambiguous"),
         )
         return following(slide.model, case, judged, [])[0]["odds"]

@@ -13,6 +13,7 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import led
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
+from loco_sim.bolted.loop import Bolted
 from loco_sim.plant.model import Model
 
 DT, ROWS = 0.005, 1600
@@ -55,22 +56,88 @@ def test_gain_and_bias_of_a_torque_drive_count_as_in_a_simulation():
     assert rms(forward, (), values) < 0.1 * rms(forward)
 
 
-def test_a_robot_is_led_only_where_a_run_of_its_model_is_lost():
-    assert led.forward(PENDULUM, [swung()]).how == Forward.how
-    strong = Model("pendulum", {"drives.pivot.gain": 10.0})  # it goes over the top
-    assert led.forward(strong, [swung()]).how == led.Led.how
+STRONG = Model("pendulum", {"drives.pivot.gain": 10.0})  # it goes over the top
+RUBS = Model("pendulum", {}, [FRICTION])
+HEAVY = Model("pendulum", {"bodies.rod.mass": 3.0})
 
 
-def test_a_torque_that_follows_from_the_velocity_is_judged_in_pieces():
-    strong = Model("pendulum", {"drives.pivot.gain": 10.0})
+def pushed(damping, seconds=16.0, gravity=9.81):
+    """The pendulum with as much damping, under a torque that nobody made from its motion."""
+    values = {"dynamics.pivot.damping": damping, "sim.gravity": gravity}
+    record = swung()
+    rows = round(seconds / DT)
+    torque = gaussian_filter1d(np.random.default_rng(5).normal(size=rows), 20.0)[:, None]
+    torque *= 0.02 / np.std(torque)
+    told = replace(record, t=DT * np.arange(rows), command={"torque": torque},
+                   signals={"q": 0.0 * torque})  # fmt: skip
+    (said,) = Forward(Model("pendulum", values), [told])(step=0.25)
+    return replace(told, signals={"q": said[:, :1]})
+
+
+@pytest.mark.parametrize("model", [PENDULUM, STRONG, RUBS, HEAVY])
+@pytest.mark.parametrize(
+    ("damping", "gravity", "how"),
+    [(0.1, 9.81, Forward.how), (1e-4, 9.81, led.Led.how), (2e-3, 0.0, led.Led.how)],
+)
+def test_the_way_of_comparison_follows_from_what_was_measured(model, damping, gravity, how):
+    """A motion that forgets is run; one that nothing damps, or nothing pulls back, is led."""
+    assert led.forward(model, [pushed(damping, gravity=gravity)]).how == how
+
+
+def test_noise_and_rounding_of_readings_do_not_change_it():
+    record, rng = pushed(0.1), np.random.default_rng(1)
+    q = record.signals["q"] + 3e-4 * rng.standard_normal(record.signals["q"].shape)
+    noisy = replace(record, signals={"q": 1e-3 * np.round(q / 1e-3)})
+    assert led.forward(PENDULUM, [noisy]).how == Forward.how
+
+
+@pytest.mark.parametrize("model", [PENDULUM, STRONG, RUBS])
+def test_a_torque_that_follows_from_the_velocity_is_judged_in_pieces(model):
     record = swung()
     speed = np.gradient(record.signals["q"][:, 0], DT)[:, None]
     fed = replace(record, command={"torque": 0.3 * np.tanh(4.0 * speed)})
-    assert led.fed_back(led.Led(strong, [fed])) > led.FED_BACK
-    assert led.fed_back(led.Led(strong, [record])) < led.FED_BACK
-    forward = led.forward(strong, [fed])
+    (mine,), (own,) = (led.measured(Forward(model, [r])) for r in (fed, record))
+    assert mine.fed_back > led.FED_BACK > own.fed_back
+    forward = led.forward(model, [fed])
     assert forward.how == Forward.how
-    assert forward.params.window in led.WINDOWS
+    assert forward.params.window == led.forward(PENDULUM, [fed]).params.window in led.WINDOWS
+
+
+@pytest.mark.parametrize(("damping", "gravity"), [(0.02, 9.81), (0.05, 9.81), (0.004, 0.0)])
+def test_a_joint_tells_its_feedback_and_how_fast_it_forgets(damping, gravity):
+    """Half the damping over the inertia; without gravity it keeps its place for ever."""
+    (said,) = led.measured(Forward(PENDULUM, [pushed(damping, gravity=gravity)]))
+    plant = Bolted(replace(Forward(PENDULUM, [swung()]).robot(), sensors=None))
+    slow = 0.5 * damping / float(plant.inertia(np.zeros(1))[0, 0])
+    if gravity:
+        assert said.decay == pytest.approx(slow, rel=0.2)
+    else:
+        assert said.decay * 16.0 < 0.5 * led.FORGOTTEN
+    assert said.fed_back < 0.5
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"name": "torque_limit", "reduction": 0.92},
+        {"name": "actuation_delay", "delay": 0.03},
+        {"name": "actuator_lag", "time": 0.03},
+        {"name": "torque_speed_line", "slope": 0.7},
+    ],
+)
+def test_what_a_model_says_of_commands_and_drives_is_done_to_the_torque_it_was_told(effect):
+    """A robot with its effect in model.yaml has no gap, though it is led; without it, it has."""
+    record, right = swung([effect]), Model("pendulum", {}, [effect])
+    left = rms(led.Led(right, [record]))
+    assert left < 0.3 * rms(led.Led(PENDULUM, [record]))
+    assert left < 0.05 * np.nanstd(led.Led(right, [record]).measured[0])
+
+
+@pytest.mark.parametrize("effect", [{"name": "sensor_bias", "q": 0.01},
+                                    {"name": "sensor_noise", "q": 0.01}])  # fmt: skip
+def test_what_a_model_says_of_sensors_leads_it_nowhere_else(effect):
+    forward = led.Led(Model("pendulum", {}, [effect]), [swung()])
+    assert rms(forward) < 0.02 * np.nanstd(forward.measured[0])
 
 
 def test_values_that_are_uncertain_are_refitted_without_a_simulation(monkeypatch):

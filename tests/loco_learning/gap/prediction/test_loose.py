@@ -27,7 +27,7 @@ def of(slide, effects):
 
 def test_a_model_that_is_a_little_off_explains_what_it_made(slide):
     case = of(slide, [])
-    left, values, price = case.suited([], {})
+    left, values, price, _ = case.suited([], {})
     assert evidence.rms(case.bare([])) > 3.0
     assert evidence.rms(left) < 1.1
     assert values["torque_constant_error.slide"] == pytest.approx(-0.015, abs=0.01)
@@ -62,7 +62,7 @@ def test_deviations_stay_within_what_is_believed():
     for _ in range(20):
         a = rng.standard_normal((12, 6))
         gram, moment = a.T @ a + np.eye(6), 8.0 * rng.standard_normal(6)
-        x = loose._within(gram, moment, 1.0)
+        x = loose._within(gram, moment, (-np.ones(6), np.ones(6)))
         slope = gram @ x - moment
         assert np.all(np.abs(x) <= 1.0)
         inside = np.abs(x) < 1.0 - 1e-9
@@ -74,7 +74,7 @@ def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
     """A drive that rounds its encoder: straight lines ended at a rod far too heavy."""
     case = servo()
     straight, _ = case._refitted([], {}, [0, 1], exact=True)
-    left, values, _ = case.suited([], {})
+    left, values, *_ = case.suited([], {})
     assert evidence.rms(left) < 0.9 * evidence.rms(straight)
     found = [values[name] / value for name, value in servo.truth.items()]
     assert found == pytest.approx([1.0, 1.0], abs=0.01)
@@ -113,3 +113,54 @@ def test_what_drives_do_to_a_model_with_a_large_effect_is_simulated_about_it(sli
 
     about_bare, about_itself = missed(case.loose), missed(loose.of_model(case, brake))
     assert about_itself < 0.1 < 0.3 < about_bare
+
+
+@pytest.mark.parametrize(
+    ("name", "deviation", "true"),
+    [
+        ("bodies.rod.inertia", "200%", 0.001),
+        ("drives.pivot.stall_torque", "60%", 0.3),
+        ("masses.rod", 0.1, 0.05),
+    ],
+)
+def test_no_value_goes_where_no_robot_can_be_built(servo, name, deviation, true):
+    """An inertia uncertain by half of it went below nothing, and the robot could not be run."""
+    t = np.arange(200) / 100.0
+    q = 0.6 * np.sin(6.0 * t)[:, None]
+    empty = Record("r", t, {"position": q}, ("pivot",), {"q": q}, ("pivot",))
+    model = Model("servo_pendulum", {"drives.pivot.resolution": 0.0})
+    (seen,) = Forward(model, [empty])(overrides={name: true})
+    record = replace(empty, signals={"q": seen})
+    unsure = Model(model.robot, {**model.overrides, f"uncertain.{name}": deviation})
+    forward = Forward(unsure, [record])
+    near = cases.prepare(forward, [record], []).loose
+    index = near.names.index(name)
+    for side in near.reach:
+        values = near.values(side)
+        assert values[name] >= loose.LEAST * near.nominal[index] * (1.0 - 1e-9)
+        assert np.isfinite(forward(overrides=values)[0]).all()
+
+
+@pytest.mark.parametrize("off", [1.3, 1.4])
+def test_a_drive_that_is_off_runs_with_values_that_are_far_off(slide, off):
+    """A mass far off, known to a fifth, beside a drive known to little: the robot was refused."""
+    fit, judge = slide.records(overrides={"bodies.carriage.mass": off})
+    unsure = Model(slide.model.robot, {"uncertain.bodies.*.mass": "20%"})
+    case = cases.prepare(Forward(unsure, [*fit, *judge]), fit, judge)
+    assert case.loose.at.any() and "torque_constant_error.slide" in case.loose.names
+    for effects in ([], [FRICTION]):
+        left = case.corrected(effects, {}).whitened(effects)
+        assert evidence.rms(left) < evidence.LIMIT  # it ran
+    off, put_right = case.kept().whitened([]), case.suited([], {})[0]
+    assert evidence.closed_by(off, put_right) > 0.9
+
+
+def test_a_drive_that_is_off_is_an_effect_wherever_a_model_runs(slide):
+    fit, _ = slide.records()
+    forward = Forward(slide.model, fit)
+    (a, b), (c, d) = (
+        forward(overrides={"torque_constant_error.slide": -0.2}),
+        forward([{"name": "torque_constant_error", "joint": "slide", "error": -0.2}]),
+    )
+    assert np.array_equal(a, c) and np.array_equal(b, d)
+    assert forward.given({"torque_constant_error.slide": -0.2}).drives == forward.given().drives

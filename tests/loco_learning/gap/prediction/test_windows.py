@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace as Some
 
 import numpy as np
 import pytest
 
 from loco_learning.gap.prediction import case as cases
-from loco_learning.gap.prediction import windows
+from loco_learning.gap.prediction import horizon, windows
+from loco_learning.gap.prediction.channels import Channel
 from loco_learning.gap.prediction.forward import Forward, ForwardParams, start
+from loco_learning.gap.prediction.running import Start
 from loco_learning.gap.recordings import align
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.recordings.tracks import Track
+from loco_learning.gap.statistics import noise
 from loco_learning.params import JointLearnerParams
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.rollout import rollout
@@ -60,6 +64,47 @@ def test_noise_is_found_under_a_wave():
     assert windows.noise_of(noisy) == pytest.approx(0.01, rel=0.1)
 
 
+STEP = 2e-3
+
+
+def rounded(ratio, rows=6000):
+    """Readings of a motion that passes several steps between samples, noise in steps; the truth."""
+    t = np.arange(rows) / 500.0
+    wave = 0.5 * np.sin(2.0 * np.pi * 1.732 * t) + 0.1 * t
+    noisy = wave + ratio * STEP * np.random.default_rng(3).normal(size=rows)
+    return STEP * np.round(noisy / STEP), wave, STEP * np.hypot(ratio, 1.0 / np.sqrt(12.0))
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.3, 0.5, 0.8, 1.0, 3.0])
+def test_noise_of_rounded_readings_is_that_of_noise_and_rounding(ratio):
+    """A median of rounded differences is rounded itself, as low as 0.57 of the truth."""
+    read, _, truth = rounded(ratio)
+    assert windows.noise_of(read, STEP) == pytest.approx(truth, rel=0.08)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.8])
+def test_smoothing_of_rounded_readings_knows_how_far_it_is_off(ratio):
+    read, wave, _ = rounded(ratio)
+    level, _, doubt, _ = windows.smoothed(read, 1.0 / 500.0, STEP)
+    assert 0.4 < np.sqrt(np.mean(np.square((level - wave) / doubt))) < 1.2
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.8])
+def test_runs_on_the_ground_are_as_long_as_rounded_noise_lets_them(monkeypatch, ratio):
+    """An error that grows by 0.015 rad/s is larger than twice the noise at a time that is known."""
+    read, _, truth = rounded(ratio)
+    t = np.arange(len(read)) / 500.0
+    record = Record("r", t, {}, (), {"q": read[:, None]}, ("knee",),
+                    resolution={("q", "knee"): STEP})  # fmt: skip
+    grown = Some(channels=(Channel("q", "knee", "rad"),), measured=[read[:, None]])
+    grown.starts = [[Start(0, len(t), None, None)]]
+    grown.shaken = lambda count: [lambda: [0.015 * t[:, None]]] * count
+    forward = type("Stub", (), {"__call__": lambda self: [0.0 * t[:, None]]})()
+    forward.__dict__.update(vars(grown))
+    monkeypatch.setattr(horizon, "Forward", lambda *args: forward)
+    assert horizon.length(None, [record]) == pytest.approx(2.0 * truth / 0.015, rel=0.1)
+
+
 def test_a_robot_that_rested_starts_at_rest_and_settles_whatever_its_first_samples_say():
     t = np.arange(400) / 200.0
     q = 0.3 + 0.8 * t[:, None]  # the sensor was switched on in mid-motion, it seems
@@ -69,6 +114,23 @@ def test_a_robot_that_rested_starts_at_rest_and_settles_whatever_its_first_sampl
     )
     assert moving.dq[0] == pytest.approx(0.8, abs=0.01)
     assert (rested.q[0], rested.dq[0]) == (pytest.approx(0.3), pytest.approx(0.0, abs=1e-9))
+
+
+@pytest.mark.parametrize("window", [0.0, 0.2])
+@pytest.mark.parametrize("lost", [0, 3])
+def test_nothing_is_compared_in_the_rest_before_a_record(window, lost):
+    """A pendulum that is said to rest where it cannot misses made-up readings by much."""
+    t = np.arange(400) / 200.0
+    q = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((len(t), 1))
+    guessed = dict.fromkeys(("q", "dq"), np.arange(len(t))[:, None] < lost) if lost else {}
+    record = Record("r", t, {"torque": 0.0 * q}, ("pivot",), {"q": q, "dq": 0.0 * q}, ("pivot",),
+                    guessed=guessed).rested(3.0)  # fmt: skip
+    forward = Forward(Model("pendulum"), [record], ForwardParams(window=window))
+    assert not np.isfinite(forward.measured[0][: 600 + lost]).any()
+    read = np.isfinite(forward.measured[0][600 + lost :])
+    assert read.any() if window else read.all()  # where a piece begins nothing is compared
+    reads = record.read_of(forward.robot(), "q")  # three fifths of the samples are no noise
+    assert noise.white([reads[:, 0]]) == pytest.approx(0.01, rel=0.15)
 
 
 @pytest.mark.parametrize(("noise", "better"), [(0.1, "q"), (1e-4, "dq")])
@@ -151,6 +213,30 @@ def test_a_robot_at_rest_starts_at_rest_however_fine_the_axis(sensor, axis, step
         tracks = [Track("q", "pivot", t, q, "q"), Track("command_position", "pivot",
                                                         *motion(axis), "c")]  # fmt: skip
         assert start(align.record("r", tracks, plant), plant) == []
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2, 0.45])
+@pytest.mark.parametrize("ratio", [1.0, 1.3, 2.0, 3.7, 5.0, 20.0])
+def test_however_unevenly_a_sensor_reads_the_state_is_that_of_the_motion(ratio, jitter):
+    """Rows of readings end on the last one, and never after the axis, whatever their mean is."""
+    plant, axis, rng = Model("servo_pendulum").make_robot(), 1000.0, np.random.default_rng(3)
+    for last in range(8):
+        told = np.arange(1600 + last) / axis
+        read = np.arange(0.0, told[-1], ratio / axis)
+        read[1:] += jitter * ratio / axis * rng.uniform(-1.0, 1.0, len(read) - 1)
+        tracks = [Track("q", "pivot", read, 0.3 + 0.2 * read, "q"),
+                  Track("command_position", "pivot", told, 0.3 + 0.2 * told, "c")]  # fmt: skip
+        record = align.record("r", tracks, plant)
+        (q,), (dq,) = windows.first_state(record, plant)
+        near = 0.1 / axis  # a reading lies half a sample of the axis off its row at most
+        assert q == pytest.approx(0.3, abs=near)
+        # The slope at the end of a parabola is at most 160 / 70 errors of five readings a gap.
+        assert dq == pytest.approx(0.2, abs=160.0 / 70.0 * near * axis / ratio)
+        q, dq = (each[:, 0] for each in windows.joint_states(record, plant))
+        read_there = np.isfinite(record.joints_of(plant, "q")[:, 0])
+        np.testing.assert_array_equal(np.isfinite(q), read_there)
+        np.testing.assert_allclose((q - 0.3 - 0.2 * record.t)[read_there], 0.0, atol=near)
+        assert np.median(dq[read_there]) == pytest.approx(0.2, rel=0.01)
 
 
 @pytest.mark.parametrize("rest", [0.05, 0.1, 0.2, 0.3, 0.5])

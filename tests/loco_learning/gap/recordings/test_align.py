@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
+from loco_learning.gap import contents
 from loco_learning.gap.recordings import align
-from loco_learning.gap.recordings.record import HELD_OUT
+from loco_learning.gap.recordings.record import HELD_OUT, Doubt
 from loco_learning.gap.recordings.tracks import Track
 
 FINE = np.arange(41000) / 1e4  # times of a motion as it was [s]
@@ -248,3 +249,114 @@ def test_a_motion_that_is_late_small_or_noisy_follows(signals, hinge, change, la
         return change(track, x=x + 0.05 * rng.standard_normal(len(x)))
 
     assert align.record("run", signals(q=worse, dq=lambda k: None), hinge).warnings == ()
+
+
+def set_back(seconds, share=0.5):
+    """Change of a track: its clock was set back by some seconds at a share of it."""
+
+    def step(track):
+        t = track.t.copy()
+        t[int(share * len(t)) :] -= seconds
+        return type(track)(track.role, track.place, t, track.x, track.source)
+
+    return step
+
+
+@pytest.mark.parametrize(("seconds", "share"), [(0.05, 0.5), (1.0, 0.5), (0.025, 0.3), (2.4, 0.6)])
+def test_a_clock_set_back_cuts_the_record_and_nothing_is_mixed_or_lost(
+    signals, hinge, seconds, share
+):
+    whole = align.record("run", signals(), hinge).signals["q"][:, 0]
+    back = set_back(seconds, share)
+    parts = align.records("run", signals(q=back, dq=back, command_position=back), hinge)
+    assert [part.name for part in parts] == ["run part 1", "run part 2"]
+    assert np.array_equal(np.concatenate([part.signals["q"][:, 0] for part in parts]), whole)
+    row = int(share * len(whole))
+    words = f"jumps back by {seconds - 0.01:.6g} s at row {row}: cut there"
+    assert all(told(part, words) for part in parts)
+
+
+def test_a_clock_set_back_while_one_signal_rests_cuts_that_too(signals, hinge):
+    back = set_back(0.3)
+    tracks = [back(track) for track in signals(command_position=0.0)]
+    assert len(align.records("run", tracks, hinge)) == 2
+
+
+def test_a_slow_signal_is_cut_with_the_fast_ones_and_one_of_another_clock_is_refused(
+    signals, hinge, change
+):
+    back = set_back(0.05)
+
+    def slow(track):  # 5 Hz, of which no two stamps are in the wrong order
+        later = back(track)
+        return change(later, t=later.t[10::20], x=later.x[10::20])
+
+    tracks = signals(q=back, command_position=back, dq=slow)
+    parts = align.records("run", tracks, hinge)
+    assert [int(np.isfinite(part.signals["dq"]).sum()) for part in parts] == [10, 10]
+    with pytest.raises(ParameterError, match="q of hinge jumps back by 0.04.*that of .* does not"):
+        align.records("run", signals(q=back), hinge)
+    with pytest.raises(ParameterError, match=r"back by 0.04 s at row 200.*rows: \[first, stop\]"):
+        align.record("run", [back(track) for track in signals()], hinge)
+
+
+def test_readings_that_came_late_are_sorted_wherever_they_belong(signals, hinge):
+    right = align.record("run", signals(), hinge).signals["q"]
+    single, block = np.arange(400), np.arange(400)
+    single[100:107] = [*range(101, 107), 100]
+    block[100:140] = [*range(120, 140), *range(100, 120)]
+    for order in (single, block):
+        tracks = [type(k)(k.role, k.place, k.t[order], k.x[order], k.source) for k in signals()]
+        (made,) = align.records("run", tracks, hinge)
+        assert np.array_equal(made.signals["q"], right) and told(made, "were sorted: 1 times")
+
+
+@pytest.mark.parametrize("pause", [0.2, 0.51, 3.0])
+def test_a_pause_of_all_signals_is_a_cut_and_said_with_row_and_size(signals, hinge, change, pause):
+    def stopped(track):
+        return change(track, t=np.where(np.arange(400) < 170, track.t, track.t + pause))
+
+    whole = align.record("run", signals(), hinge).signals["q"][:, 0]
+    tracks = signals(q=stopped, dq=stopped, command_position=stopped)
+    parts = align.records("run", tracks, hinge)
+    assert [part.name for part in parts] == ["run part 1", "run part 2"]
+    assert np.array_equal(np.concatenate([part.signals["q"][:, 0] for part in parts]), whole)
+    words = f"angles and commands pause for {pause + 0.01:.6g} s at row 170 of q of hinge: cut"
+    assert all(told(part, words) for part in parts)
+
+
+def test_a_pause_in_one_clock_alone_is_no_cut(signals, hinge, change):
+    """Commands that go on say what the drive did; those that are given now and then may rest."""
+
+    def stopped(track):
+        kept = (track.t < 1.5) | (track.t >= 2.1)
+        return change(track, t=track.t[kept], x=track.x[kept])
+
+    def rare(track):
+        return change(track, t=track.t[::70], x=track.x[::70])
+
+    for changes in ({"q": stopped, "dq": stopped}, {"command_position": stopped},
+                    {"q": stopped, "dq": stopped, "command_position": rare}):  # fmt: skip
+        assert len(align.records("run", signals(**changes), hinge)) == 1
+
+
+def test_a_short_part_before_a_pause_is_left_out_and_said(signals, hinge, change):
+    def stopped(track):
+        return change(track, t=np.where(np.arange(400) < 20, track.t, track.t + 1.0))
+
+    tracks = signals(q=stopped, dq=stopped, command_position=stopped)
+    (made,) = align.records("run", tracks, hinge)
+    assert len(made.t) == 380 and told(made, "part 1 has 20 readings, fewer than 50")
+
+
+def test_notes_that_can_look_like_a_gap_are_told_from_those_that_cannot(signals, hinge, change):
+    def late(track):
+        arrived = track.t + 0.003 * np.random.default_rng(1).random(400)
+        return change(track, t=arrived, x=np.round(track.x, 3))
+
+    made = align.record("run", signals(q=late, dq=lambda track: None), hinge)
+    (doubt,) = [note for note in made.notes if isinstance(note, Doubt)]
+    assert "were put back" in doubt and told(made, "is quantised")
+    twin = align.record("twin", signals(q=late, dq=lambda track: None), hinge)
+    assert contents.doubts([made, twin]) == [f"run, twin: {doubt}"]
+    assert contents.doubts([align.record("run", signals(), hinge)]) == []

@@ -141,6 +141,96 @@ def test_files_that_are_not_what_they_are_called(tmp_path, name, data):
     assert name in str(said.value) and "\n" not in str(said.value)
 
 
+STORAGE = b"(X\x07\0\0\0storagectorch\nFloatStorage\nX\x01\0\0\x000X\x03\0\0\0cpuK\x01tQ"
+TENSOR = b"ctorch._utils\n_rebuild_tensor_v2\n(" + STORAGE + b"K\0%b\x89)tR"
+MANY, ONE, NONE = b"J\0\0\0\x10\x85", b"K\x01\x85", b"K\0\x85"  # 2**28 rows; strides 1, 0
+SHORT = 10_000  # bytes of a file that once filled the memory, or took for ever
+
+
+def doubled(times):
+    """A tuple of two tuples of two tuples ..., each written once, as a key."""
+    return b"K\x01\x85q\0" + b"".join(b"h%c\x86q%c" % (k, k + 1) for k in range(times)) + b"K\x01"
+
+
+@pytest.mark.parametrize(
+    ("commands", "words"),
+    [
+        (b"}(" + doubled(60) + b"u.", "a key is no text"),
+        (b"}r\x03\0\0\x20.", "no samples"),  # the 536870915th value to remember
+        (b"}(X\x01\0\0\0q" + TENSOR % (MANY + NONE) + b"u.", "are unpacked of"),
+        (b"}(X\x01\0\0\0q" + TENSOR % (MANY + ONE) + b"u.", "reaches beyond its 2 numbers"),
+        (b"}(X\x01\0\0\0q" + TENSOR % (b"K\x01J\0\0\0\x01\x86" + b"K\0K\0\x86") + b"u.",
+         "are unpacked of|columns"),
+        (b"(cos\nsystem\nX\x01\0\0\0a\x85R.", "asks for 'os system'"),
+        (b"cos\nsystem\n(X\x01\0\0\0ao.", "command OBJ"),
+        (b"]q\0h\0a.", "dictionary of tensors"),  # a list of itself
+        (b"(" * 5000 + b"u.", "no file of tensors"),
+        (b"t" * 5000 + b".", "no file of tensors"),
+    ],
+)  # fmt: skip
+def test_commands_of_a_pickle_cost_no_more_than_their_bytes(tmp_path, commands, words):
+    path = tmp_path / "a.pt"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("a/data.pkl", b"\x80\x02" + commands)
+        file.writestr("a/data/0", b"\0" * 8)
+    assert path.stat().st_size < SHORT
+    with pytest.raises(LocoError, match=words) as said:
+        tables.read(path)
+    assert "\n" not in str(said.value)
+
+
+def test_a_tensor_of_a_thousand_names_is_counted_a_thousand_times(tmp_path):
+    """A row costs ten bytes, and filled a megabyte."""
+    rows = b"J\0\0\x02\0\x85" + ONE
+    one = b"X\x01\0\0\0a" + TENSOR % rows + b"q\x01"
+    more = b"".join(b"X\x03\0\0\0%03dh\x01" % k for k in range(1000))
+    with zipfile.ZipFile(tmp_path / "a.pt", "w") as file:
+        file.writestr("a/data.pkl", b"\x80\x02}(" + one + more + b"u.")
+        file.writestr("a/data/0", b"\0" * 2**19)
+    with pytest.raises(LocoError, match="unpacked it has 10496"):
+        tables.read(tmp_path / "a.pt")
+
+
+def test_a_table_has_no_million_columns(tmp_path):
+    rows = b"K\x01J\0\0\x02\0\x86" + b"K\x01K\x01\x86"
+    with zipfile.ZipFile(tmp_path / "a.pt", "w") as file:
+        file.writestr("a/data.pkl", b"\x80\x02}(X\x01\0\0\0a" + TENSOR % rows + b"u.")
+        file.writestr("a/data/0", b"\0" * 2**19)
+    with pytest.raises(LocoError, match="131072 columns, at most 10000"):
+        tables.read(tmp_path / "a.pt")
+
+
+def parquet_of(path, compression="zstd", **columns):
+    pa = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    pq.write_table(pa.table(columns), path, compression=compression, data_page_size=2**30)
+    return path
+
+
+def test_a_parquet_file_that_packs_gigabytes_is_refused(tmp_path):
+    path = parquet_of(tmp_path / "a.parquet", t=np.zeros(2**24))
+    with pytest.raises(LocoError, match="not a parquet file of numbers") as said:
+        tables.read(path)
+    assert "\n" not in str(said.value)
+    path = parquet_of(tmp_path / "b.parquet", t=np.zeros(2**20), task=["swing"] * 2**20)
+    assert list(tables.read(path).columns) == ["t"]  # the reader lives on, and skips texts
+
+
+@pytest.mark.parametrize("rows", [[[1.0], [1.0, 2.0]], [[1.0], None], [None, [1.0]]])
+def test_lists_that_differ_are_refused(tmp_path, rows):
+    with pytest.raises(LocoError, match="lists of q differ in length"):
+        tables.read(parquet_of(tmp_path / "a.parquet", q=rows))
+
+
+@pytest.mark.parametrize("info", ["[]", "3", '{"features": [1]}', '{"features": {"a": 1}}', "[" * 99])
+def test_a_description_that_is_none_is_one_line(tmp_path, info):
+    path = parquet_of(tmp_path / "a.parquet", t=np.arange(3.0))
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text(info)
+    with pytest.raises(LocoError, match="info.json"):
+        tables.read(path)
+
+
 def sage(folder):
     """Logs of SAGE from a real robot: cells with lists, times in microseconds."""
     head = "type,timestamp,positions,velocities,torques\n"
@@ -175,7 +265,7 @@ def test_cells_whose_lists_differ(tmp_path):
     file = sage(tmp_path) / "state_motor.csv"
     file.write_text(file.read_text().replace('"[1.0, 2.0, 3.0]"', '"[1.0]"', 1))
     with pytest.raises(LocoError, match="'torques' lists 3 numbers in row 1, 1 before"):
-        tables.read(file)
+        tables.read(file).column("torques[0]")
 
 
 def test_patterns_name_a_column_for_each_joint(tmp_path):

@@ -109,6 +109,42 @@ def test_each_file_is_a_record(folder, hinge):
     assert [r.name for r in load(folder / "b.csv", hinge, folder)] == ["b"]
 
 
+def test_an_empty_cell_is_no_reading(tmp_path, hinge):
+    t = np.arange(400) * 0.005
+    q, goal, tau = np.sin(5.0 * t), np.sin(5.0 * t + 0.1), 0.3 * np.cos(5.0 * t)
+    full = np.stack([t, q, goal, tau], axis=1).astype(object)
+    full[1::2, 1] = full[::2, 2] = ""  # two topics that speak in turn
+    full[np.arange(400) % 10 > 0, 3] = ""
+    lines = [",".join(str(cell) for cell in row) + ",walking" for row in full]
+    (tmp_path / "a.csv").write_text("\n".join(["t,q,goal,tau,state", *lines]))
+    rules = RULES + "  - {column: tau, role: tau, joint: hinge}\n"
+    (tmp_path / mapping.FILE).write_text(rules)
+    (made,) = load(tmp_path, hinge)
+    assert 1.0 / made.dt == pytest.approx(100.0)
+    at = made.t + 0.01  # the first command
+    assert np.allclose(made.signals["q"][:, 0], np.interp(at, t[::2], q[::2]), atol=1e-9)
+    known = np.isfinite(made.signals["tau"][:, 0])
+    assert known.sum() == 39  # the first came before the first command
+    words = "tau of hinge: 40 readings, each on its own stamp; 360 empty cells are none"
+    assert words in made.notes
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "cell", "why"),
+    [
+        (1, 7, "inf", "q of hinge has 1 values of 200 .* row 7"),
+        (0, 9, "", "q of hinge has 1 stamps of 200 .* row 9"),
+        (2, slice(None), "", "command_position of hinge has only NaN"),
+    ],
+)
+def test_a_cell_that_spoils_a_reading_is_refused(folder, hinge, column, row, cell, why):
+    rows = np.array([line.split(",") for line in (folder / "a.csv").read_text().split()], object)
+    rows[1:][row, column] = cell
+    (folder / "a.csv").write_text("\n".join(",".join(line) for line in rows))
+    with pytest.raises(LocoError, match=why):
+        load(folder / "a.csv", hinge, folder)
+
+
 def test_rules_cut_and_choose(folder, hinge):
     (folder / mapping.FILE).write_text(
         RULES

@@ -110,4 +110,7 @@ def test_a_rest_before_a_record_holds_its_first_command_and_positions():
     assert np.all(part.signals["q"][:21] == 0.0) and np.all(part.signals["q"][21] == 1.0)
     assert np.all(part.signals["dq"][:20] == 0.0) and np.all(part.signals["dq"][20:] == 1.0)
     assert np.all(np.isnan(part.signals["tau"][:20]))
+    for signal in ("q", "dq", "tau"):  # the rest is for the model alone
+        read = np.isfinite(part.read_of(ROBOT, signal))
+        assert not read[:20].any() and read[20:].all()
     assert np.all(signals["q"] == rows) and record().rested(0.0).t[-1] == record().t[-1]

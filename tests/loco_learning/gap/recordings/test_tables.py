@@ -3,6 +3,7 @@
 
 import gzip
 import json
+import re
 
 import numpy as np
 import pytest
@@ -59,12 +60,27 @@ def test_nested_samples_have_dotted_names(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("cells", "asked", "why"),
+    [
+        (("high", "low"), "state", "column 'state' has 'high' in row 0"),
+        (("1.0", "2026-11-27 10:00:00"), "state", "has '2026-11-27 10:00:00' in row 1"),
+        (('"[1, 2]"', '"[1]"'), "state[0]", "'state' lists 1 numbers in row 1, 2 before"),
+    ],
+)
+def test_a_column_of_texts_is_in_nobodys_way_until_it_is_asked_for(tmp_path, cells, asked, why):
+    rows = "".join(f"{i},{cell},{2 * i}\n" for i, cell in enumerate(cells))
+    table = tables.read(written(tmp_path, "a.csv", f"t,state,q\n{rows}"))
+    assert table.column("q").tolist() == [0.0, 2.0]
+    with pytest.raises(ParameterError, match=re.escape(why)):
+        table.column(asked)
+
+
+@pytest.mark.parametrize(
     ("name", "text", "said"),
     [
         ("a.csv", "", "empty"),
         ("a.csv", "t,q\n", "no samples"),
         ("a.csv", "0.0,1.5\n0.1,2.5\n", "no header line"),
-        ("a.csv", "t,q\n0.0,high\n", "column 'q' has 'high' in row 0"),
         ("a.csv", "t,q\n0.0,1.0,2.0\n", "line 2: 3 fields under 2"),
         ("a.csv", "q,q\n0.0,1.0\n", "two columns named 'q'"),
         ("a.json", "{", "not JSON"),

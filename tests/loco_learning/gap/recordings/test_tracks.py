@@ -94,3 +94,24 @@ def test_a_sliding_joint_is_measured_in_metres(one_joint):
     assert np.allclose(found.x, 0.005)
     with pytest.raises(ParameterError, match="sliding joint"):
         read(slide, "{column: a, role: q, joint: hinge, unit: deg}", a=np.zeros(6))
+
+
+class Hand:
+    """A robot of whose joints one follows another."""
+
+    joints, followers = ("a", "b"), {"b": ("a", -2.0, 0.5)}
+
+
+@pytest.mark.parametrize("own", [(), ("command_position",), ("q", "command_position")])
+def test_a_joint_that_follows_another_is_made_from_it_where_nobody_recorded_it(own):
+    roles = ("q", "dq", "tau", "command_position", "command_velocity")
+    given = [tracks.Track(role, "a", T, 0.1 * T, "topic") for role in roles]
+    given += [tracks.Track(role, "b", T, 0.0 * T, "other") for role in own]
+    notes = []
+    made = tracks.followed(given, Hand(), notes)[len(given) :]
+    assert {t.role for t in made} == set(roles) - {"tau", *own}
+    assert bool(notes) == ("q" not in own)
+    for track in made:
+        shift = 0.5 if track.role in ("q", "command_position") else 0.0
+        assert track.place == "b"
+        np.testing.assert_allclose(track.x, -0.2 * T + shift)

@@ -139,6 +139,15 @@ def test_closed_share():
     assert evidence.closed(10.0, 0.9) == 1.0
     assert evidence.closed(10.0, 20.0) < 0.0
     assert evidence.closed(1.0, 0.9) == 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 1.0])
+def test_what_is_closed_is_the_same_whether_rms_or_residuals_tell_it(share):
+    """A share of the rms above noise: noise itself cannot be closed."""
+    signs = np.where(np.arange(400) % 2, 1.0, -1.0)[:, None]
+    before, after = np.sqrt(1.0 + np.square([40.0, 40.0 * (1.0 - share)]))
+    assert evidence.closed(before, after) == pytest.approx(share)
+    assert evidence.closed_by([before * signs], [after * signs]) == pytest.approx(share)
     assert evidence.rms([np.array([[3.0, np.nan]]), np.array([[4.0, 4.0]])]) ** 2 == pytest.approx(
         41.0 / 3.0
     )

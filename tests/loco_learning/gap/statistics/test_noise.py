@@ -36,6 +36,48 @@ def test_a_quantised_channel_has_at_least_the_noise_of_its_step():
     assert noise.floor([x[:, None]], step)[0] >= step / np.sqrt(12)
 
 
+MIXING = 1.732  # [Hz], no period is a whole number of samples: no rounding repeats
+
+
+def rounded(hertz: float, ratio: float, step: float, seed: int) -> np.ndarray:
+    """Readings of a motion with noise of so many steps, (T,)."""
+    noisy = motion(hertz) + ratio * step * np.random.default_rng(seed).normal(size=len(T))
+    return step * np.round(noisy / step)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("ratio", [0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.5, 3.0])
+def test_the_floor_of_rounded_readings_is_that_of_noise_and_rounding(ratio, seed):
+    """The motion passes several steps between samples: errors of rounding are white."""
+    step = 2e-3
+    truth = step * np.hypot(ratio, 1.0 / np.sqrt(12.0))
+    x = rounded(MIXING, ratio, step, seed)
+    assert noise.floor([x[:, None]], step)[0] == pytest.approx(truth, rel=0.06)
+
+
+@pytest.mark.parametrize("hertz", [0.0, 0.2])
+@pytest.mark.parametrize("ratio", [0.5, 0.65, 0.8, 1.0, 3.0])
+def test_noise_of_half_a_step_is_its_own_dither_where_a_robot_hardly_moves(ratio, hertz):
+    step = 0.05
+    truth = step * np.hypot(ratio, 1.0 / np.sqrt(12.0))
+    x = rounded(hertz, ratio, step, 2)
+    assert noise.floor([x[:, None]], step)[0] == pytest.approx(truth, rel=0.06)
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.8, 3.0])
+def test_shocks_do_not_raise_the_floor_of_rounded_readings(ratio):
+    step = 2e-3
+    truth = step * np.hypot(ratio, 1.0 / np.sqrt(12.0))
+    x = rounded(MIXING, ratio, step, 5)
+    x[::100] += step * np.round(np.random.default_rng(6).normal(size=len(T) // 100) / step)
+    assert noise.floor([x[:, None]], step)[0] == pytest.approx(truth, rel=0.35)  # as unrounded
+
+
+def test_the_floor_of_rounded_readings_does_not_depend_on_the_order_of_records():
+    records = [rounded(MIXING, 0.4, 2e-3, seed)[:, None] for seed in range(2)]
+    assert noise.floor(records, 2e-3) == noise.floor(records[::-1], 2e-3)
+
+
 def test_without_noise_a_share_of_the_motion_remains():
     x = motion(1.0)
     assert noise.floor([x[:, None]])[0] == pytest.approx(noise.RELATIVE * x.std())

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -47,11 +48,11 @@ def test_all_rules_kept_gives_the_name():
     [
         ({"gain": dataclasses.replace(STRONG, low=-1.0)}, "chance"),
         ({"gain": dataclasses.replace(STRONG, blocks_improved=0.6)}, "blocks"),
-        ({"closed": 0.2}, "closes only"),
+        ({"closed": 0.1}, "closes only"),
         ({"estimates": (dataclasses.replace(FRICTION, low=-0.1),)}, "absent"),
         ({"estimates": (dataclasses.replace(FRICTION, value=5.0),)}, "bound"),
         ({"estimates": (dataclasses.replace(FRICTION, value=-0.4, least=-9),)}, "not physical"),
-        ({"estimates": (dataclasses.replace(FRICTION, high=np.inf),)}, "no interval"),
+        ({"estimates": (dataclasses.replace(FRICTION, low=-9.0, high=np.inf),)}, "no interval"),
         ({"estimates": (dataclasses.replace(FRICTION, spread=0.2),)}, "parts of the data"),
     ],
 )
@@ -180,7 +181,7 @@ def test_a_law_on_the_bound_of_its_shape_is_no_rival():
 
 
 def test_what_needs_an_effect_beside_it_that_is_not_established_gets_no_name():
-    shaky = dataclasses.replace(GOOD, name="offset", closed=0.2)
+    shaky = dataclasses.replace(GOOD, name="offset", closed=0.1)
     assert verdict(GOOD, dataclasses.replace(GOOD, name="spring")).verdict == NAMED
     found = verdict(GOOD, shaky)
     assert (found.verdict, found.names, found.adequate) == (UNKNOWN, (), True)
@@ -210,11 +211,11 @@ def test_late_sensors_of_one_signal_are_told_from_a_late_command():
 def test_what_closes_most_of_the_gap_is_named_while_more_is_missing():
     found = verdict(GOOD, after=score(4.0))
     assert (found.verdict, found.names, found.adequate) == (MORE, ("friction",), False)
-    assert "(85% closed); more is missing: 3.96 are left where most is" in found.evidence
+    assert "(61% closed); more is missing: 3.96 are left where most is" in found.evidence
     assert verdict(GOOD, after=score(6.0)).verdict == UNKNOWN  # too little of it
     unsure = dataclasses.replace(GOOD, rivals=(Rival("backlash", "knee", CLOSE),))
     assert verdict(unsure, after=score(4.0)).verdict == AMBIGUOUS
-    weak = dataclasses.replace(GOOD, closed=0.2)
+    weak = dataclasses.replace(GOOD, closed=0.1)
     assert verdict(GOOD, weak, after=score(4.0)).verdict == UNKNOWN
 
 
@@ -309,8 +310,16 @@ def test_a_spread_is_weighed_against_the_way_from_where_the_effect_is_absent():
     assert decide.alarms(dataclasses.replace(GOOD, estimates=(near, shape))) == ()
 
 
+@pytest.mark.parametrize(("unit", "told"), [("N·m", 0), ("rad", 1)])
+def test_a_part_near_nothing_is_weighed_against_the_whole_vector(unit, told):
+    """The cosine of a ripple that is a sine; but what has another unit is no part of it."""
+    sine = Estimate("sine", 0.05, 0.049, 0.051, "N·m")
+    cosine = Estimate("cosine", -7e-5, -2e-4, 1e-4, unit, spread=1.6e-4)
+    assert len(decide.alarms(dataclasses.replace(GOOD, estimates=(sine, cosine)))) == told
+
+
 def test_a_strength_must_be_known_and_a_shape_or_a_second_one_need_not():
-    open_end = dataclasses.replace(FRICTION, high=np.inf)
+    open_end = dataclasses.replace(FRICTION, low=-9.0, high=np.inf)
     shape = Estimate("speed", 0.1, -np.inf, np.inf, absent=None)
     known = dataclasses.replace(FRICTION, name="other")
     for estimates, count in (((open_end, shape), 2), ((open_end, known), 0), ((known, shape), 0)):
@@ -338,3 +347,27 @@ def test_a_gap_that_is_none_or_a_trifle_leaves_a_model_that_explains_the_data():
     assert verdict(GOOD, before=AFTER).adequate
     slight = verdict(dataclasses.replace(GOOD, trifle=True), before=score(2.0))
     assert slight.verdict == NO_GAP and slight.adequate
+
+
+@pytest.mark.parametrize(("before", "after"), [(61.0, 132.0), (61.0, 61.0), (2.0, 3.0)])
+def test_a_try_that_is_no_better_is_no_answer(before, after):
+    said = decide._summary(UNKNOWN, (), after, before, after, 0.0)
+    assert f"{after:.3g}" not in said.replace(f"{before:.3g}", "") and "or lowers it" in said
+
+
+def test_a_try_that_is_better_is_told():
+    assert "the best try leaves 12" in decide._summary(UNKNOWN, (), 12.0, 61.0, 12.0, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "known"),
+    [(2.0, math.inf, True), (0.0, math.inf, False), (-math.inf, math.inf, False),
+     (-math.inf, -1.0, True)],
+)  # fmt: skip
+def test_a_strength_without_one_end_has_a_size_where_nothing_is_outside(low, high, known):
+    """A stop that is harder than can be seen was unknown at 94 % closed."""
+    value = 5.0 if low > -math.inf or high > 0.0 else -5.0
+    stop = Estimate("stiffness", value, low, high, "N·m/rad")
+    lines = decide.alarms(dataclasses.replace(GOOD, name="end_stop", estimates=(stop,)))
+    assert any("has no interval" in line for line in lines) is not known
+    assert stop.excludes_absent is known

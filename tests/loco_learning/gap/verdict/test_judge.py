@@ -6,9 +6,11 @@ from types import SimpleNamespace as Some
 import numpy as np
 import pytest
 
+from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.hypotheses.families import families
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import judge
 from loco_learning.gap.verdict.candidates import Estimate
 from loco_learning.gap.verdict.decide import LIMITS, NAMED, UNKNOWN
@@ -253,3 +255,68 @@ def test_only_a_few_rivals_are_tried(rivals):
     rows = [(key, 1.0, 1.0) for key in "abcdefghijkl"]
     found, tried = rivals(rows, l=NAMED)
     assert found is None and len(tried) == judge.INSTEAD
+
+
+ROWS = 4000
+
+
+def fitted(*effects, level, seed=7):
+    """A model with effects that leaves noise, and a slow error so that its rms is `level`."""
+    rng = np.random.default_rng(seed)
+    slow = np.sin(np.arange(ROWS) / 9.0 + np.cumsum(rng.standard_normal(ROWS)) / 30.0)
+    left = rng.standard_normal(ROWS) + np.sqrt(2.0 * (level**2 - 1.0)) * slow
+    size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, strength=True)
+    parts = tuple((Hypothesis(name, "knee", (), (size,)), (1.0,)) for name in effects)
+    score = evidence.score([left[:, None]])
+    return Fitted(parts, {}, score.rms, score, (left[:, None],), 0.0)
+
+
+@pytest.fixture
+def weighing():
+    """A judgement about a gap of so many floors, that gives models without one effect."""
+
+    def make(gap, without=None, enough=1.0):
+        judging = Judgement()
+        base = fitted(level=gap)
+        judging.found = Some(base=base, given=base, models=[base])
+        judging.search = Some(energy=lambda m: m.held.rms, params=Some(finalists=4))
+        judging.seed, judging.enough = 0, np.array([enough])
+        judging._without = lambda best, index: without if len(best.parts) > 1 else base
+        return judging
+
+    return make
+
+
+DRY, BOTH = ("coulomb_friction",), ("coulomb_friction", "viscous_friction")
+
+
+@pytest.mark.parametrize(("gap", "left"), [(54.0, 5.0), (20.0, 1.6), (200.0, 3.0)])
+def test_an_effect_without_which_more_than_noise_is_left_is_never_dropped(weighing, gap, left):
+    """Dry friction alone, 1.75 times too large: most of a large gap was closed without viscous."""
+    alone, both = fitted(*DRY, level=left), fitted(*BOTH, level=1.0)
+    judging = weighing(gap, alone)
+    assert judging.beats(both, alone, LIMITS)
+    best, lost = judging._pruned(both, LIMITS)
+    assert best is both and lost == [alone, alone]
+
+
+@pytest.mark.parametrize("gap", [8.0, 54.0])
+def test_an_effect_without_which_noise_alone_is_left_is_dropped(weighing, gap):
+    alone, both = fitted(*DRY, level=1.02), fitted(*BOTH, level=1.0)
+    assert weighing(gap, alone)._pruned(both, LIMITS)[0] is alone
+
+
+def test_an_error_within_the_accuracy_that_was_asked_for_needs_no_effect_more(weighing):
+    alone, both = fitted(*DRY, level=5.0), fitted(*BOTH, level=4.0)
+    assert not weighing(54.0, enough=6.0).beats(both, alone, LIMITS)
+    assert weighing(54.0, enough=2.0).beats(both, alone, LIMITS)
+
+
+@pytest.mark.parametrize(("left", "needed"), [(2.0, True), (1.1, False)])
+def test_where_odds_are_even_held_out_data_decide(weighing, monkeypatch, left, needed):
+    """A joint of a family, or an effect: what is worse without it stays."""
+    judging = weighing(54.0)
+    monkeypatch.setattr(judging, "beats", lambda a, b, limits: False)
+    alone, both = fitted(*DRY, level=left), fitted(*BOTH, level=1.0)
+    assert judging._needs(both, alone, LIMITS) is needed
+    assert not judging._needs(both, fitted(*DRY, level=1.0), LIMITS)

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict.decide import LIMITS, has_gap
 from loco_learning.gap.verdict.leftover import adequate, explained
 
@@ -32,7 +33,14 @@ def test_the_shorter_a_record_the_more_may_be_chance():
 
 
 def test_most_of_a_large_gap_closed_is_explained():
-    assert adequate([record(30.0, 1.0)], [record(5.0, 1.0)], LIMITS)
+    assert adequate([record(30.0, 1.0)], [record(3.0, 1.0)], LIMITS)
+
+
+@pytest.mark.parametrize(("before", "after"), [(109.5, 24.5), (58.0, 8.2), (30.0, 5.0)])
+def test_a_tenth_of_the_rms_is_what_may_be_left_not_a_third_of_it(before, after):
+    """Names stood alone with 24.5 and 8.2 floors left: 90 % were of the energy."""
+    assert evidence.closed(before, after) < 0.9
+    assert not adequate([record(before, 1.0)], [record(after, 1.0)], LIMITS)
 
 
 def test_a_channel_that_is_half_explained_is_not():

@@ -94,7 +94,7 @@ def test_loud_records_judge_and_floors_shrink_what_is_left(table, monkeypatch):
     assert lower.setting == "0.5 times as high" and higher.setting == "2 times as high"
     assert {r.names for r in rows} == {(RUBS,)}
     # Noise is twice its floor, then half of it; the gap is 6.75 times the energy of noise.
-    assert lower.closed == pytest.approx(1.0 - 3.0 / (4.0 * 7.75 - 1.0), abs=0.01)
+    assert lower.closed == pytest.approx(1.0 - np.sqrt(3.0 / (4.0 * 7.75 - 1.0)), abs=0.01)
     assert higher.closed == 1.0
 
 

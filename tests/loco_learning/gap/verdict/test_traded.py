@@ -9,6 +9,7 @@ import pytest
 
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_learning.gap.prediction.loose import MOST, Loose
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import traded
 from loco_learning.gap.verdict.decide import LIMITS
@@ -104,7 +105,10 @@ KNOWN = {"kp": (100.0, 2.0), "mass": (1.0, 0.02), "inertia": (0.01, 0.0004), "kd
 def loose(**deviations: float) -> tuple[SimpleNamespace, Fitted]:
     """Case of which those values are known, and a model that has them so many deviations off."""
     nominal, spread = zip(*KNOWN.values(), strict=True)
-    case = SimpleNamespace(loose=SimpleNamespace(names=[*KNOWN], nominal=nominal, spread=spread))
+    count = len(KNOWN)
+    case = SimpleNamespace(loose=near(np.zeros((50, 1, count)), count))
+    known = {"names": (*KNOWN,), "nominal": np.array(nominal), "spread": np.array(spread)}
+    case.loose = replace(case.loose, **known)
     values = {n: at + deviations.get(n, 0.0) * dev for n, (at, dev) in KNOWN.items()}
     return case, replace(model("coulomb_friction", 10.0), overrides={}, loose=values)
 
@@ -136,3 +140,67 @@ def test_where_nothing_is_far_the_furthest_is_told_unless_a_free_value_changed()
     assert traded.little_off(case, replace(near, overrides={SPEED: 11.0})) == []
     assert traded.little_off(SimpleNamespace(loose=None), near) == []
     assert traded.strayed(SimpleNamespace(loose=None), near, LIMITS) == ()
+
+
+def near(columns, count, most=MOST):
+    """Values a0, a1 ... with nominal 1 and deviation 0.02, and what they do, (T, 1, V)."""
+    names, one = tuple(f"bodies.a{k}.inertia" for k in range(count)), np.ones(count)
+    legal = np.array([[1e-3, 1e3]] * count)
+    rows = (np.ones(len(columns), dtype=bool),)
+    return Loose(
+        names, one, 0.02 * one, legal, np.arange(count), (columns,), np.ones(1), rows, (~rows[0],),
+        most, 0.0 * one, one < 0.0,
+    )  # fmt: skip
+
+
+def refitted(by, columns=None):
+    """A case with so many values, and a model that has them at deviations."""
+    by = np.array(by)
+    columns = np.zeros((50, 1, len(by))) if columns is None else columns
+    loose = near(columns, len(by))
+    one = replace(model("viscous_friction", 10.0), overrides={}, loose=loose.values(by))
+    return SimpleNamespace(loose=loose), one
+
+
+def names(count, first=0):
+    return {f"bodies.a{k}.inertia" for k in range(first, count)}
+
+
+@pytest.mark.parametrize(
+    ("on", "of", "told"),
+    [(14, 36, True), (1, 36, False), (2, 4, True), (0, 9, False), (1, 8, False)],
+)
+def test_many_values_on_their_bounds_are_one_line(on, of, told):
+    """Fourteen of thirty-six: what the model lacks is imitated by its links."""
+    sides = [MOST * (-1.0) ** k for k in range(on)]
+    case, one = refitted([*sides, *(0.3 for _ in range(of - on))])
+    text = traded.crowded(case, one)
+    assert text.startswith(f"{on} of {of} values on their bound") == told == bool(text)
+    found = traded.strayed(case, one, LIMITS)
+    assert len(found) == (1 if told else on)
+
+
+def test_a_value_on_its_bound_or_within_chance_stays_as_it_was():
+    """An inertia went 10 % off beside a right name, and another one by what noise makes."""
+    rng = np.random.default_rng(4)
+    columns = 5.0 * rng.standard_normal((50, 1, 3))
+    columns[..., 2] *= 1e-3  # nothing shows it
+    case, one = refitted([MOST, -1.5, 1.0], columns)
+    assert set(traded.put_right(case, one)) == {"bodies.a1.inertia"}
+    assert traded.put_right(case, one)["bodies.a1.inertia"] == pytest.approx(0.97)
+
+
+@pytest.mark.parametrize("size", [5.0, 0.01])
+def test_values_that_make_up_for_each_other_go_together_or_stay_together(size):
+    """Twice the mass under twice the gain is the same motion: neither alone may be put back."""
+    both = size * np.random.default_rng(5).standard_normal((50, 1, 1))
+    case, one = refitted([0.7, -0.6], np.concatenate([both, 0.9 * both], axis=2))
+    assert set(traded.put_right(case, one)) == (names(2) if size > 1.0 else set())
+
+
+def test_what_was_not_refitted_or_was_asked_for_is_written_as_it_is():
+    case, one = refitted([0.0, 0.0])
+    asked = replace(one, overrides={SPEED: 12.0}, loose={})
+    assert traded.put_right(case, asked) == {SPEED: 12.0}
+    assert traded.put_right(SimpleNamespace(loose=None), asked) == {SPEED: 12.0}
+    assert traded.crowded(case, asked) == ""

@@ -20,6 +20,7 @@ from loco_control.exceptions import BagError, ParameterError
 from loco_control.files import whole_folder
 from loco_control.reading import within
 
+from .foreign.opening import open_bag
 from .reader import Bag
 
 FORMATS = ("npz", "csv")
@@ -50,7 +51,7 @@ def export(
     """
     if form not in FORMATS:
         raise ParameterError(f"format must be one of {', '.join(FORMATS)}, got {form!r}")
-    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    bag = bag if isinstance(bag, Bag) else open_bag(bag)
     folder = Path(out) if out else bag.folder / "export"
     names = [bag.resolve(t) for t in topics] if topics else sorted(bag.topics)
     names = [name for name in names if bag.topics[name].count]

@@ -14,11 +14,11 @@ import zstandard
 from numba import njit
 
 from loco_control.exceptions import BagError
+from loco_control.packed import check_room
 
 from .mcap_scan import Piece
 
 _HEAD = struct.Struct("<QQQI")  # start and end time [ns], unpacked size, CRC
-_MAX_SIZE = 1 << 31  # an unpacked chunk beyond 2 GiB is a damaged length
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("publish", "<i8")])
 
 
@@ -65,11 +65,12 @@ def unpack(data: bytes, piece: Piece) -> bytes:
 
 
 def _unpacked(head: ChunkHead, packed: bytes) -> bytes:
-    if head.size > _MAX_SIZE:
-        raise BagError(f"chunk says it has {head.size} bytes; at most {_MAX_SIZE} are believed")
     if head.compression == "":
         return bytes(packed)
+    check_room(head.size, len(packed))
     if head.compression == "lz4":
+        if lz4.frame.get_frame_info(packed)["content_size"] not in (0, head.size):
+            raise BagError("its length is wrong")
         return lz4.frame.decompress(packed)
     if head.compression == "zstd":
         size = zstandard.get_frame_parameters(packed).content_size

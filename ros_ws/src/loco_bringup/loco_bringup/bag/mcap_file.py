@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statisti
 
 from loco_control.exceptions import BagError
 
+from .foreign.packing import is_packed, unpacked
 from .mcap_chunk import Records, unpack
 from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
 
@@ -43,6 +44,9 @@ class Mcap:
     """
 
     def __init__(self, path: Path):
+        if is_packed(path):
+            self.data = unpacked(path)
+            return
         with open(path, "rb") as stream:
             full = path.stat().st_size > 0
             self.data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if full else b""

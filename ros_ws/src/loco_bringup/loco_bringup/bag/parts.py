@@ -8,19 +8,45 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from mcap.records import Attachment, Channel, Schema, Statistics
 
+from loco_control.checks import check_file
 from loco_control.exceptions import BagError, LocoError, MissingFileError
-from loco_control.reading import read_yaml
+from loco_control.reading import read_yaml, understood
 
+from .foreign.packing import plain_name, without_twins
 from .mcap_chunk import Records
 from .mcap_file import McapFile, Summary
 
-_NAME = re.compile(r"(.+)_(\d+)\.mcap")
+_NAME = re.compile(r"(.+)_(\d+)\.mcap(?:\.zstd|\.zst|\.lz4)?")
 _OPEN = 8  # files of one bag that are open at a time
+
+
+class FileRow(TypedDict, total=False):
+    """Entry of one file in ``metadata.yaml``."""
+
+    path: str
+    message_count: Any  # a recorder may state anything; the files count
+
+
+class Information(TypedDict, total=False):
+    """Keys of ``metadata.yaml`` that are read."""
+
+    relative_file_paths: list[str]
+    files: list[FileRow]
+    message_count: int
+    starting_time: dict[str, int]
+    duration: dict[str, int]
+    custom_data: dict[str, Any] | None
+
+
+class Metadata(TypedDict):
+    """Contents of ``metadata.yaml``."""
+
+    rosbag2_bagfile_information: Information
 
 
 class McapFiles:
@@ -118,6 +144,7 @@ class McapFiles:
         return values
 
 
+@understood("bag")
 def mcap_paths(path: Path) -> list[Path]:
     """The ``.mcap`` files of a bag folder in their order, or the file itself.
 
@@ -132,7 +159,11 @@ def mcap_paths(path: Path) -> list[Path]:
         return [path]
     files = numbered(path)
     stated = stated_counts(path)
-    names = None if stated is None else [*stated]
+    there = {file.name for file in files}
+    names = None
+    if stated is not None:  # somebody may have unpacked a file that was packed
+        twins = {name: plain_name(name) for name in stated}
+        names = [twin if twin in there else name for name, twin in twins.items()]
     if names is None:
         lacks = missing(files)
         names = [file.name for file in files]
@@ -143,12 +174,12 @@ def mcap_paths(path: Path) -> list[Path]:
                 f"{path}/metadata.yaml names {outside!r:.80}, which is not in its folder; "
                 f"`loco recover {path}` makes a bag of what is there"
             )
-        lacks = [name for name in names if name not in {file.name for file in files}]
+        lacks = [name for name in names if name not in there]
     if lacks:
         raise MissingFileError(
             f"{path} lacks {lacks[0]!r:.80}; `loco recover {path}` makes a bag of the rest"
         )
-    more = {file.name for file in files} - set(names)
+    more = there - set(names)
     if more:
         raise BagError(
             f"{path}/metadata.yaml does not name {min(more)}; `loco recover {path}` makes a bag "
@@ -163,7 +194,7 @@ def numbered(folder: Path) -> list[Path]:
     Raises:
         MissingFileError: It holds none, or files of several bags.
     """
-    files = sorted(path for path in folder.glob("*.mcap") if path.is_file())  # a FIFO has no end
+    files = without_twins(folder, ".mcap")
     if len(files) == 1:
         return files
     names = [_NAME.fullmatch(file.name) for file in files]
@@ -191,16 +222,24 @@ def stated_counts(folder: Path) -> dict[str, Any] | None:
     None for all if it is missing or names no file.
     """
     try:
-        information = read_yaml(folder / "metadata.yaml")["rosbag2_bagfile_information"]
-        names = information["relative_file_paths"]
-        counts: dict[str, Any] = {name: None for name in names if isinstance(name, str)}
-        whole = isinstance(names, list) and len(names) > 0
-    except (LocoError, TypeError, KeyError):
+        stated = information(folder)
+    except LocoError:
         return None
-    if not whole or not all(isinstance(name, str) for name in names):
-        return None
-    rows = information.get("files")
-    for row in rows if isinstance(rows, list) else []:
-        if isinstance(row, dict) and row.get("path") in names:
+    counts: dict[str, Any] = dict.fromkeys(stated.get("relative_file_paths", ()))
+    for row in stated.get("files", ()):
+        if row.get("path") in counts:
             counts[row["path"]] = row.get("message_count")
-    return counts
+    return counts or None
+
+
+def information(folder: Path) -> Information:
+    """Keys and values of the ``metadata.yaml`` of a bag.
+
+    Raises:
+        MissingFileError: The folder has none.
+        ParameterError: It is not YAML, or a key has a wrong value.
+    """
+    path = folder / "metadata.yaml"
+    content = read_yaml(path)
+    check_file(content, Metadata, path)
+    return content["rosbag2_bagfile_information"]

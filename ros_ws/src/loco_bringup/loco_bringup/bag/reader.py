@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import BagError, NameUnknownError, ParameterError
-from loco_control.reading import as_text, parse_yaml
+from loco_control.reading import as_text, parse_json, parse_yaml
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.plain import Message, deserialize, message_class
 
+from .foreign.packing import decoded, unpacker
+from .foreign.ros1_messages import ROS1, converter, kind_of
 from .mcap_chunk import Records, gather
 from .mcap_file import McapFile, of_channels
 from .parts import McapFiles, mcap_paths
@@ -43,11 +45,14 @@ class Bag:
         folder: Folder of the files.
         topics: Topics by name.
         channels: Numbers that the file uses for each topic.
+        form: Kind of the files, in words.
 
     Raises:
         MissingFileError: There is no such folder or file, or one of several is missing.
         BagError: A file is no complete MCAP file, or ``metadata.yaml`` names others.
     """
+
+    form = "MCAP"
 
     def __init__(self, path: str | Path):
         self.paths = mcap_paths(Path(path))
@@ -59,11 +64,13 @@ class Bag:
         counts = self.summary.statistics.channel_message_counts
         self.channels: dict[str, list[int]] = {}
         self._kinds: dict[str, type[Message]] = {}
+        self._decoders: dict[str, Callable[[bytes], bytes] | None] = {}
         self.topics: dict[str, TopicInfo] = {}
         for i, c in sorted(self.summary.channels.items()):
             self.channels.setdefault(c.topic, []).append(i)
             kind = self.summary.schemas[c.schema_id].name if c.schema_id else c.message_encoding
             count = sum(counts.get(k, 0) for k in self.channels[c.topic])
+            kind = kind_of(kind) if c.message_encoding == ROS1 else kind
             self.topics[c.topic] = TopicInfo(c.topic, kind, count)
 
     @property
@@ -94,6 +101,15 @@ class Bag:
                 return record.data
         raise NameUnknownError(f"attachment in {self.path.name}", name, names)
 
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the packages that recorded it, by name; none if it does not tell."""
+        try:
+            values = parse_json(self.metadata.get("versions", "{}"), "versions")
+        except ParameterError:
+            return {}
+        return {k: str(v) for k, v in values.items()} if isinstance(values, dict) else {}
+
     def yaml(self, name: str) -> Any:
         """Values of a YAML file inside the bag.
 
@@ -109,13 +125,53 @@ class Bag:
         return {record.name: len(record.data) for record in self.file.attachments()}
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
-        """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived."""
+        """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived.
+
+        Messages that were packed, or are of ROS 1, come as CDR.
+        """
+        name = self.resolve(topic)
         times, data = [np.empty(0, np.int64)], []
-        for records, rows in self._blocks(self.resolve(topic)):
+        for records, rows in self._blocks(name):
             times.append(records.times[rows])
             starts, stops = records.starts[rows].tolist(), records.stops[rows].tolist()
             data += [records.data[a:b] for a, b in zip(starts, stops, strict=True)]
-        return np.concatenate(times), data
+        return np.concatenate(times), decoded(data, self._decoder(name), self.path.name)
+
+    def check(self) -> None:
+        """Read everything, and check every sum.
+
+        Raises:
+            BagError: A chunk or an attachment is damaged.
+        """
+        for _ in self.file.blocks():
+            pass
+        list(self.file.attachments())
+
+    def _decoder(self, name: str) -> Callable[[bytes], bytes] | None:
+        """Function that makes CDR of what the file holds of a topic; None where it is CDR."""
+        if name not in self._decoders:
+            channel = self.summary.channels[self.channels[name][0]]
+            first = next((r.data[r.starts[i[0]] : r.stops[i[0]]] for r, i in self._blocks(name)
+                          if len(i)), b"")  # fmt: skip
+            unpack = unpacker(first)
+            if channel.message_encoding == ROS1:
+                convert, _ = self._of_ros1(name)
+                self._decoders[name] = convert if unpack is None else lambda d: convert(unpack(d))
+            else:
+                self._decoders[name] = unpack
+        return self._decoders[name]
+
+    @property
+    def coding(self) -> str:
+        """Coding of the messages in words; empty where they are plain CDR."""
+        if ROS1 in {c.message_encoding for c in self.summary.channels.values()}:
+            return "messages of ROS 1"
+        filled = [name for name, topic in self.topics.items() if topic.count]
+        return "each message packed" if any(map(self._decoder, filled)) else ""
+
+    def _of_ros1(self, name: str) -> tuple[Callable[[bytes], bytes], str]:
+        schema = self.summary.schemas[self.summary.channels[self.channels[name][0]].schema_id]
+        return converter(schema.name, schema.data.decode("utf-8", "replace"), str(self.path))
 
     def times(self, topic: str) -> np.ndarray:
         """Log times [ns] of a topic, shape (n,), as its messages arrived."""
@@ -147,6 +203,8 @@ class Bag:
             BagError: A topic is empty or its messages differ in layout.
         """
         names = {topic: self.resolve(topic) for topic in topics}
+        if any(self._decoder(name) for name in names.values()):
+            return {topic: records_from(self, name) for topic, name in names.items()}
         columns = {name: _Columns(self, name) for name in names.values()}
         for records in self.file.blocks():
             for name, column in columns.items():
@@ -181,6 +239,7 @@ class Bag:
             schema = self.summary.schemas.get(channel.schema_id)
             carried = schema is not None and schema.encoding == "ros2msg"
             text = schema.data.decode("utf-8", "replace") if carried else ""
+            text = self._of_ros1(name)[1] if channel.message_encoding == ROS1 else text
             self._kinds[name] = message_class(info.type, text)
         return self._kinds[name]
 
@@ -196,6 +255,25 @@ class Bag:
         if len(names) != 1:
             raise NameUnknownError(f"topic in {self.path.name}", topic, self.topics)
         return names[0]
+
+
+def records_from(bag: Bag, name: str) -> np.ndarray:
+    """Messages of a topic of constant layout as records, shape (n,), one by one.
+
+    Args:
+        bag: The recording.
+        name: Recorded name of the topic.
+
+    Raises:
+        BagError: The topic is empty or its messages differ in layout.
+    """
+    _, data = bag.raw(name)
+    if not data:
+        raise BagError(f"{bag.path.name} has no message on {name}")
+    if len({len(message) for message in data}) > 1:
+        raise BagError(f"{bag.path.name}: messages on {name} differ in layout")
+    codec = Codec(bag.message(name, data[0]), len(data[0]))
+    return np.frombuffer(b"".join(data), codec.dtype)
 
 
 class _Columns:

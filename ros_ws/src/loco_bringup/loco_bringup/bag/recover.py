@@ -6,18 +6,17 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from loco_control.exceptions import BagError, LocoError, MissingFileError, ParameterError
 from loco_control.files import whole_folder
-from loco_control.reading import parse_yaml, read_yaml
+from loco_control.reading import parse_yaml
 
 from . import progress as bag_progress
 from .mcap_chunk import Records
 from .mcap_file import McapFile
-from .parts import mcap_paths, missing, numbered
+from .parts import Information, information, mcap_paths, missing, numbered
 from .salvage import Salvager
 from .writer import LIBRARY, BagWriter
 
@@ -190,7 +189,8 @@ class _Copy:
         seconds = (spans[:, 1].max() - spans[:, 0].min()) / 1e9
         lost, lost_seconds = self._losses(int(spans[:, 0].min()), int(spans[:, 1].max()))
         several = len(self._files) > 1
-        notes = [f"{name!r:.80} is missing" for name in self._lacks]
+        notes = [*_unread_metadata(self._folder)]
+        notes += [f"{name!r:.80} is missing" for name in self._lacks]
         notes += [(f"{file.name}: " if several else "") + str(item)
                   for file, s in zip(self._files, self._salvagers, strict=True)
                   for item in s.found.lost]  # fmt: skip
@@ -255,18 +255,27 @@ def _lacking(files: list[Path]) -> list[str]:
     """Files that ``metadata.yaml`` names, or that lack in the series, and are not there."""
     named = _old_metadata(files).get("relative_file_paths", [])
     there = {file.name for file in files}
-    return [str(name) for name in dict.fromkeys([*named, *missing(files)]) if name not in there]
+    return [name for name in dict.fromkeys([*named, *missing(files)]) if name not in there]
 
 
-def _old_metadata(files: list[Path]) -> dict[str, Any]:
+def _old_metadata(files: list[Path]) -> Information:
     """Contents of ``metadata.yaml``; none if it cannot be read or is of other files."""
     try:
-        content = read_yaml(files[0].parent / "metadata.yaml")
-        information = content["rosbag2_bagfile_information"]
-        known = {file.name for file in files} <= set(information["relative_file_paths"])
-        return information if known else {}
-    except (LocoError, ValueError, TypeError, KeyError):
+        old = information(files[0].parent)
+    except LocoError:
         return {}
+    return old if {file.name for file in files} <= set(old.get("relative_file_paths", ())) else {}
+
+
+def _unread_metadata(folder: Path) -> list[str]:
+    """Why ``metadata.yaml`` tells nothing, if it is there and cannot be read."""
+    try:
+        information(folder)
+    except MissingFileError:
+        return []
+    except LocoError as error:
+        return [f"nothing is taken from {error}"]
+    return []
 
 
 def _profiles(text: str) -> list[dict]:

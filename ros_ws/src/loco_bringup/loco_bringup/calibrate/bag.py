@@ -37,7 +37,7 @@ def read_recording(
     bag = bag if isinstance(bag, Bag) else Bag(bag)
     prefix = f"/{namespace.strip('/')}/" if namespace else "/"
     if robot is not None and {prefix + ROBOT_STATE, prefix + MOTION} <= bag.topics.keys():
-        return _own(bag, prefix, robot, rate)
+        return _own_topics(bag, prefix, robot, rate)
     names = _topics(bag, namespace)
     return align(bag.folder.name, *(_joints(bag, name) for name in names), rate)
 
@@ -81,7 +81,7 @@ def _joints(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
     return t[order], q[order], names
 
 
-def _own(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
+def _own_topics(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
     """Joints in the robot's order; the trunk controller's torque and stance go with the command."""
     state, command = bag.records(prefix + ROBOT_STATE), bag.records(prefix + MOTION)
     count = len(robot.joints)
@@ -90,16 +90,16 @@ def _own(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
             f"{bag.path.name} has {state['q'].shape[1]} joints on {prefix}{ROBOT_STATE}, the robot "
             f"has {count}: another robot was measured (choose it with --robot)"
         )
-    others = {"velocity": command["dq"]}
+    remaining = {"velocity": command["dq"]}
     if prefix + TRUNK in bag.topics:
         trunk = bag.records(prefix + TRUNK)
         row = np.searchsorted(seconds(trunk, "stamp"), seconds(command, "stamp"), side="right") - 1
-        others |= {"torque": trunk["tau"][np.maximum(row, 0)]}
-        others |= {"stance": trunk["stance"][np.maximum(row, 0)]}
+        remaining |= {"torque": trunk["tau"][np.maximum(row, 0)]}
+        remaining |= {"stance": trunk["stance"][np.maximum(row, 0)]}
     return align(
         bag.folder.name,
         (seconds(state, "stamp"), state["q"], robot.joints),
         (seconds(command, "stamp"), command["q"], robot.joints),
         rate,
-        others,
+        remaining,
     )

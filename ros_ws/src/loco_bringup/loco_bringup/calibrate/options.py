@@ -15,7 +15,7 @@ def options(a: argparse.Namespace) -> CalibrationParams:
     Raises:
         LocoError: A value out of range, or a name that is not known.
     """
-    given = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
+    changes = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
     if a.generations is not None:
-        given["generations"] = a.generations
-    return from_dict(CalibrationParams, given, "calibrate")
+        changes["generations"] = a.generations
+    return from_dict(CalibrationParams, changes, "calibrate")

@@ -17,8 +17,7 @@ from loco_sim.plant.model import Model
 
 from ..page import html
 from ..page.html import document, part
-from ..page.plot import Line, Panel, Plot
-from ..report.joint_figures import short
+from ..page.plot import Line, Panel, Plot, short
 
 SURROGATE = (
     "SURROGATE: these recordings come from a simulated stand-in with effects that the model lacks, "
@@ -91,24 +90,26 @@ def periods(row: Comparison, result: Result) -> Plot:
     panels = []
     for j, joint in enumerate(result.joints):
         lines = []
-        for name, look in figures.LINES.items():
+        for name, style in figures.LINES.items():
             text = name if name != "robot" else "surrogate robot" if result.surrogate else "robot"
-            color = str(look["color"])
-            mean, spread = (np.degrees(row.curves[k][:, j]) for k in (name, f"{name}_spread"))
-            lines += [Line(text, mean + by * spread, color, 0.8, dashed=True) for by in (-1.0, 1.0)]
+            color = str(style["color"])
+            mean, deviation = (np.degrees(row.curves[k][:, j]) for k in (name, f"{name}_spread"))
+            lines += [
+                Line(text, mean + by * deviation, color, 0.8, dashed=True) for by in (-1.0, 1.0)
+            ]
             lines.append(Line(text, mean, color, 2.4 if name == "robot" else 1.6))
         panels.append(Panel(f"{short(joint)} [deg]", lines))
     return Plot(np.arange(count) / count * row.period, panels, axis="time in the period [s]")
 
 
 def _periods(result: Result) -> Markup:
-    shown = [html.paragraph(_PERIODS, soft=True)]
+    blocks = [html.paragraph(_PERIODS, soft=True)]
     for row in result.comparisons:
         text = f"{row.name}, {'fitted' if row.fitted else 'not fitted'}: {row.count} periods"
-        shown.append(html.figure(periods(row, result), f"Average period of {row.name}", text))
+        blocks.append(html.figure(periods(row, result), f"Average period of {row.name}", text))
         spectra = figures.spectra(row, result)
-        shown.append(html.figure(spectra, f"Spectra of {row.name}", _SPECTRA))
-    return html.join(shown)
+        blocks.append(html.figure(spectra, f"Spectra of {row.name}", _SPECTRA))
+    return html.join(blocks)
 
 
 def _bodies(result: Result) -> Markup:

@@ -82,16 +82,18 @@ def prepare(
     Raises:
         LocoError: Unknown robot, a bag that is not of use, a folder with other results.
     """
-    for what, value, least in (("seeds", seeds, 1), ("workers", workers, 0)):
-        if value < least:
-            raise ParameterError(f"{what} must be at least {least}, got {value}")
+    for what, value, minimum in (("seeds", seeds, 1), ("workers", workers, 0)):
+        if value < minimum:
+            raise ParameterError(f"{what} must be at least {minimum}, got {value}")
     options = options or CalibrationParams()
     base = models.load_any(robot)
     measured = base.make_robot()
     bags = [Bag(path) for path in (bag, *validate)]
     recordings = [read_recording(each, measured.control_rate, robot=measured) for each in bags]
-    for recording, chosen in zip(recordings, _options(options, len(recordings)), strict=True):
-        Reference(recording, base, chosen).check()
+    for recording, recording_options in zip(
+        recordings, _options(options, len(recordings)), strict=True
+    ):
+        Reference(recording, base, recording_options).check()
     folder = Path(folder or Path("results") / f"calibration_{recordings[0].name}")
     job = Job(
         str(robot), recordings[0], tuple(recordings[1:]), options,
@@ -103,10 +105,10 @@ def prepare(
     return job
 
 
-def calibrate(job: Job, tell: Tell | None = None) -> results.Result:
+def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
     """Search with every seed, compare the best body with all recordings, write everything."""
     _claim(job)
-    fits = [search(job, seed, tell) for seed in job.seeds]
+    fits = [search(job, seed, on_progress) for seed in job.seeds]
     best = min(fits, key=lambda fit: fit.error)
     reference = Reference(job.recording, models.load_any(job.robot), job.options)
     model = reference.with_body(best.values)
@@ -118,11 +120,11 @@ def calibrate(job: Job, tell: Tell | None = None) -> results.Result:
     return result
 
 
-def search(job: Job, seed: int, tell: Tell | None) -> Fit:
+def search(job: Job, seed: int, on_progress: Tell | None) -> Fit:
     """One search; what its folder records is not evaluated again."""
     calibration = Calibration(job.recording, job.robot, job.options.replace(seed=seed))
     return calibration.run(
-        lambda generation: tell(seed, generation) if tell else None,
+        lambda generation: on_progress(seed, generation) if on_progress else None,
         job.folder / f"seed_{seed}",
         job.workers,
         job.scheduler,
@@ -164,8 +166,8 @@ def _default(options: CalibrationParams) -> dict[str, float]:
 
 def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:
     """Settings for the fitted recording, then for validation: from first to last step."""
-    whole = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
-    return [options, *[whole] * (count - 1)]
+    long_options = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
+    return [options, *[long_options] * (count - 1)]
 
 
 # ---- the folder of results

@@ -35,17 +35,17 @@ def show_calibration(a: argparse.Namespace) -> int:
     job = runner.prepare(
         a.bag, a.robot, options(a), a.validate, a.seeds, a.out, a.workers, a.scheduler
     )
-    most = job.options.generations
+    max_generations = job.options.generations
     with bar("{task.completed}/{task.total} gen", "{task.fields[state]}") as progress:
         tasks, began = {}, {}
 
         def tell(seed: int, g: Generation) -> None:
             if seed not in tasks:
-                tasks[seed] = progress.add_task(f"seed {seed}", total=most, state="")
+                tasks[seed] = progress.add_task(f"seed {seed}", total=max_generations, state="")
                 began[seed] = (time.perf_counter(), g.evaluations)
             start, first = began[seed]
-            spent = time.perf_counter() - start
-            rate = (g.evaluations - first) / spent if spent > 0.0 else math.nan
+            elapsed = time.perf_counter() - start
+            rate = (g.evaluations - first) / elapsed if elapsed > 0.0 else math.nan
             progress.update(tasks[seed], completed=g.index, state=_state(g, rate))
 
         result = runner.calibrate(job, tell)
@@ -77,8 +77,11 @@ def show(result: Result, folder: Path) -> None:
 def _line(result: Result, row: Comparison) -> str:
     kind = "fitted" if row.fitted else "not fitted"
     before, after, unit = row.before[result.loss], row.after[result.loss], UNITS[result.loss]
-    falls = [f"; the {name} model falls ({why})" for name, why in
-             (("default", row.fall_before), ("calibrated", row.fall_after)) if why]  # fmt: skip
+    falls = [
+        f"; the {name} model falls ({reason})"
+        for name, reason in (("default", row.fall_before), ("calibrated", row.fall_after))
+        if reason
+    ]
     return (
         f"  {row.name} ({kind}): {before:.4g} to {after:.4g} {unit}, ratio "
         f"{row.ratio(result.loss):.2f}; robot lags by {1e3 * row.lag_after:.0f} ms{''.join(falls)}"

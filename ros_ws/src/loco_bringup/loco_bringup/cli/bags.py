@@ -14,6 +14,9 @@ from loco_control.reading import shown
 
 from ..bag.copy import extract as extract_topics
 from ..bag.export import export as export_topics
+from ..bag.foreign.opening import open_bag
+from ..bag.foreign.packing import is_packed
+from ..bag.foreign.raw import RawBag
 from ..bag.mcap_chunk import chunk_head
 from ..bag.mcap_file import McapFile
 from ..bag.parts import stated_counts
@@ -61,11 +64,9 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     Raises:
         BagError: The bag is damaged.
     """
-    bag = Bag(path)
+    bag = open_bag(path)
     if check:
-        for _ in bag.file.blocks():
-            pass
-        list(bag.file.attachments())
+        bag.check()
     if as_json:
         console.print_json(json.dumps(_about(bag)))
         return
@@ -73,17 +74,15 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     console.print(f"{bag.path}: {length:.2f} s, {_size(bag) / 1e6:.1f} MB")
     if len(bag.paths) > 1:
         console.print(f"  {len(bag.paths)} files, {bag.paths[0].name} to {bag.paths[-1].name}")
-    chunks, size, packed = _packing(bag)
-    console.print(
-        f"  {chunks} chunks of {size / max(chunks, 1) / 1e3:.0f} kB, packed to {packed} %"
-    )
+    console.print(f"  {_form(bag)}")
     for note in _disagreements(bag):
         console.print(f"  {note}")
     if check:
-        console.print("  every chunk and file is whole")
+        whole = "message" if isinstance(bag, RawBag) else "chunk and file"
+        console.print(f"  every {whole} is whole")
     for key, value in bag.metadata.items():
         if key == "versions":
-            value = ", ".join(f"{name} {v}" for name, v in json.loads(value).items())
+            value = ", ".join(f"{name} {v}" for name, v in bag.versions.items()) or value
         console.print(f"  {key}: {value}")
     rows = [
         (t.name, t.type, str(t.count), f"{t.count / length:.1f} Hz" if length else "")
@@ -101,7 +100,7 @@ def _disagreements(bag: Bag) -> list[str]:
     """
     stated = stated_counts(bag.folder) or {}
     notes = []
-    for path in bag.paths:
+    for path in () if isinstance(bag, RawBag) else bag.paths:
         count, told = McapFile(path).summary.statistics.message_count, stated.get(path.name)
         if told and told != count:
             notes.append(
@@ -109,6 +108,17 @@ def _disagreements(bag: Bag) -> list[str]:
                 f"the file has {count}, which counts"
             )
     return notes
+
+
+def _form(bag: Bag) -> str:
+    """Kind and packing of the files in words."""
+    packing = ", each file packed" if any(map(is_packed, bag.paths)) else ""
+    coding = f", {bag.coding}" if bag.coding else ""
+    if isinstance(bag, RawBag):
+        return f"{bag.form}{coding}{packing}"
+    chunks, size, packed = _packing(bag)
+    size = size / max(chunks, 1) / 1e3
+    return f"{chunks} chunks of {size:.0f} kB, packed to {packed} %{coding}{packing}"
 
 
 def _size(bag: Bag) -> int:

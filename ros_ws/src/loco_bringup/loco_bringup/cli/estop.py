@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.ros.messages.topics import topic
+from loco_control.ros.parameters import sealed_node
 
 _SERVICE = "set_estop"
 _PATIENCE = 5.0  # wall time to find robots, and for each to answer [s]
@@ -59,7 +60,7 @@ def _beat(namespace: str, rate: float) -> int:
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     row = topic("heartbeat")
     try:
-        node = rclpy.create_node(f"heartbeat_{os.getpid()}", context=context, namespace=namespace)
+        node = sealed_node(f"heartbeat_{os.getpid()}", context=context, namespace=namespace)
         publisher = node.create_publisher(row.type, row.name, row.qos.writer())
         sys.stdout.write(f"{rate:g} beats a second on {publisher.topic_name}; Ctrl-C ends them\n")
         sys.stdout.flush()
@@ -81,7 +82,7 @@ class _Stopper:
     def __enter__(self) -> _Stopper:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(f"estop_{os.getpid()}", context=self._context)
+        self._node = sealed_node(f"estop_{os.getpid()}", context=self._context)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         try:

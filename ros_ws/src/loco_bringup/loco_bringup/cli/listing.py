@@ -13,12 +13,12 @@ from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
 from loco_control.files import write_whole
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_learning.runs import experiment
-from loco_learning.schemas import KINDS, schema
 from loco_learning.study import study
 from loco_sim import effects
 
 from ..bag.reader import Bag
 from ..robot.terminal import robot_table
+from ..schemas import KINDS, schema
 from ..terminal import console, table
 from .table import COMMANDS, parser
 

@@ -7,12 +7,12 @@ import errno
 import logging
 import os
 import sys
-from pathlib import Path
 from typing import NoReturn
 
-from loco_control.exceptions import GraphError, LocoError
+from loco_control.exceptions import GraphError, LocoError, short
 
 from .. import __version__
+from . import clone
 from .table import COMMANDS, GROUPS, call, parser, split
 
 HEAD = """\
@@ -45,9 +45,7 @@ REMEDIES = {
 def main(argv: list[str] | None = None) -> None:
     """Run the command line; every mistake becomes one line on stderr and an exit code."""
     logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
-    os.environ.setdefault(
-        "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).parent.parent / "dds.xml")
-    )
+    os.environ["PYTHONSAFEPATH"] = "1"  # children import nothing of the current folder
     try:
         sys.exit(_run(sys.argv[1:] if argv is None else argv))
     except LocoError as error:
@@ -93,13 +91,13 @@ def describe(error: OSError) -> str:
     """One line about an error of the operating system: what, where, and what to do."""
     names = [str(name) for name in (error.filename, error.filename2) if name is not None]
     text = ": ".join([error.strerror or str(error) or type(error).__name__, *names[:1]])
-    if len(text) > 300:  # a name that is too long is no help in full
-        text = f"{text[:140]} … {text[-100:]}"
     remedy = REMEDIES.get(error.errno or 0)
-    return " ".join(text.split()) + (f"; {remedy}" if remedy else "")
+    return short(" ".join(text.split())) + (f"; {remedy}" if remedy else "")
 
 
 def _fail(text: str, code: int) -> NoReturn:
+    if not clone.is_one():
+        text = text.replace("./loco ", "loco ")
     sys.stderr.write(f"loco: {text}\n")
     sys.exit(code)
 

@@ -37,7 +37,7 @@ def run(a: argparse.Namespace) -> int:
         lambda tell: runner.run(
             experiment, folder, a.layout, "realtime" if a.hardware else a.clock, a.speed, a.nodes,
             tell, a.namespace, a.fault, realtime=realtime, limits=limits, hardware=a.hardware,
-            **tick,
+            start_timeout=a.start_timeout, **tick,
         ),
     )  # fmt: skip
     return finish(outcome, a.report, a.view)

@@ -2,9 +2,10 @@
 """The table of commands, and the only place that imports a module when it is needed.
 
 A command is two functions, each written ``module:function``, with modules named from this
-package (`loco_bringup`): one adds its options to a parser and imports nothing heavy, so
-that help and mistakes answer at once; the other takes the parsed options and returns the
-exit code. Importing the second loads all that the command uses.
+package (`loco_bringup`) or, for work on loco itself, from ``tests/workshop`` of a clone: one
+adds its options to a parser and imports nothing heavy, so that help and mistakes answer at
+once; the other takes the parsed options and returns the exit code. Importing the second loads
+all that the command uses.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ import os
 from collections.abc import Callable
 from typing import Any, NamedTuple, NoReturn
 
-from loco_control.exceptions import MissingPackageError, NameUnknownError, ParameterError
+from loco_control.exceptions import MissingPackageError, NameUnknownError, ParameterError, cut
+from loco_control.reading import shown
+
+from . import clone
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -41,9 +45,9 @@ EXTRAS: dict[tuple[str, ...], str] = {
     ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
     "there are gap, export-model, report, export, calibrate, optimise, reinforce, study, robot, "
     "list, schema and `run --layout rollout`",
-    ("rerun",): "it comes with `pip install '.[view]'`",
-    ("dynamixel_sdk",): "it comes with `pip install '.[dynamixel]'`",
-    ("pytest", "rosbags", "mcap_ros2"): "it comes with `pip install 'loco-gap[test]'`",
+    ("rerun",): "it comes with `./loco install view`",
+    ("dynamixel_sdk",): "it comes with `./loco install dynamixel`",
+    ("pytest", "rosbags", "mcap_ros2"): "it comes with `./loco install test`",
 }
 # Titles of the groups, in the order of the help, and the commands of each.
 GROUPS: dict[str, dict[str, Command]] = {
@@ -59,6 +63,10 @@ GROUPS: dict[str, dict[str, Command]] = {
         "gap check": Command(
             "say what recordings can tell before a search, in half a minute",
             "cli.options.gap:check", "gap.check:show_check",
+        ),
+        "gap mapping": Command(
+            "draft a mapping: what the columns or topics of a recording probably are, and why",
+            "cli.options.gap:draft", "gap.drafts.terminal:show_draft",
         ),
         "gap next": Command(
             "write the experiment that would tell the leading explanations apart",
@@ -207,44 +215,48 @@ GROUPS: dict[str, dict[str, Command]] = {
         ),
     },
     "Work on loco itself": {
+        "install": Command(
+            "install what only some commands need: view, rl, lerobot, dynamixel and more",
+            "cli.options.workshop:install", "cli.install:install",
+        ),
         "completion": Command(
             "print what makes a shell complete loco: eval \"$(loco completion bash)\" or zsh",
             "cli.options.workshop:completion", "cli.listing:show_completion",
         ),
         "test": Command(
-            "run the tests (arguments go to pytest)", "", "workshop.tests:run_tests"
+            "run the tests (arguments go to pytest)", "", "loco_workshop.tests:run_tests"
         ),
         "bench": Command(
             "measure speed beside named baselines",
-            "cli.options.workshop:bench", "workshop.bench.bench:show_bench",
+            "cli.options.workshop:bench", "loco_workshop.bench.bench:show_bench",
         ),
         "gap battery": Command(
             "many hidden effects: how often `loco gap` names the right one",
-            "cli.options.gap:battery", "workshop.battery.terminal:show_battery",
+            "cli.options.gap:battery", "loco_workshop.battery.terminal:show_battery",
         ),
         "chaos": Command(
             "stop, kill and damage everything, and judge the robot (resumable)",
-            "cli.options.workshop:chaos", "workshop.stress.chaos_terminal:show_chaos",
+            "cli.options.workshop:chaos", "loco_workshop.stress.chaos_terminal:show_chaos",
         ),
         "crash": Command(
             "kill long commands and fill their disk, and see whether they come to the same end",
-            "cli.options.workshop:crash", "workshop.stress.crash_terminal:show_crash",
+            "cli.options.workshop:crash", "loco_workshop.stress.crash_terminal:show_crash",
         ),
         "fuzz": Command(
             "damage input for the parsers of files, texts and messages (exit code 1: a find)",
-            "cli.options.workshop:fuzz", "workshop.fuzz.terminal:show_fuzz",
+            "cli.options.workshop:fuzz", "loco_workshop.fuzz.terminal:show_fuzz",
         ),
         "mutants": Command(
             "change the code that protects, and see whether tests notice (exit code 1: too few)",
-            "cli.options.workshop:mutants", "workshop.mutants.terminal:show_mutants",
+            "cli.options.workshop:mutants", "loco_workshop.mutants.terminal:show_mutants",
         ),
         "soak": Command(
             "run a graph for long and see whether anything grows (exit code 1: it does)",
-            "cli.options.workshop:soak", "workshop.stress.soak_terminal:show_soak",
+            "cli.options.workshop:soak", "loco_workshop.stress.soak_terminal:show_soak",
         ),
         "docs": Command(
             "print the generated tables of docs/ (topics, parameters)",
-            "cli.options.workshop:docs", "workshop.docs.reference:show_docs",
+            "cli.options.workshop:docs", "loco_workshop.docs.reference:show_docs",
         ),
     },
 }  # fmt: skip
@@ -252,12 +264,50 @@ GROUPS: dict[str, dict[str, Command]] = {
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
+class Store(argparse._StoreAction):
+    """Value of an option: lists of one that is given again grow, a single value is refused."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Take what the command line gives; argparse calls this."""
+        if option_string:
+            given: dict[str, Any] = parser.given  # type: ignore[attr-defined]
+            several = isinstance(values, list)
+            if self.dest in given and not several:
+                raise argparse.ArgumentError(
+                    self, f"given twice, {shown(str(given[self.dest]))} and {shown(str(values))}"
+                )
+            values = [*given.get(self.dest, ()), *values] if several else values
+            given[self.dest] = values
+        super().__call__(parser, namespace, values, option_string)
+
+
 class Parser(argparse.ArgumentParser):
-    """Options of one command; a mistake is an exception, as any other wrong input is."""
+    """Options of one command; a mistake is an exception, as any other wrong input is.
+
+    Attributes:
+        given: Values of the options that stand in the command line, by destination.
+    """
+
+    def __init__(self, **more: Any):
+        super().__init__(**more)
+        self.given: dict[str, Any] = {}
+        for kind in (None, "store"):
+            self.register("action", kind, Store)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Options and words that are none; argparse calls this."""
+        self.given = {}
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line; argparse calls this."""
-        raise ParameterError(f"{message}; see `{self.prog} --help`")
+        raise ParameterError(f"{cut(message, 400)}; see `{self.prog} --help`")
 
 
 def load(target: str) -> Callable[..., Any]:
@@ -265,10 +315,15 @@ def load(target: str) -> Callable[..., Any]:
 
     Raises:
         MissingPackageError: It needs a package that `EXTRAS` names and that is not installed.
+        MissingFileError: It is of a clone, and there is none.
     """
     module, _, function = target.partition(":")
+    if module.startswith(f"{clone.WORKSHOP}."):
+        clone.add_workshop()
+    else:
+        module = f"{PACKAGE}.{module}"
     try:
-        return getattr(importlib.import_module(f"{PACKAGE}.{module}"), function)
+        return getattr(importlib.import_module(module), function)
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         for names, text in EXTRAS.items():

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..graph import node_set, shm
+from ..graph import shm
+from ..graph.process_info import node_processes
 
 RANGES = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 DOMAINS = range(102)  # above, the ports of Fast DDS meet those of the system
@@ -134,11 +135,11 @@ def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:
 
 def check_elsewhere(env: Mapping[str, str]) -> list[Finding]:
     """Graphs of this user on other domains; only told if none is on ours."""
-    here, others = env.get("ROS_DOMAIN_ID", "0") or "0", {}
+    here, counts = env.get("ROS_DOMAIN_ID", "0") or "0", {}
     for pid, domain, _ in node_processes():
         if domain == here:
             return []
-        others.setdefault(domain, []).append(pid)
+        counts.setdefault(domain, []).append(pid)
     return [
         Finding(
             "other domain",
@@ -147,49 +148,5 @@ def check_elsewhere(env: Mapping[str, str]) -> list[Finding]:
             f"set ROS_DOMAIN_ID={domain} to look there",
             grave=False,
         )
-        for domain, pids in sorted(others.items())
+        for domain, pids in sorted(counts.items())
     ]
-
-
-def node_processes() -> list[tuple[int, str, list[str]]]:
-    """Process, ROS domain and command line of every process of nodes of this user."""
-    nodes = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            words = path.read_bytes().decode(errors="replace").split("\0")
-            if "-m" not in words[:3] or not _is_nodes(words):
-                continue
-            pairs = (path.parent / "environ").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        domain = next((p[14:] for p in pairs if p.startswith(b"ROS_DOMAIN_ID=")), b"0")
-        nodes.append((int(path.parent.name), domain.decode(), words))
-    return nodes
-
-
-def nodes_here(domain: str) -> dict[str, int]:
-    """Process of every node on a domain, by its name with the namespace.
-
-    A process that is stopped does not tell DDS of its nodes; its command line does.
-    """
-    folder = Path(node_set.__file__).parent.parent / "node_sets"
-    specs = [s for file in sorted(folder.glob("*.yaml")) for s in node_set.load(str(file))]
-    names = {s.cls: s.name for s in specs} | {
-        "loco_bringup.record.recorder:RecorderNode": "recorder"
-    }
-    modules = {cls.partition(":")[0]: name for cls, name in names.items()}
-    nodes = {}
-    for pid, where, words in node_processes():
-        if where != domain:
-            continue
-        space = next((w.partition(":=/")[2] for w in words if w.startswith("__ns:=/")), "")
-        for word in words:
-            name = names.get(word) or modules.get(word)
-            if name:
-                nodes["/".join(filter(None, (space, name)))] = pid
-    return nodes
-
-
-def _is_nodes(words: list[str]) -> bool:
-    module = words[words.index("-m") + 1]
-    return module == "loco_bringup.graph.composed" or (module[:5] == "loco_" and ".ros." in module)

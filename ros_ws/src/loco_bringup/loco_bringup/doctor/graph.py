@@ -5,19 +5,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 
 from loco_control.exceptions import LocoError
 from loco_control.ros.messages.definitions import type_hash
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import Topic
 
+from ..graph import process_info
 from ..graph.view import Endpoint, View
 from .environment import Finding
 
 MUTE = "runs but does not answer"
 _STOPPED = {"T": "is stopped (SIGSTOP)", "t": "is held by a debugger", "Z": "is dead"}
-_SLOW = 0.95  # real-time factor below which the clock realtime is not met
+_SLOW_SHARE = 0.95  # real-time factor below which the clock realtime is not met
 
 
 def check_graph(view: View) -> list[Finding]:
@@ -45,7 +45,9 @@ def tables(view: View) -> dict[str, dict[str, Topic]]:
     for space in view.namespaces():
         endpoints = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
         scores = {
-            name: sum((full(space, r.name), w) in endpoints for r in _paced(t) for w in _ends(r))
+            name: sum(
+                (full(space, r.name), w) in endpoints for r in _paced(t) for w in _endpoints(r)
+            )
             for name, t in TABLES.items()
         }
         best = max(scores, key=lambda name: scores[name])
@@ -63,7 +65,7 @@ def _paced(table: dict[str, Topic]) -> list[Topic]:
     return [row for row in table.values() if row.paced]
 
 
-def _ends(row: Topic) -> tuple[str, ...]:
+def _endpoints(row: Topic) -> tuple[str, ...]:
     return (row.writer, *row.readers)
 
 
@@ -74,16 +76,16 @@ def check_types(view: View) -> list[Finding]:
     """One topic with two types, or with another definition of ours."""
     findings = []
     for name in sorted({e.topic for e in view.endpoints}):
-        ends = [e for e in view.endpoints if e.topic == name]
-        kinds = sorted({e.type for e in ends})
-        if len(kinds) > 1:
-            who = "; ".join(f"{k}: {_names(e for e in ends if e.type == k)}" for k in kinds)
-            text = f"{name} has {len(kinds)} types, so its ends never meet: {who}"
+        endpoints = [e for e in view.endpoints if e.topic == name]
+        types = sorted({e.type for e in endpoints})
+        if len(types) > 1:
+            who = "; ".join(f"{k}: {_names(e for e in endpoints if e.type == k)}" for k in types)
+            text = f"{name} has {len(types)} types, so its ends never meet: {who}"
             findings.append(Finding("type", text, "use one type"))
             continue
-        odd = [e for e in ends if not _known(e)]
-        if odd:
-            text = f"{_names(odd)} has another definition of {kinds[0]} on {name} than we have"
+        unknown = [e for e in endpoints if not _known(e)]
+        if unknown:
+            text = f"{_names(unknown)} has another definition of {types[0]} on {name} than we have"
             findings.append(Finding("messages mismatched", text, "build the same messages there"))
     return findings
 
@@ -104,13 +106,13 @@ def check_qos(view: View) -> list[Finding]:
         for writer in view.of(reader.topic, True):
             if writer.type != reader.type:
                 continue
-            lacks = []
+            mismatches = []
             if reader.reliable and not writer.reliable:
-                lacks.append("reliable, which it is not (best effort)")
+                mismatches.append("reliable, which it is not (best effort)")
             if reader.latched and not writer.latched:
-                lacks.append("transient local, which it is not (volatile)")
-            if lacks:
-                text = f"{reader.topic}: {reader.node} wants {writer.node} to be {lacks[0]}"
+                mismatches.append("transient local, which it is not (volatile)")
+            if mismatches:
+                text = f"{reader.topic}: {reader.node} wants {writer.node} to be {mismatches[0]}"
                 findings.append(Finding("QoS", text, "give the writer the QoS of docs/topics.md"))
     return findings
 
@@ -154,8 +156,8 @@ def check_endpoints(view: View) -> list[Finding]:
 def check_answers(view: View) -> list[Finding]:
     """Nodes that have endpoints and say nothing."""
     findings = []
-    ours = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
-    for node in sorted(ours | view.reports.keys() | view.processes.keys()):
+    loco_nodes = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
+    for node in sorted(loco_nodes | view.reports.keys() | view.processes.keys()):
         report = view.reports.get(node)
         if report is not None and report.age < view.silent:
             continue
@@ -169,11 +171,8 @@ def check_answers(view: View) -> list[Finding]:
 
 
 def _state(pid: int) -> str:
-    try:
-        letter = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return "is gone (killed or crashed)"
-    return _STOPPED.get(letter, MUTE)
+    letter = process_info.state(pid)
+    return _STOPPED.get(letter, MUTE) if letter else "is gone (killed or crashed)"
 
 
 def check_ticks(view: View) -> list[Finding]:
@@ -229,7 +228,7 @@ def check_plants(view: View) -> list[Finding]:
             text = f"{name} got no fresh command in {100 * late:.0f} % of its ticks"
             remedy = "find the slow node in loco top, or lower the load"
             findings.append(Finding("time-out", text, remedy))
-        if report.values.get("clock") == "realtime" and factor < _SLOW:
+        if report.values.get("clock") == "realtime" and factor < _SLOW_SHARE:
             text = f"{name} runs at {factor:.2f} x real time with the clock realtime"
             findings.append(Finding("real-time factor", text, "lower the load of the machine"))
     return findings
@@ -246,18 +245,18 @@ def check_reports(view: View) -> list[Finding]:
 
 def check_events(view: View) -> list[Finding]:
     """Errors, falls and refusals that were told once."""
-    kinds = {"error": "error", "fall": "fall", "model refused": "model refused"}
+    event_names = {"error": "error", "fall": "fall", "model refused": "model refused"}
     return [
         Finding(
-            kinds[e.kind],
+            event_names[e.kind],
             f"{'/'.join(filter(None, (e.namespace, e.node)))} at {e.time:.2f} s: {e.text}",
             "start the run again",
             grave=e.kind != "model refused",
         )
         for e in view.events
-        if e.kind in kinds
+        if e.kind in event_names
     ]
 
 
-def _names(ends: object) -> str:
-    return ", ".join(sorted({e.node for e in ends}))
+def _names(endpoints: object) -> str:
+    return ", ".join(sorted({e.node for e in endpoints}))

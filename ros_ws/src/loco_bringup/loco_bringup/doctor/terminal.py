@@ -51,11 +51,11 @@ def examine(seconds: float) -> list[Finding]:
     findings = check_environment(os.environ) + check_messages()
     if findings:
         return findings
-    with Onlooker() as onlooker:
-        view = onlooker.listen(seconds)
+    with Onlooker() as observer:
+        view = observer.listen(seconds)
         graph = check_graph(view)
         if any(MUTE in finding.text for finding in graph):  # or is the machine busy?
-            view = onlooker.listen(PATIENCE, PATIENCE)
+            view = observer.listen(PATIENCE, PATIENCE)
             graph = check_graph(view)
-    elsewhere = check_elsewhere(os.environ) if not view.reports else []
-    return check_shared_memory() + elsewhere + graph
+    other_domains = check_elsewhere(os.environ) if not view.reports else []
+    return check_shared_memory() + other_domains + graph

@@ -12,7 +12,7 @@ from ..graph.view import SILENT, Onlooker, Report, View
 _COLUMNS = ("node", "pid", "cpu %", "MB", "ticks/s", "mean ms", "max ms", "late", "stale",
             "dropped", "state")  # fmt: skip
 _LEVELS = ("ok", "warning", "ERROR", "stale")
-_FORGET = 30.0  # and after which it is left out [s]
+_MAX_AGE = 30.0  # and after which it is left out [s]
 
 
 def show_top(a: argparse.Namespace) -> int:
@@ -21,8 +21,8 @@ def show_top(a: argparse.Namespace) -> int:
     Returns:
         0; with ``--once`` 1 if no node was heard.
     """
-    with Onlooker() as onlooker:
-        view = _first(onlooker)
+    with Onlooker() as observer:
+        view = _first(observer)
         if a.once:
             sys.stdout.write(text(view))
             return 0 if view.reports else 1
@@ -30,23 +30,23 @@ def show_top(a: argparse.Namespace) -> int:
         while True:
             sys.stdout.write(f"{clear}{time.strftime('%H:%M:%S')}  {text(view)}")
             sys.stdout.flush()
-            view = onlooker.listen(a.interval)
+            view = observer.listen(a.interval)
 
 
-def _first(onlooker: Onlooker) -> View:
+def _first(observer: Onlooker) -> View:
     """The graph, when every node that can speak has spoken, or after a while."""
-    view = onlooker.listen(2.0)
+    view = observer.listen(2.0)
     for _ in range(8):
         nodes = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
         if nodes and nodes <= view.reports.keys():
             break
-        view = onlooker.listen(0.5)
+        view = observer.listen(0.5)
     return view
 
 
 def text(view: View) -> str:
     """The graph as lines of text."""
-    reports = {name: r for name, r in sorted(view.reports.items()) if r.age < _FORGET}
+    reports = {name: r for name, r in sorted(view.reports.items()) if r.age < _MAX_AGE}
     if not reports:
         return "no node speaks on /diagnostics; `loco doctor` says why\n"
     rows = [_row(name, report) for name, report in reports.items()]

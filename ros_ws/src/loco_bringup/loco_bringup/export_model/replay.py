@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -46,9 +46,16 @@ class Compared:
 
 
 def compare(
-    model: Model, records: Sequence[Record], folder: Path, gear: str = ELASTIC
+    model: Model,
+    records: Sequence[Record],
+    folder: Path,
+    gear: str = ELASTIC,
+    starts: Mapping[str, np.ndarray] | None = None,
 ) -> tuple[list[Compared], list]:
     """Errors on records, and sentences on those that cannot be compared.
+
+    Where a search moved the state in which a record begins, both begin there (`starts`, by name:
+    change of positions, then velocities of the joints [rad, rad/s], (2n,)).
 
     Both run in a sixteenth of the model's physics step, or as fine as `FASTEST` allows: the errors
     of their integrators shrink in proportion to it.
@@ -66,6 +73,8 @@ def compare(
             notes.append(f"{record.name}: not compared, its robot is not bolted")
             continue
         forward = Forward(one, [record])
+        start = (starts or {}).get(record.name, np.zeros(0))
+        forward = forward.begun_at([start]) if len(start) else forward
         columns = [i for i, channel in enumerate(forward.channels) if channel.signal == "q"]
         if not columns:
             notes.append(f"{record.name}: not compared, no position was measured")

@@ -12,6 +12,7 @@ from typing import Any
 
 from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
 from loco_control.files import write_whole
+from loco_learning.gap.localisation.curves import load as load_curves
 from loco_learning.gap.recordings.record import Record
 from loco_sim.export import isaac, ranges
 from loco_sim.export.mjcf import dofs, mjcf
@@ -87,7 +88,8 @@ def export_model(
     results = path if (path / gap.RESULT).is_file() else path.parent
     asked = models.load_any(path / gap.MODEL if results == path else path)
     found = results / gap.RESULT if path.name == gap.MODEL or results == path else None
-    terms = gap.read_json(found)["terms"] if found is not None and found.is_file() else []
+    there = found is not None and found.is_file()
+    terms = gap.read_json(found, gap.ResultFile)["terms"] if there else []
     made, there = portable(asked, gear), {effect["name"] for effect in asked.effects}
     known, unused = ranges.of(made, [term for term in terms if term["effect"] in there])
     unused += [
@@ -107,7 +109,8 @@ def export_model(
         for old in folder.glob("replay_*"):
             old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
-        compared, more = compare(asked, records, folder, gear)
+        starts = {} if replay or found is None else _starts(found.with_name(gap.ARRAYS))
+        compared, more = compare(asked, records, folder, gear, starts)
         notes += more
     lost = dict.fromkeys(text for _, missing in texts.values() for text in missing)
     files = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
@@ -159,6 +162,11 @@ def _records(
     except LocoError as error:
         return [], [f"not replayed: {error}"]
     return held, [] if held else ["not replayed: `loco gap` held no recording out whole"]
+
+
+def _starts(path: Path) -> dict[str, Any]:
+    """By how much a search moved the state in which each record begins, by its name."""
+    return {r.name: r.start for r in load_curves(path).records} if path.is_file() else {}
 
 
 def _with_meshes(text: str, folder: Path) -> str:

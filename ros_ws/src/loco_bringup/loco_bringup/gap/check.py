@@ -4,29 +4,35 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
 from markupsafe import Markup
 
 from loco_control.exceptions import LocoError, ParameterError
 from loco_control.files import claim, write_whole
+from loco_control.reading import read_yaml
 from loco_learning.gap.preview import check as preview
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.setup import mend
+from loco_learning.gap.setup.finding import MAPPING, MODEL, Change
 from loco_sim.plant import model as models
 
 from ..page import html
 from ..terminal import bar, console, table
 from . import plots, text
 from . import run as runner
-from .importing import load
+from .importing import load, mapping_of
 
 PAGE, JSON = "check.html", "check.json"
 READY, WARNED, REFUSED = "ready", "usable, with warnings", "not usable as it is"
+WRONG = "set-up to be mended first"
 MOST_ALIKE = 3  # names of look-alikes in a cell
 Checked = Mapping[str, Any]
 
@@ -56,12 +62,15 @@ def show_check(a: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     runner.write_json(folder / JSON, found)
     write_whole(folder / PAGE, page(found))
+    fixed = fix(a.robot, a.bags, a.mapping, found, folder) if a.fix else {}
     if a.json:
         sys.stdout.write(runner.dumps(found))
     else:
         show(found)
         console.print(f"  page: {folder / PAGE}")
-    return 2 if found["refused"] else 0
+        for line in next_lines(a.robot, a.bags, found, fixed):
+            console.print(f"  {line}")
+    return 2 if found["refused"] or found["verdict"] == WRONG else 0
 
 
 def checked(
@@ -82,31 +91,100 @@ def checked(
         LocoError: An unknown robot, or no recording is of use: the reason of the first.
     """
     model = models.load_any(robot)
-    plant, records, refused = model.make_robot(), list[Record](), []
-    first: LocoError | None = None
+    plant, records = model.make_robot(), list[Record]()
+    errors: dict[str, LocoError] = {}
     for bag in bags:
         try:
             records += load(bag, plant, mapping)
         except LocoError as error:
-            first = first or error
-            refused.append({"recording": str(bag), "reason": str(error)})
-    if not records and first:
-        raise first
+            errors[str(bag)] = error
+    if not records:  # what is wrong in all of them is a matter of the set-up
+        records = [r for bag in bags for r in load(bag, plant, mapping, judge=False)]
+        errors = {}
+    refused = [{"recording": bag, "reason": str(error)} for bag, error in errors.items()]
     found = preview.look(model, records, None, tell, workers)
     return {**found, "refused": refused, "verdict": verdict(found, refused)}
 
 
+def fix(
+    robot: str, bags: Sequence[str], given: Path | None, found: Checked, folder: Path
+) -> dict[str, Path]:
+    """Write a mapping and a model with the lines that mend the set-up; old files stay.
+
+    Args:
+        robot: Robot, robot.yaml or model.yaml.
+        bags: Recordings.
+        given: Mapping file that was given, or None.
+        found: Contents of ``check.json``.
+        folder: Folder of the files.
+
+    Returns:
+        Files by the option of `loco gap` that takes them; none where there is nothing to mend.
+
+    Raises:
+        ParameterError: The recordings have mappings of their own.
+    """
+    changes = [Change(**line) for one in found["setup"] for line in one["mends"]]
+    made: dict[str, Path] = {}
+    if any(change.file == MAPPING for change in changes):
+        paths = {m.path for bag in bags if (m := mapping_of(Path(bag), given))}
+        if len(paths) > 1:
+            raise ParameterError(
+                f"--fix writes one mapping, but these recordings have {len(paths)} "
+                f"({', '.join(map(str, sorted(paths)))}); check them one by one"
+            )
+        values = read_yaml(paths.pop(), "mapping") if paths else {"format": 1}
+        text = yaml.safe_dump(mend.mapping_with(values, changes), sort_keys=False)
+        made["--mapping"] = write_whole(free(folder / MAPPING), text)
+    model = mend.model_mended(models.load_any(robot), changes)
+    if model:
+        made["--robot"] = free(folder / MODEL)
+        runner.beside(model, folder).save(made["--robot"])
+    return made
+
+
+def free(path: Path) -> Path:
+    """The path, or the first of path_2, path_3, ... that nothing is at."""
+    others = (path.with_stem(f"{path.stem}_{k}") for k in itertools.count(2))
+    return next(p for p in itertools.chain([path], others) if not p.exists())
+
+
+def next_lines(
+    robot: str, bags: Sequence[str], found: Checked, fixed: Mapping[str, Path]
+) -> list[str]:
+    """Files with the mended set-up and the command that goes on with them, or how to get them."""
+    if not fixed:
+        some = any(one["mends"] for one in found["setup"])
+        return ["--fix writes these lines into new files"] if some else []
+    options = {"--robot": robot, **fixed}
+    words = " ".join(f"{key} {value}" for key, value in options.items())
+    return [*(f"written: {path}" for path in fixed.values()),
+            f"then:    loco gap {' '.join(map(str, bags))} {words}"]  # fmt: skip
+
+
 def verdict(found: Checked, refused: Sequence[Any]) -> str:
-    """One of `READY`, `WARNED` and `REFUSED`."""
-    warned = found["missing"] or any(r["warnings"] for r in found["recordings"])
+    """One of `READY`, `WARNED`, `REFUSED` and `WRONG`."""
+    if not refused and any(one["stops"] for one in found["setup"]):
+        return WRONG
+    warned = found["missing"] or found["setup"] or any(r["warnings"] for r in found["recordings"])
     return REFUSED if refused else WARNED if warned else READY
 
 
 def sentences(found: Checked) -> list[str]:
     """Objections to the recordings, the worst first."""
     lines = [f"{r['recording']} is refused: {r['reason']}" for r in found["refused"]]
+    lines += [one["says"] for one in found["setup"]]
     lines += [f"{r['name']}: {w}" for r in found["recordings"] for w in r["warnings"]]
     return lines + list(found["missing"])
+
+
+def readings(found: Checked) -> list[str]:
+    """Notes of reading, each once, after the names of the recordings that have it."""
+    names: dict[str, list[str]] = {}
+    for recording in found["recordings"]:
+        for note in recording["notes"]:
+            names.setdefault(note, []).append(recording["name"])
+    return [f"{', '.join(of)}: {note}" for note, of in names.items()]
 
 
 def counts(found: Checked) -> dict[str, int]:
@@ -180,6 +258,8 @@ RECORDING_HEAD = ("Recording", "Base", "Length", "Rate", "Jitter", "Missing", "B
 
 def search_line(found: Checked) -> str:
     """Time that a search will take, in words."""
+    if not found["search_seconds"]:
+        return "no effect was tried: the set-up has to be mended first"
     low, high = (_time(s) for s in found["search_seconds"])
     return f"a search takes about {low}, up to {high} where much is missing"
 
@@ -191,6 +271,8 @@ def _time(seconds: float) -> str:
 def headline(found: Checked) -> str:
     """Verdict and counts in one line."""
     n = counts(found)
+    if not found["effects"]:
+        return str(found["verdict"])
     return (
         f"{found['verdict']}: of {sum(n.values())} effects at a place {n[YES]} show at their usual "
         f"size, {n[LARGE]} only if they are large, {n[NO]} not at all"
@@ -203,9 +285,10 @@ def show(found: Checked) -> None:
     for line in sentences(found):
         console.print(f"  {line}")
     console.print(table("", RECORDING_HEAD, recording_rows(found)))
-    for line in signals(found):
+    for line in (*signals(found), *readings(found)):
         console.print(f"  {line}")
-    console.print(table("", HEAD, by_effect(found)))
+    if found["effects"]:
+        console.print(table("", HEAD, by_effect(found)))
     console.print(f"  {search_line(found)}")
 
 
@@ -213,24 +296,24 @@ def page(found: Checked) -> str:
     """HTML text of the page."""
     head = html.join(
         [
-            html.verdict(found["verdict"], found["verdict"] != REFUSED),
+            html.verdict(found["verdict"], found["verdict"] not in (REFUSED, WRONG)),
             html.paragraph(html.strong(headline(found))),
             *(html.missing(line) for line in sentences(found)),
             html.paragraph(f"{search_line(found)[0].upper()}{search_line(found)[1:]}.", soft=True),
         ]
     )
-    parts = [
-        html.part("Recordings", lambda: _recordings(found)),
-        html.part("What would show", lambda: _effects(found), long=True),
-        html.part("Effect by joint", lambda: _matrix(found), long=True),
-        html.part("Not tried", lambda: _untried(found)),
-    ]
+    parts = [html.part("Recordings", lambda: _recordings(found))]
+    if found["effects"]:
+        parts += [
+            html.part("What would show", lambda: _effects(found), long=True),
+            html.part("Effect by joint", lambda: _matrix(found), long=True),
+            html.part("Not tried", lambda: _untried(found)),
+        ]
     return html.document(f"Recordings of {Path(str(found['robot'])).name}", head, parts)
 
 
 def _recordings(found: Checked) -> Markup:
-    notes = signals(found)
-    notes += [f"{r['name']}: {note}" for r in found["recordings"] for note in r["notes"]]
+    notes = [*signals(found), *readings(found)]
     return html.join(
         [html.table(RECORDING_HEAD, recording_rows(found), range(2, 7)), html.bullets(notes)]
     )

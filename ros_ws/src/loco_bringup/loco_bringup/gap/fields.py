@@ -12,6 +12,7 @@ from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_learning.gap.recordings.mapping import Column
 
 from ..bag.reader import Bag
+from .joint_states import clock, two_publishers
 
 _STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\]]+)\])?$")
 
@@ -22,51 +23,72 @@ class FieldSource:
     Args:
         bag: The recording.
         name: Name of the record.
+
+    Attributes:
+        notes: Sentences on the clocks of the topics read so far.
     """
 
     header: dict[str, Any] = {}
 
     def __init__(self, bag: Bag, name: str):
         self._bag, self.name = bag, name
-        self._read: dict[str, tuple[np.ndarray, list]] = {}
+        self._read: dict[str, tuple[np.ndarray, np.ndarray, list]] = {}
+        self.notes: list[str] = []
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
-        """Stamps [s] and values of a field, each (K,).
+        """Stamps [s] and values of a field, each (K,), of the messages that name its element.
 
         Raises:
             ParameterError: The mapping names no topic, or no such field.
             NameUnknownError: The bag has no such topic.
         """
         if not column.topic:
-            topics = ", ".join(sorted(self._bag.topics))
+            names = ", ".join(sorted(self._bag.topics))
             raise ParameterError(
-                f"column {column.column!r} must name its topic in the bag, one of {topics}"
+                f"column {column.column!r} must name its topic in the bag, one of {names}"
             )
         if column.topic not in self._read:
             self._read[column.topic] = self._messages(column.topic)
-        t, messages = self._read[column.topic]
+        stamps, logged, messages = self._read[column.topic]
+        t = clock(stamps, logged, column.topic, self.notes, column.clock)
         steps = [_STEP.match(part) for part in column.column.split(".")]
         if not all(steps):
             raise ParameterError(f"{column.column!r} is no path of a field, e.g. position[knee]")
-        return t, np.array([_value(message, steps, column) for message in messages])
+        rows, values, lacking = [], [], None
+        owners: dict[tuple[str, ...], int] = {}
+        for row, message in enumerate(messages):
+            try:
+                value, names = _value(message, steps, column)
+            except NameUnknownError as error:  # of another publisher on the topic
+                lacking = error
+                continue
+            rows.append(row)
+            values.append(value)
+            owners[names] = owners.get(names, 0) + 1
+        if lacking and not rows:
+            raise lacking
+        if len(owners) > 1:
+            sizes = list(owners.values())
+            raise BagError(two_publishers(self._bag, column.topic, column.column, sizes))
+        return t[rows], np.array(values)
 
-    def _messages(self, topic: str) -> tuple[np.ndarray, list]:
-        """Stamps of the headers, else times of logging [s], and the messages."""
+    def _messages(self, topic: str) -> tuple[np.ndarray, np.ndarray, list]:
+        """Stamps of the headers, 0 without one, and times of logging [ns], and the messages."""
         messages = self._bag.messages(topic)
         if not messages:
             raise BagError(f"{self._bag.path.name} has no message on {topic}")
-        t = self._bag.raw(topic)[0] / 1e9
-        stamps = [_stamp(message) for message in messages]
-        return (np.array(stamps) if any(stamps) else t), messages
+        stamps = np.array([_stamp(message) for message in messages], dtype=np.int64)
+        return stamps, self._bag.raw(topic)[0], messages
 
 
-def _stamp(message: Any) -> float:
+def _stamp(message: Any) -> int:
     stamp = getattr(getattr(message, "header", message), "stamp", None)
-    return 0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
+    return 0 if stamp is None else 10**9 * stamp.sec + stamp.nanosec
 
 
-def _value(message: Any, steps: list[re.Match], column: Column) -> float:
-    value = message
+def _value(message: Any, steps: list[re.Match], column: Column) -> tuple[float, tuple[str, ...]]:
+    """A number of a message, and the names beside which it stands, which tell the publisher."""
+    value, names = message, ()
     for step in steps:
         field, index = step.groups()
         fields = getattr(value, "get_fields_and_field_types", dict)()
@@ -74,18 +96,19 @@ def _value(message: Any, steps: list[re.Match], column: Column) -> float:
             raise NameUnknownError(f"field on {column.topic}", field, fields)
         owner, value = value, getattr(value, field)
         if index is not None:
-            value = _item(owner, value, index, column)
+            named = [*(getattr(owner, "name", None) or getattr(owner, "joint_names", None) or ())]
+            value = _item(named, value, index, column)
+            names = tuple(named) if index.isdigit() else tuple(sorted(named))
     if not isinstance(value, (bool, int, float, np.number)):
         raise ParameterError(f"{column.column} on {column.topic} is no number; name one element")
-    return float(value)
+    return float(value), names
 
 
-def _item(owner: Any, values: Any, index: str, column: Column) -> Any:
+def _item(names: list[str], values: Any, index: str, column: Column) -> Any:
     """Element by number, or by a name that the message lists, as JointState does."""
-    names = list(getattr(owner, "name", None) or getattr(owner, "joint_names", None) or [])
     if index.isdigit():
         row = int(index)
-    elif index in names:
+    elif index in names and len(values):
         row = names.index(index)
     else:
         raise NameUnknownError(f"element of {column.column} on {column.topic}", index, names)

@@ -8,30 +8,33 @@ from pathlib import Path
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.reading import understood
-from loco_learning.gap.recordings import align, importing, mapping, tables
+from loco_learning.gap.recordings import align, importing, mapping, tables, tracks
 from loco_learning.gap.recordings.mapping import Mapping
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.recordings.tracks import Track
 from loco_sim.robot.robot import Robot
 
+from ..bag.foreign.opening import KINDS, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
-from .db3 import SUFFIX, SqliteBag
 from .fields import FieldSource
 
 _KNOWN = ("fixed_base", "height")  # what a run's experiment may say of the robot that ran
 
 
 @understood("whole recording")
-def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None) -> list[Record]:
+def load(
+    path: str | Path, robot: Robot, mapping_file: str | Path | None = None, judge: bool = True
+) -> list[Record]:
     """Records of a bag, a table, or a folder of tables.
 
     Args:
-        path: Bag folder, ``.mcap`` or ``.db3`` file, table (`tables.KINDS`), or a folder of them.
+        path: Bag folder, a bag's file (MCAP, SQLite, ROS 1), table (`tables.KINDS`), or a folder of them.
         robot: Robot that was measured.
         mapping_file: ``mapping.yaml``, or the folder with it; without it, one that lies with
             the recording is used. A bag with our topics needs none.
+        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
 
     Raises:
         MissingFileError: There is no recording, or a table has no mapping.
@@ -40,14 +43,12 @@ def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None)
     path = Path(path)
     if not path.exists():
         raise MissingFileError(importing.NO_RECORDING.format(path))
-    rules = _mapping(path, mapping_file)
-    if _is_bag(path, SUFFIX):
-        return _from_bag(SqliteBag(path), robot, rules)
-    if _is_bag(path):
-        return _from_bag(Bag(path), robot, rules)
+    rules = mapping_of(path, mapping_file)
+    if suffix_of(path):
+        return _from_bag(open_bag(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
         raise ParameterError(
-            f"{path.name} is no recording: wanted are .mcap, {SUFFIX}, "
+            f"{path.name} is no recording: wanted are {', '.join(KINDS)}, "
             f"{', '.join(tables.KINDS)}, and .gz of texts"
         )
     if rules is None:
@@ -55,34 +56,34 @@ def load(path: str | Path, robot: Robot, mapping_file: str | Path | None = None)
             f"{path} needs a mapping that says what its columns are (--mapping, or a "
             f"{mapping.FILE} beside it; docs/gap_import.md)"
         )
-    return importing.load(path, robot, rules)
+    return importing.load(path, robot, rules, judge)
 
 
-def _mapping(path: Path, given: str | Path | None) -> Mapping | None:
+def mapping_of(path: Path, given: str | Path | None) -> Mapping | None:
+    """Mapping of a recording: the one that is given, or one that lies with it; None without."""
     if given is not None:
         return mapping.load(given)
     beside = (path if path.is_dir() else path.parent) / mapping.FILE
     return mapping.load(beside) if beside.is_file() else None
 
 
-def _is_bag(path: Path, suffix: str = ".mcap") -> bool:
-    return path.suffix == suffix if path.is_file() else any(path.glob(f"*{suffix}"))
-
-
-def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:
+def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None, judge: bool) -> list[Record]:
     name = bag.folder.name
     rules = rules or Mapping(bag.path)
     if rules.columns:
         source = FieldSource(bag, name)
-        return importing.records(source, robot, rules, bag.path.name)
+        return importing.records(source, robot, rules, bag.path.name, judge)
     found, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
+    found = tracks.without(found, rules.missing, notes)
     known = _experiment(bag) | rules.overrides
     step = _simulated(bag)
     chosen = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
     if not chosen:
         raise BagError(f"no record of {rules.path} fits {bag.path.name}; see its 'records'")
     return [
-        align.record(
+        record
+        for i, rule in enumerate(chosen)
+        for record in align.records(
             rule.name or (f"{name} {i + 1}" if len(chosen) > 1 else name),
             [_cut(track, rule) for track in found],
             robot,
@@ -92,8 +93,9 @@ def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None) -> list[Record]:
             notes=notes,
             trust_units=rules.trust_units,
             simulated=step,
+            mend=rules.mend,
+            judge=judge,
         )
-        for i, rule in enumerate(chosen)
     ]
 
 
@@ -116,7 +118,7 @@ def _experiment(bag: Bag) -> dict:
 
 def _simulated(bag: Bag) -> float:
     """Physics step of the plant that was recorded [s]; 0 of a machine, or where nothing tells."""
-    about = {} if isinstance(bag, SqliteBag) else bag.metadata
+    about = bag.metadata
     try:
         step = 0.0 if "hardware" in about else float(about.get(STEP, 0.0))
     except ValueError:

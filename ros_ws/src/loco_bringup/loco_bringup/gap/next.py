@@ -41,7 +41,7 @@ def write_next(
         LocoError: No such results or proposal, or a motion beyond the robot's limits.
     """
     folder = Path(folder)
-    rows = runner.read_json(folder / runner.RESULT).get("next") or []
+    rows = runner.read_json(folder / runner.RESULT, runner.ResultFile)["next"] or []
     if not 1 <= rank <= len(rows):
         raise ParameterError(
             f"{folder} proposes {len(rows)} experiments, rank {rank} is none of them"

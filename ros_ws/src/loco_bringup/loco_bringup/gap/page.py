@@ -32,33 +32,59 @@ def page(result: Mapping[str, Any], curves: Curves) -> str:
     sections = [
         part("Before and after", lambda: _before_and_after(result, curves)),
         part("Where", lambda: _where(result, curves)),
+        part("What was tried", lambda: _tried(result)),
+        part("Next experiment", lambda: tables.proposals(result)),
         part("Evidence", lambda: _evidence(result)),
+        part("Gap over time", lambda: _missed(result, curves), long=True),
         part("Spectra", lambda: html.figure(lambda: plots.spectra(curves), "Spectra", _SPECTRA)),
         part("Errors", lambda: tables.errors(curves)),
         part("What these recordings can tell", lambda: tables.identifiability(result)),
-        part("Next experiment", lambda: tables.proposals(result)),
         part("Model", lambda: _model(result), long=True),
         part("Recordings", lambda: tables.notes(result)),
         part("Settings", lambda: tables.settings(result), long=True),
     ]
-    return document(f"Gap of {_robot(result)}", header(result), sections)
+    return document(f"Gap of {_robot(result)}", header(result, curves), sections)
 
 
-def header(result: Mapping[str, Any]) -> Markup:
-    """Verdict in one sentence, then what, where, how big and how much of the gap is closed."""
+def setup_page(result: Mapping[str, Any]) -> str:
+    """HTML text of the page where the set-up has to be mended before anything is sought."""
+    head = html.join(
+        [
+            html.verdict(result["verdict"], False),
+            html.paragraph(html.strong(text.headline(result)), html.note(str(result["evidence"]))),
+            *(html.missing(f"Alarm: {alarm}") for alarm in result["alarms"]),
+        ]
+    )
+    sections = [
+        part("Set-up", lambda: html.bullets(one["says"] for one in result["setup"])),
+        part("Recordings", lambda: tables.notes(result)),
+        part("Settings", lambda: tables.settings(result), long=True),
+    ]
+    return document(f"Set-up of {_robot(result)}", head, sections)
+
+
+def header(result: Mapping[str, Any], curves: Curves) -> Markup:
+    """Answer on one screen: verdict, size, place, the worst channel before and after, the gap."""
     explained = str(result.get("evidence") or _MEANING[result["verdict"]])
+    shown = html.figure(lambda: plots.worst(curves, text.told(result)), "The largest gap", "")
     return html.join(
         [
             html.verdict(result["verdict"], result["verdict"] in GOOD),
-            html.paragraph(html.strong(text.headline(result)), html.note(explained)),
-            html.beside(html.cards(_cards(result)), _sketch(result)),
+            html.paragraph(html.strong(text.headline(result))),
+            html.answer(_sizes(result), shown, _sketch(result)),
+            html.cards(_cards(result)),
+            html.paragraph(html.note(explained)),
             *(html.missing(f"Alarm: {alarm}") for alarm in result["alarms"]),
+            *(html.missing(f"Reading: {note}") for note in result.get("reading") or ()),
         ]
     )
 
 
 def _sketch(result: Mapping[str, Any]) -> Markup:
-    """Drawing of the robot with the places of the terms marked; nothing if it is not here."""
+    """Drawing of the robot with the places of the terms marked, or that of most of the gap.
+
+    Nothing if the robot is not here.
+    """
     try:
         robot = load(result["model"]["robot"])
     except LocoError:
@@ -67,32 +93,38 @@ def _sketch(result: Mapping[str, Any]) -> Markup:
     for term in result["terms"]:
         place = term.get("place") or "*"
         places += [place] if isinstance(place, str) else list(map(str, place))
+    places += [cell["joint"] for cell in result["where"][:1] if not places]
     links = sketch.marked(robot, [place for place in places if place != "*"])
-    where = text.listed([text.place_of(place) for place in places]) or "nothing"
-    caption = f"{robot.name} as it stands, forward is right; marked: {where}."
-    return sketch.drawing(robot, links, where) + html.paragraph(caption, soft=True)
+    where = text.listed([text.place_of(place) for place in dict.fromkeys(places)]) or "nothing"
+    return sketch.drawing(robot, links, where) + html.paragraph(f"Marked: {where}.", soft=True)
+
+
+def _sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Size of each term, which people copy; if unknown, where the gap lives and the next step."""
+    rows = []
+    for term in result["terms"]:
+        sure = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"
+        name = f"{text.term_name(term)}{sure}"
+        rows += [(f"{name}, {key}", *size) for key, *size in text.sizes_of(term)] or [(name, "", "")]
+    if result["verdict"] == "unknown":
+        rows = [("The gap lives in", text.first(result["regions"]) or "all of the data", "")]
+    if result["verdict"] in ("unknown", "ambiguous"):
+        rows.append(("Next step", "", text.next_step(result)))
+    return rows
 
 
 def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     cards = []
-    for term in result["terms"]:
-        sure = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"
-        name, where = f"{text.words(term['effect'])}{sure}", text.place_of(term.get("place"))
-        cards.append((name, where, "; ".join(text.sizes(term))))
     gap = result["gap"]
     if gap.get("before") is not None:
         numbers = [text.number(gap[k]) for k in text.told(result)]
         name = "Gap before → after" if len(numbers) > 1 else "Gap"
-        unit = "times the noise, on data that was never fitted"
-        cards.append((name, " → ".join(numbers), unit))
+        cards.append((name, " → ".join(numbers), f"noise floors, on held-out data. {text.FLOOR}"))
     if text.told(result, ("closed",)) and result["verdict"] != "no gap":
-        share = f"of the rms; {round(100.0 * gap['closed']):d} % of the energy above the noise"
-        cards.append(("Closed", text.closed_rms(gap), share))
-    if result["verdict"] == "unknown" and result["regions"]:
-        cards.append(("Where", "", result["regions"][0]))
+        cards.append(("Share closed", text.closed_rms(gap), text.CLOSED))
     if (result.get("residual") or {}).get("used"):
         share = text.closed_rms(result["residual"])
-        cards.append(("Learned correction", share, "of the rms on held-out data; explains nothing"))
+        cards.append(("Learned correction", share, f"{text.CLOSED}; explains nothing"))
     odds = [t["odds"] for t in result["terms"] if isinstance(t.get("odds"), (int, float))]
     if odds and result["verdict"] in (*text.NAMED, "ambiguous"):
         what = "against the best explanation of another name"
@@ -101,7 +133,7 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _before_and_after(result: Mapping[str, Any], curves: Curves) -> Markup:
-    shown = html.figure(lambda: plots.signals(curves), "Before and after", _SIGNALS)
+    shown = html.figure(lambda: plots.signals(curves, text.told(result)), "Before and after", _SIGNALS)
     return tables.learned(result) + shown
 
 
@@ -111,15 +143,25 @@ def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
     return html.join([regions, channels, tables.cells(result)])
 
 
+def _missed(result: Mapping[str, Any], curves: Curves) -> Markup:
+    drawn = html.figure(lambda: plots.missed(curves), "Gap over time", _MISSED)
+    return html.folded(f"{len(curves.channels)} channels, value by value", drawn)
+
+
+def _tried(result: Mapping[str, Any]) -> Markup:
+    tried = [tables.terms(result), tables.rivals(result)]
+    return html.join([*tried, html.folded("Effects that were not tried", tables.not_tried(result))])
+
+
 def _evidence(result: Mapping[str, Any]) -> Markup:
     sentences = [
         html.paragraph(f"{text.term_name(t)}: {t['evidence']}")
         for t in result["terms"]
         if t.get("evidence")
     ]
-    return html.join(
-        [*sentences, tables.terms(result), tables.rivals(result), tables.over_settings(result)]
-    )
+    if not sentences and not result.get("over_settings"):
+        return html.paragraph("No effect was named.", soft=True)
+    return html.join([*sentences, tables.over_settings(result)])
 
 
 def _model(result: Mapping[str, Any]) -> Markup:
@@ -139,16 +181,23 @@ _MEANING = {
     "named, and more is missing": "It closes most of the gap, but not all: see what is left.",
     "ambiguous": "Several effects explain the data about equally well; see the next experiment.",
     "unknown": "The page says where the gap lives. Nothing was made up to close it.",
-    "no gap": "It explains the recordings down to their noise.",
+    "no gap": "It explains the recordings down to their noise floor.",
 }
 _SIGNALS = (
-    "The channels with the largest gap, where it is largest, on the same axes. Below each: what "
-    "the models miss; dashed is the noise."
+    "The channels with the largest gap, where it is largest, on the same axes: measured, and as the "
+    "verdict was judged, with the same refitted values and starts. Below each: what the models miss; "
+    "dashed is the noise floor."
 )
 _CHANNELS = (
-    "Each channel on held-out data. At the dashed line the model is as good as the measurement."
+    "Each channel on held-out data. At the dashed line, one noise floor, the model is as good as the "
+    "measurement."
 )
-_SPECTRA = "The same channels over the whole record. What a model misses should sink to the noise."
+_MISSED = (
+    "What each model misses of every value that judges, in noise floors. The gap at the top of "
+    "this page is the root mean square of all these values. Grey and tinted: the recordings that "
+    "judge, one after the other."
+)
+_SPECTRA = "The same channels over the whole record. What a model misses should sink to the noise floor."
 _MODEL = Markup(
     "As in <code>model.yaml</code>, which <code>loco run</code>, <code>loco calibrate</code> and "
     "<code>loco gap</code> take wherever they take a robot."

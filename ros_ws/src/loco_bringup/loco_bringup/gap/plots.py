@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,38 +13,63 @@ from loco_learning.gap.localisation import figures
 from loco_learning.gap.localisation.curves import Curve, Curves
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 
-from ..page.plot import Line, Panel, Plot
+from ..page.plot import BUDGET, Line, Panel, Plot
+from ..page.style import TINTS
 from . import text
 
 MEASURED, BEFORE, AFTER, NOISE = "#9aa3ad", "#d55e00", "#0072b2", "#222222"
+BOTH = "before", "after"
+COLORS = BEFORE, AFTER
+PAUSE = 1.0  # between two records [s]
 RUNAWAY = 4.0  # half ranges of the measurement that are shown of a model that runs away
 
 
-def signals(curves: Curves) -> Plot:
-    """Channels with the largest gap, and what both models miss there."""
+def signals(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
+    """Plot of the channels with the largest gap, and of what the models miss there.
+
+    Args:
+        curves: Curves of the judged models.
+        models: ``before`` and ``after``, or the first alone where nothing is added to the model.
+    """
     columns = curves.worst(figures.MOST_SIGNALS)
     curve = figures.worst_record(curves, columns)
-    panels = []
-    for c in columns:
-        unit, floor = curves.unit(c), np.full(len(curve.t), curves.floor[c])
-        said = (curve.measured[:, c], curve.before[:, c], curve.after[:, c])
-        missed = (curve.residual("before")[:, c], curve.residual("after")[:, c])
-        lines = [
-            Line("measured", said[0], MEASURED, 3.0),
-            Line("model before", said[1], BEFORE),
-            Line("model after", said[2], AFTER),
-        ]
-        panels.append(Panel(f"{curves.label(c)} [{unit}]", lines, limits=_limits(*said)))
-        lines = [
-            Line("noise", floor, NOISE, 0.8, dashed=True),
-            Line("noise", -floor, NOISE, 0.8, dashed=True),
-            Line("model before", missed[0], BEFORE),
-            Line("model after", missed[1], AFTER),
-        ]
-        limits = _limits(np.concatenate([floor, -floor, missed[0]]), missed[1])
-        panels.append(Panel(f"missed of {curves.label(c)} [{unit}]", lines, limits=limits))
+    panels = [panel for c in columns for panel in _panels(curves, curve, c, models)]
+    return Plot(curve.t, panels, axis=_axis(curve), view=_view(curve, columns))
+
+
+def worst(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
+    """Plot of the channel with the largest gap alone; arguments as of `signals`."""
+    columns = curves.worst(1)
+    curve = figures.worst_record(curves, columns)
+    panels = _panels(curves, curve, columns[0], models)
+    return Plot(curve.t, panels, axis=_axis(curve), view=_view(curve, columns))
+
+
+def _panels(curves: Curves, curve: Curve, c: int, models: Sequence[str]) -> list[Panel]:
+    """Measurement and models in one channel, and what the models miss there."""
+    values = [curve.measured[:, c], *(getattr(curve, which)[:, c] for which in models)]
+    lines = [Line("measured", values[0], MEASURED, 3.0)]
+    lines += [Line(_name(models, i), y, COLORS[i]) for i, y in enumerate(values[1:])]
+    label, floor = f"{curves.label(c)} [{curves.unit(c)}]", curve.floor[:, c]
+    missed = [curve.residual(which)[:, c] for which in models]
+    below = [Line("noise floor", sign * floor, NOISE, 0.8, dashed=True) for sign in (1.0, -1.0)]
+    below += [Line(_name(models, i), y, COLORS[i]) for i, y in enumerate(missed)]
+    limits = _limits(np.concatenate([floor, -floor, missed[0]]), missed[-1])
+    return [
+        Panel(label, lines, limits=_limits(*values)),
+        Panel(f"missed of {label}", below, limits=limits),
+    ]
+
+
+def _name(models: Sequence[str], i: int) -> str:
+    """Name of a model in a legend."""
+    return f"model {models[i]}" if len(models) > 1 else "model"
+
+
+def _view(curve: Curve, columns: list[int]) -> tuple[float, float]:
+    """Stretch of time in which the gap is largest."""
     shown = curve.t[figures.window(curve, columns, figures.span(curve))]
-    return Plot(curve.t, panels, axis=_axis(curve), view=(shown[0], shown[-1]))
+    return float(shown[0]), float(shown[-1])
 
 
 def spectra(curves: Curves) -> Plot:
@@ -54,19 +79,62 @@ def spectra(curves: Curves) -> Plot:
     bands = figures.spectrum(curve.t, np.zeros(len(curve.t)))[0]
     panels = []
     for c in columns:
-        noise = np.full(len(bands), curves.floor[c] * np.sqrt(2.0 / len(curve.t)))
+        floor = float(np.sqrt(np.mean(curve.floor[:, c] ** 2)))
+        noise = np.full(len(bands), floor * np.sqrt(2.0 / len(curve.t)))
         rows = (
             ("measured", curve.measured, MEASURED, 2.0),
             ("missed before", curve.residual("before"), BEFORE, 1.2),
             ("missed after", curve.residual("after"), AFTER, 1.2),
         )
-        lines = [Line("noise", noise, NOISE, 0.8, dashed=True)]
+        lines = [Line("noise floor", noise, NOISE, 0.8, dashed=True)]
         for name, values, color, width in rows:
             found = figures.spectrum(curve.t, values[:, c])[1]
             shown = found if len(found) else np.full(len(bands), np.nan)
             lines.append(Line(name, shown, color, width))
         panels.append(Panel(f"{curves.label(c)} [{curves.unit(c)}]", lines, logarithmic=True))
     return Plot(bands, panels, axis="frequency [Hz]")
+
+
+def missed(curves: Curves) -> Plot:
+    """Plot of the error of both models at every value that judges, in noise floors, by channel.
+
+    Records follow each other. Where they are long, each point is the rms of a few rows, so that
+    the mean square of a line is that of all its values.
+    """
+    records, count, tints = curves.judging, len(curves.channels), list(TINTS.values())
+    rows = sum(int(r.judged.sum()) for r in records)
+    every = max(1, -(-2 * count * rows // BUDGET))
+    times, both, spans, end = [], {which: [] for which in BOTH}, [], 0.0
+    for number, r in enumerate(records):
+        t = r.t[r.judged]
+        first = np.arange(0, len(t), every)
+        times.append(t[first] - t[0] + end)
+        spans.append((tints[number % len(tints)], r.name, float(times[-1][0]), float(t[-1] - t[0] + end)))
+        end = spans[-1][3] + PAUSE
+        for which, parts in both.items():
+            parts.append(_summed(np.square(r.whitened(which)[r.judged]), first))
+    panels = []
+    for c, known in enumerate(_counts(records)):
+        lines = []
+        for which, color in zip(BOTH, (BEFORE, AFTER), strict=True):
+            energy = np.concatenate([part[:, c] for part in both[which]])
+            mean = known / max(1, int(np.isfinite(energy).sum()))
+            lines.append(Line(f"model {which}", np.maximum(np.sqrt(energy / mean), figures.FAINT), color))
+        panels.append(Panel(f"{curves.label(c)}, {known} values", lines, logarithmic=True))
+    return Plot(np.concatenate(times), panels, spans, axis="time in all that judges [s]")
+
+
+def _summed(energy: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Sums of known values from each of some rows to the next, (B, C); NaN where there is none."""
+    known = np.isfinite(energy)
+    sums = np.add.reduceat(np.where(known, energy, 0.0), first, axis=0)
+    return np.where(np.add.reduceat(known, first, axis=0) > 0, sums, np.nan)
+
+
+def _counts(records: Sequence[Curve]) -> list[int]:
+    """Values of each channel that judge."""
+    known = [np.isfinite(r.whitened("before")).sum(axis=0) for r in records]
+    return np.sum(known, axis=0).tolist()
 
 
 def _axis(curve: Curve) -> str:

@@ -5,25 +5,22 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, TypedDict
 
 from loco_control import reading
+from loco_control.checks import check_file
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.files import claim, write_whole
 from loco_control.params import from_dict
 from loco_learning.gap import workflow
-from loco_learning.gap.localisation import curves as gap_curves
-from loco_learning.gap.localisation.curves import FIT, HELD_OUT, Curves
+from loco_learning.gap.localisation.curves import HELD_OUT, Curves
 from loco_learning.gap.params import GapParams
-from loco_learning.gap.prediction import horizon, led
-from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.setup.contents import SETUP
 from loco_learning.plain import plain
 from loco_sim import effects
 from loco_sim.plant import model as models
@@ -33,6 +30,56 @@ from .importing import load
 
 RESULT, MODEL, PAGE, ARRAYS, JOB = "gap.json", "model.yaml", "gap.html", "gap.npz", "job.json"
 JOURNAL = "search.jsonl"  # results of a search that is not done; it is gone afterwards
+
+
+
+class JobFile(TypedDict):
+    """Keys of `JOB`."""
+
+    robot: str
+    bags: list[str]
+    hold_out: list[str]
+    mapping: str
+    options: dict[str, Any]
+
+
+class Size(TypedDict):
+    """Parameter of a term; None where a number is not known."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+
+
+class Term(TypedDict):
+    """Effect that was added to the model."""
+
+    effect: str
+    place: str | list[str] | None
+    parameters: dict[str, Size]
+
+
+class Proposal(TypedDict):
+    """Experiment that would tell effects apart."""
+
+    experiment: str
+
+
+class MoreOfProposal(Proposal, total=False):
+    """A proposal with what it is good for."""
+
+    odds: float | None
+    separates: str | list[str]
+
+
+class ResultFile(TypedDict):
+    """Keys of `RESULT` that commands read from a folder."""
+
+    verdict: str
+    terms: list[Term]
+    next: list[MoreOfProposal] | None
+
 
 Tell = Callable[[float, str, str], None]  # share of the work done, stage, best name so far
 
@@ -72,21 +119,28 @@ def load_job(folder: str | Path) -> Job:
 
     Raises:
         MissingFileError: The folder holds no results of `loco gap`.
+        ParameterError: A value in the file is wrong.
     """
     path = Path(folder) / JOB
-    values = read_json(path)
+    values = read_json(path, JobFile)
+    if not values["bags"]:
+        raise ParameterError(f"{path}: bags must name one recording or more, got []")
     return Job(
         values["robot"], tuple(values["bags"]), tuple(values["hold_out"]), values["mapping"],
         values["options"],
     )  # fmt: skip
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path, keys: Any) -> dict[str, Any]:
     """A file of a folder of results.
+
+    Args:
+        path: The file.
+        keys: A `TypedDict` of its keys, for `checks.check`.
 
     Raises:
         MissingFileError: It is not there, or of another format.
-        ParameterError: The file is not JSON.
+        ParameterError: The file is not JSON, or a value in it is wrong.
     """
     if not path.is_file():
         raise MissingFileError(
@@ -96,6 +150,7 @@ def read_json(path: Path) -> dict[str, Any]:
     values = reading.read_json(path)
     if not isinstance(values, dict) or values.get("format") != 1:
         raise MissingFileError(f"{path} is not of format 1, which this version reads")
+    check_file(values, keys, path)
     return values
 
 
@@ -113,8 +168,9 @@ def read_records(job: Job) -> tuple[Model, list[Record], list[Record]]:
     mapping = Path(job.mapping) if job.mapping else None
     apart = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may name them, too
     bags = [path for path in job.bags if os.path.realpath(path) not in apart]
-    fit = [r for path in bags for r in load(path, robot, mapping)]
-    held = [r for path in job.hold_out for r in load(path, robot, mapping)]
+    judge = not options_of(job).setup  # else the workflow does
+    fit = [r for path in bags for r in load(path, robot, mapping, judge)]
+    held = [r for path in job.hold_out for r in load(path, robot, mapping, judge)]
     held += [r for r in fit if r.role == HELD_OUT]
     fit = [r for r in fit if r.role != HELD_OUT]
     if not fit:
@@ -130,23 +186,11 @@ def options_of(job: Job) -> Any:
     Raises:
         LocoError: A value out of range, or a name that is not known.
     """
-    for pattern in job.options.get("effects") or ():
+    params = from_dict(GapParams, dict(job.options), "gap")
+    for pattern in params.effects:
         if not any(fnmatchcase(name, pattern) for name in effects.names()):
             raise NameUnknownError("effect", pattern, effects.names())
-    return from_dict(GapParams, dict(job.options), "gap")
-
-
-def compare(result: Mapping, model: Model, fit: Sequence[Record], held: Sequence[Record]) -> Curves:
-    """Both models over every record."""
-    records, roles = [*fit, *held], [FIT] * len(fit) + [HELD_OUT] * len(held)
-    pieces = ForwardParams(window=result["settings"]["window"], ground=result["pieces"])
-    given, found = (horizon.quickest(m) if pieces.ground else m for m in (model, patched(result)))
-    kind = led.Led if result.get("compared") == led.Led.how else Forward
-    before, after = (kind(m, records, pieces) for m in (given, found))
-    floor = np.array([channel["floor"] for channel in result["gap"]["channels"]])
-    if len(floor) != len(before.channels):
-        floor = before.numeric
-    return gap_curves.curves(before, after, before.records, roles, floor)
+    return params
 
 
 def patched(result: Mapping[str, Any]) -> Model:
@@ -159,7 +203,7 @@ def patched(result: Mapping[str, Any]) -> Model:
 def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     """Search, and write `RESULT`, `MODEL`, `JOB`, `ARRAYS` and `PAGE` into the folder.
 
-    The first three are there as soon as the verdict is known, and again with all that is added
+    The first four are there as soon as the verdict is known, and again with all that is added
     to it: nothing that comes after the verdict can cost it. A search that was killed goes on
     from `JOURNAL` when the same is asked for again.
 
@@ -172,15 +216,25 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     tell(0.0, "reading", "")
     model, fit, held = read_records(job)
 
-    def keep(result: Mapping[str, Any]) -> None:
+    shown: list[Curves | None] = []
+
+    def keep(result: Mapping[str, Any], curves: Curves | None) -> None:
+        shown[:] = [curves]
         write_result(job, plain(result), folder)
+        if curves:
+            curves.save(folder / ARRAYS)
+        else:
+            (folder / ARRAYS).unlink(missing_ok=True)
 
     with workflow.memory_of(folder / JOURNAL, model, fit, held, params) as memory:
         found = workflow.find(model, fit, held, params, tell, job.workers, keep, memory)
         result = plain(found)
-        keep(result)
+        keep(result, shown[0])
         tell(1.0, "page", "")
-        write_page(result, compare(result, model, fit, held), folder)
+        if result["verdict"] == SETUP:
+            write_whole(folder / PAGE, setup_page(result))
+            return result
+        write_page(result, shown[0], folder)
     return result
 
 
@@ -193,11 +247,17 @@ def write_result(job: Job, result: Mapping[str, Any], folder: Path) -> None:
 
 
 def write_page(result: Mapping[str, Any], curves: Curves, folder: Path) -> None:
-    """Write the signals before and after, and the page that shows them."""
-    curves.save(folder / ARRAYS)
+    """Write the page about a verdict and the curves that it rests on."""
     from . import page  # draws; the node `calibrator` uses the rest
 
     page.write_page(result, curves, folder / PAGE)
+
+
+def setup_page(result: Mapping[str, Any]) -> str:
+    """HTML text of the page of a set-up that has to be mended first."""
+    from . import page
+
+    return page.setup_page(result)
 
 
 def beside(model: Model, folder: Path) -> Model:

@@ -62,7 +62,7 @@ def terms(result: Result) -> Markup:
     items = result["terms"]
     if not items:
         return Markup()
-    head = ["Effect", "Place", "Size (interval)", "Verdict", "Gain (interval)", "Odds", "Closed",
+    head = ["Effect", "Place", "Size (interval)", "Verdict", "Gain (interval)", "Odds", "Share closed",
             "Looks like"]  # fmt: skip
     body = [
         [
@@ -93,7 +93,7 @@ def over_settings(result: Result) -> Markup:
         ]
         for row in items
     ]  # fmt: skip
-    head = ["Varied", "Setting", "Wins there", "Odds of the name", "Against", "It closes"]
+    head = ["Varied", "Setting", "Wins there", "Odds of the name", "Against", "Share closed"]
     return html.paragraph(_SETTINGS, soft=True) + table(head, body, (5,))
 
 
@@ -112,7 +112,7 @@ def rivals(result: Result) -> Markup:
         ]
         for r in items
     ]
-    head = ["Rival", "Place", "Gain over it (interval)", "Odds against it", "It closes"]
+    head = ["Rival", "Place", "Gain over it (interval)", "Odds against it", "Share closed"]
     return html.paragraph(_RIVALS, soft=True) + table(head, body, (4,))
 
 
@@ -200,13 +200,18 @@ def learned(result: Result) -> Markup:
 
 
 def notes(result: Result) -> Markup:
-    """The gap of each record, notes of aligning and searching, and effects not tried."""
-    told = [*(result.get("align") or ()), *(result.get("notes") or ())]
-    told += [f"Not tried: {text.words(str(r['effect']))}, since {r['reason']}"
-             for r in result.get("not_tried") or ()]  # fmt: skip
+    """The gap of each record, and notes of aligning and searching."""
+    told = list(dict.fromkeys([*(result.get("align") or ()), *(result.get("notes") or ())]))
     rows = result["gap"].get("records") or []
     listed = html.bullets(str(n) for n in told)
     return (rows_of(rows, ("name", "role")) if rows else Markup()) + listed
+
+
+def not_tried(result: Result) -> Markup:
+    """List of the effects that no model of the search had, each with the reason."""
+    rows = result.get("not_tried") or ()
+    items = [f"{text.words(str(r['effect']))}, since {r['reason']}" for r in rows]
+    return html.bullets(items) or html.paragraph("None.", soft=True)
 
 
 def settings(result: Result) -> Markup:
@@ -221,7 +226,7 @@ def settings(result: Result) -> Markup:
 
 _CELLS = (
     "The parts of the data that hold most of the gap before. Share: of the whole gap, beyond the "
-    "noise."
+    "noise floor."
 )
 _RIVALS = (
     "The best explanations of another name, fitted in the same way. Gain: how much better what "

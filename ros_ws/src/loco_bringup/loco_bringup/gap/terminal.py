@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from loco_control.exceptions import ParameterError
+from loco_learning.gap.setup.contents import SETUP
 
-from ..settings import overrides
+from ..settings import joined, overrides
 from ..terminal import bar, console
 from . import run as runner
 from . import text
@@ -22,7 +23,7 @@ def show_gap(a: argparse.Namespace) -> int:
     """`loco gap`: search with live progress.
 
     Returns:
-        The exit code.
+        The exit code: 2 where the set-up has to be mended first.
 
     Raises:
         ParameterError: There is no recording, or no process to work with.
@@ -43,7 +44,7 @@ def show_gap(a: argparse.Namespace) -> int:
 
         result = runner.run(job, folder, tell)
     show(result, folder)
-    return 0
+    return 2 if result["verdict"] == SETUP else 0
 
 
 def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
@@ -52,12 +53,13 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     Raises:
         LocoError: They do not fit together.
     """
-    options: dict[str, Any] = {"seed": a.seed}
-    options |= {key: list(getattr(a, key)) for key in ("free", "effects") if getattr(a, key)}
-    options |= {"residual": True} if a.residual else {}
-    options |= overrides(a.set, None)
+    given = {"free": list(a.free), "effects": list(a.effects), "residual": a.residual}
+    options = {key: value for key, value in given.items() if value}
+    options |= {} if a.seed is None else {"seed": a.seed}
+    options = joined(options, overrides(a.set, None))
     if a.add:
         return _more(a, options)
+    options.setdefault("seed", 0)
     if not a.robot:
         raise ParameterError("loco gap wants --robot: a robot, robot.yaml or model.yaml")
     mapping = str(a.mapping) if a.mapping else ""
@@ -72,13 +74,15 @@ def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, P
     old = runner.load_job(a.bags[0])
     job = runner.Job(
         a.robot or old.robot, (*old.bags, *a.add), (*old.hold_out, *a.hold_out),
-        str(a.mapping) if a.mapping else old.mapping, {**options, **old.options}, a.workers,
+        str(a.mapping) if a.mapping else old.mapping, {**old.options, **options}, a.workers,
     )  # fmt: skip
     return job, a.out or Path(a.bags[0])
 
 
 def show(result: Mapping[str, Any], folder: Path) -> None:
-    """Print the verdict and where everything lies."""
+    """Print what was read with doubts, the verdict, and where everything lies."""
+    for line in result.get("reading") or ():
+        console.print(f"reading: {line}")
     console.print(f"{text.headline(result)}")
     for line in text.term_lines(result):
         console.print(f"  {line}")
@@ -96,7 +100,8 @@ def show(result: Mapping[str, Any], folder: Path) -> None:
     if result.get("next"):
         console.print(f"  next: loco gap next {folder}")
     console.print(f"  page: {folder / runner.PAGE}")
-    console.print(f"  model: {folder / runner.MODEL}")
+    if result["verdict"] != SETUP:
+        console.print(f"  model: {folder / runner.MODEL}")
 
 
 def show_next(a: argparse.Namespace) -> int:

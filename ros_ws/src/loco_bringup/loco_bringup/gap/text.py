@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from loco_learning.gap.setup.contents import SETUP
 from loco_sim.effects.base import EFFECTS
 
 Result = Mapping[str, Any]
@@ -49,21 +50,47 @@ def term_name(term: Mapping[str, Any]) -> str:
     return f"{words(term['effect'])} in {place_of(term.get('place'))}"
 
 
-def sizes(term: Mapping[str, Any]) -> list[str]:
-    """Each parameter with its interval and unit."""
+FLOOR = "A noise floor is what sensors and numerics leave of a model that lacks nothing."
+CLOSED = "of the rms above the noise floor, on held-out data"
+
+
+def sizes_of(term: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Name, value with its unit, and interval of each parameter."""
     out = []
     for name, p in (term.get("parameters") or {}).items():
         unit = "" if p.get("unit") in (None, "", "-") else f" {p['unit']}"
-        out.append(
-            f"{words(name)} {number(p.get('value'))}{unit} "
-            f"({number(p.get('low'))} to {number(p.get('high'))})"
-        )
+        interval = f"{number(p.get('low'))} to {number(p.get('high'))}"
+        out.append((words(name), f"{number(p.get('value'))}{unit}", interval))
     return out
+
+
+def sizes(term: Mapping[str, Any]) -> list[str]:
+    """Each parameter with its interval and unit."""
+    return [f"{name} {value} ({interval})" for name, value, interval in sizes_of(term)]
+
+
+def first(items: Sequence[str]) -> str:
+    """First of some sentences; nothing where there is none."""
+    return str(items[0]) if items else ""
+
+
+def next_step(result: Result) -> str:
+    """Next step of somebody whose verdict is no name."""
+    if result.get("next"):
+        return f"record {next_line(result['next'][0])}: loco gap next DIR writes it"
+    if lines := at_the_robot(result):
+        return f"to tell {lines[0]}"
+    if result["verdict"] == "ambiguous":
+        return "record a motion of another speed, load or pose, and add it: loco gap DIR --add BAG"
+    return "look there at the robot, record a motion that dwells there, and add it: loco gap DIR --add BAG"
 
 
 def headline(result: Result) -> str:
     """The verdict in one sentence."""
     verdict, terms = result["verdict"], result.get("terms") or []
+    if verdict == SETUP:
+        first = "; ".join(one["says"] for one in result["setup"] if one["stops"])
+        return f"Unknown, since the set-up is wrong: {first}."
     if verdict == "no gap":
         return "No gap: nothing needs to be added to the model."
     if verdict in NAMED:
@@ -116,10 +143,10 @@ def gap_line(result: Result) -> str:
     gap = result.get("gap") or {}
     if gap.get("before") is None:
         return ""
-    numbers = [f"{number(gap[key])} {key}" for key in told(result)]
-    line = f"gap on held-out data: {', '.join(numbers)} times the noise"
+    name, *rest = [f"{number(gap[key])}{{}} {key}" for key in told(result)]
+    line = f"gap on held-out data: {', '.join([name.format(' noise floors'), *rest])}".format("")
     if told(result, ("after",)) == ["after"] and result["verdict"] != "no gap":
-        line += f"; {closed_rms(gap)} of the rms is closed"
+        line += f"; share closed {closed_rms(gap)} (of the rms above the noise floor)"
     return line
 
 
@@ -130,8 +157,8 @@ def learned_line(result: Result) -> str:
 
 
 def closed_rms(gap: Mapping[str, Any]) -> str:
-    """Share of the rms on held-out data that is closed."""
-    return f"{round(100.0 * (1.0 - gap['after'] / max(gap['before'], 1e-12))):d} %"
+    """Share closed: of the rms above the noise floor on held-out data, as the verdict counts it."""
+    return f"{round(100.0 * gap['closed']):d} %"
 
 
 def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:

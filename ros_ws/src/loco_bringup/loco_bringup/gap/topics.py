@@ -7,18 +7,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from loco_control.exceptions import BagError, LocoError
-from loco_control.ros.messages.joint_codec import JointCodec
+from loco_control.exceptions import BagError
+from loco_learning.gap.recordings.record import Doubt
 from loco_learning.gap.recordings.tracks import AXES, Track
 from loco_sim.robot.robot import Robot
 
 from ..bag.reader import Bag, seconds
+from . import joint_states
 
 STATES, COMMAND = "joint_states", "joint_command"
 ROBOT_STATE, MOTION, TRUNK = "robot_state", "motion_command", "trunk_torque"
 IMU, ODOMETRY = "imu/data", "ground_truth/odom"
 KINDS = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
+ROLES_OF_JOINTS = (*KINDS.values(), *(f"command_{kind}" for kind in COMMANDS.values()))
 _JOINTS, _STATE = "sensor_msgs/msg/JointState", "loco_msgs/msg/RobotState"
 
 
@@ -40,6 +42,7 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
         found, notes = _own_messages(bag, prefix, robot), []
     else:
         found, notes = _standard(bag, prefix)
+        found = _own_joints(found, robot, notes)
     if base_pose:
         if not _has(bag, prefix + ODOMETRY, "nav_msgs/msg/Odometry"):
             raise BagError(f"{bag.path.name} has no {prefix}{ODOMETRY}, asked for by base_pose")
@@ -93,45 +96,21 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
             f"has {', '.join(sorted(bag.topics))} (a mapping can name another topic)"
         )
     notes: list[str] = []
-    found = _joint_tracks(bag, prefix + STATES, KINDS, notes)
+    found = joint_states.tracks(bag, prefix + STATES, KINDS, notes)
     commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
-    found += _joint_tracks(bag, prefix + COMMAND, commands, notes)
+    found += joint_states.tracks(bag, prefix + COMMAND, commands, notes)
     if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
         found += _imu(bag, prefix + IMU)
     return found, notes
 
 
-def _joint_tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> list[Track]:
-    """Tracks of a JointState topic, of the fields that its first message has."""
-    logged, data = bag.raw(topic)
-    first = bag.message(topic, data[0])
-    fields = [f for f in KINDS if len(getattr(first, f)) == len(first.name)]
-    codec = JointCodec(first.name, topic, fields, first.header.frame_id)
-    try:
-        rows = [codec.read(d) for d in data]
-    except LocoError as error:
-        raise BagError(f"{bag.path.name}: {error}") from None
-    t = _clock(np.array([row.time for row in rows]), logged, topic, notes)
-    values = dict(
-        zip(KINDS, map(np.array, zip(*(row[1:] for row in rows), strict=True)), strict=True)
-    )
-    return [
-        Track(roles[field], joint, t, values[field][:, i], topic)
-        for field in fields
-        if roles[field] in ("q", "command_position") or np.any(values[field] != 0.0)
-        for i, joint in enumerate(first.name)
-    ]
-
-
-def _clock(stamps: np.ndarray, logged: np.ndarray, topic: str, notes: list[str]) -> np.ndarray:
-    """Stamps [s], or times of logging where messages have none; notes how they differ."""
-    if not np.any(stamps):
-        notes.append(f"{topic} has no stamps: the times of logging were taken")
-        return logged / 1e9
-    late = 1e-6 * np.median(logged - stamps)  # [ms]
-    if abs(late) > 1.0:
-        notes.append(f"{topic} was logged {late:.1f} ms after its stamps")
-    return stamps / 1e9
+def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
+    """Tracks without those of joints that the robot lacks, where all that it has are there."""
+    extra = sorted({k.place for k in found if k.role in ROLES_OF_JOINTS} - set(robot.joints))
+    if not extra or set(robot.joints) - {k.place for k in found if k.role == "q"}:
+        return found
+    notes.append(Doubt(f"{', '.join(extra)}: not in the model of {robot.name!r} and left out"))
+    return [k for k in found if k.role not in ROLES_OF_JOINTS or k.place not in extra]
 
 
 def _imu(bag: Bag, topic: str) -> list[Track]:

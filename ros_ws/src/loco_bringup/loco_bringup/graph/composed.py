@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Process of one or several nodes: ``python -m loco_bringup.graph.composed MODULE:CLASS …``."""
+"""Process of nodes: ``python -m loco_bringup.graph.composed [FOLDER/]MODULE:CLASS …``."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ def main() -> None:
     split = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else len(sys.argv)
     classes = []
     for path in sys.argv[1:split]:
+        folder, _, path = path.rpartition("/")
+        if folder and folder not in sys.path:
+            sys.path.append(folder)  # the last: no file there takes the place of a library
         module, _, name = path.partition(":")
         classes.append(getattr(importlib.import_module(module), name))
     code = run_nodes(classes, sys.argv[split:])

@@ -15,23 +15,10 @@ import sys
 import time
 
 from . import shm
+from .process_info import start_of
 
 # How long a process may take to end after each signal [s].
 PATIENCE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
-
-
-def start_of(pid: int) -> str:
-    """When a process began, "" if there is none: with the pid it names one process for good.
-
-    A process whose first thread has ended has its files and locks until the last one has.
-    """
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rpartition(")")[2].split()
-        threads = len(os.listdir(f"/proc/{pid}/task"))
-    except OSError:
-        return ""
-    return "" if fields[0] == "Z" and threads < 2 else fields[19]
 
 
 def send(pid: int, number: int) -> None:
@@ -41,37 +28,37 @@ def send(pid: int, number: int) -> None:
         os.kill(pid, signal.SIGCONT)
 
 
-def end_all(begins: dict[int, str], share: float = 1.0) -> None:
+def end_all(start_times: dict[int, str], share: float = 1.0) -> None:
     """Wait for the processes, then signal those that still run, until none is left.
 
     The kernel has told them already that the supervisor died, and a second signal could
     meet a recorder that is closing its bag.
 
     Args:
-        begins: Begin of each process, by pid.
+        start_times: Begin of each process, by pid.
         share: Share of the usual patience, in (0, 1].
     """
-    for number, patience in ((signal.SIGCONT, PATIENCE[0][1]), *PATIENCE[1:]):
-        deadline = time.monotonic() + share * patience
-        for pid in _alive(begins):
+    for number, timeout in ((signal.SIGCONT, PATIENCE[0][1]), *PATIENCE[1:]):
+        deadline = time.monotonic() + share * timeout
+        for pid in _living(start_times):
             send(pid, number)
-        while _alive(begins) and time.monotonic() < deadline:
+        while _living(start_times) and time.monotonic() < deadline:
             time.sleep(0.02)
 
 
-def _alive(begins: dict[int, str]) -> list[int]:
-    return [pid for pid, start in begins.items() if start_of(pid) == start]
+def _living(start_times: dict[int, str]) -> list[int]:
+    return [pid for pid, start in start_times.items() if start_of(pid) == start]
 
 
 def main() -> None:
     """Read pids until the pipe closes."""
-    begins: dict[int, str] = {}
+    start_times: dict[int, str] = {}
     for line in sys.stdin:
         if line.strip() == "done":
             return
         pid, _, start = line.strip().partition(" ")
-        begins[int(pid)] = start
-    end_all(begins, *map(float, sys.argv[1:]))
+        start_times[int(pid)] = start
+    end_all(start_times, *map(float, sys.argv[1:]))
     shm.clean()
 
 

@@ -42,6 +42,6 @@ def driven(specs: Sequence[NodeSpec], experiment: Any, file: str, clock: str) ->
     wiring.load(file, experiment.plant)
     if find_spec("dynamixel_sdk") is None:
         raise MissingPackageError(
-            "dynamixel_sdk is not installed; it comes with `pip install '.[dynamixel]'`"
+            "dynamixel_sdk is not installed; it comes with `./loco install dynamixel`"
         )
     return [DRIVER if spec.cls == _SIMULATED else spec for spec in specs]

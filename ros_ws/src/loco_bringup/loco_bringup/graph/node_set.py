@@ -31,7 +31,7 @@ class NodeSpec:
     """One node of a set: its name, its class and the experiment parts it needs."""
 
     name: str
-    cls: str
+    cls: str  # [FOLDER/]MODULE:CLASS
     parameters: tuple[str, ...]
     executable: str  # for ``ros2 run``, in the package of the class
     restart: Restart = NEVER  # what happens when its process dies
@@ -74,7 +74,7 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
         specs = [
             NodeSpec(
                 r["name"],
-                r["class"],
+                _class(r["class"], path.parent),
                 tuple(r.get("parameters", ())),
                 r.get("executable", r["name"]),
                 _restart(r["name"], r.get("restart", "never"), r.get("restarts_per_minute")),
@@ -91,6 +91,13 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
     if table not in TABLES:
         raise NameUnknownError("topic table", str(table), TABLES)
     return table, specs
+
+
+def _class(name: str, folder: Path) -> str:
+    """MODULE:CLASS of a node, with the folder of the node set before it if the module is there."""
+    top = name.partition(":")[0].partition(".")[0]
+    is_local = (folder / f"{top}.py").is_file() or (folder / top / "__init__.py").is_file()
+    return f"{folder.resolve()}/{name}" if is_local else name
 
 
 def _restart(node: str, policy: Any, per_minute: Any) -> Restart:

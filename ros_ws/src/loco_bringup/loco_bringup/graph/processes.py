@@ -19,14 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from . import shm
-from .guard import PATIENCE, send, start_of
+from .guard import PATIENCE, send
+from .process_info import start_of
 
 RECORDER = "recorder"  # name of the process that writes the bag
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 _MINUTE = 60.0  # [s]
-_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-_OWN_PROFILE = str(Path(__file__).parent.parent / "dds.xml")
 
 
 @dataclass(frozen=True)
@@ -35,15 +34,15 @@ class Restart:
 
     per_minute: int = 0
 
-    def allows(self, code: int, times: Sequence[float], now: float) -> bool:
+    def allows(self, code: int, times: Sequence[float], time_now: float) -> bool:
         """Whether a process may start again.
 
         Args:
             code: Exit code of the process; after 0 it is not started again.
             times: Times at which it was started again before [s].
-            now: The time [s].
+            time_now: The time [s].
         """
-        recent = [t for t in times if now - t < _MINUTE]
+        recent = [t for t in times if time_now - t < _MINUTE]
         return code != 0 and len(recent) < self.per_minute
 
 
@@ -141,21 +140,21 @@ class Process:
 
     def revive(self) -> bool:
         """Start a process that died again, if its policy allows."""
-        now = time.monotonic()
-        if self.code is None or not self.restart.allows(self.code, self.restarts, now):
+        time_now = time.monotonic()
+        if self.code is None or not self.restart.allows(self.code, self.restarts, time_now):
             return False
-        self.restarts.append(now)
+        self.restarts.append(time_now)
         self._start()
         return True
 
     def stop(self) -> int:
         """End the process: SIGINT, then SIGTERM, then SIGKILL. Returns its exit code."""
-        for number, patience in PATIENCE:
+        for number, timeout in PATIENCE:
             if self.code is not None:
                 break
             send(self.pid, number)
             try:
-                self._popen.wait(patience)
+                self._popen.wait(timeout)
             except subprocess.TimeoutExpired:
                 continue
         return self._popen.wait()
@@ -171,11 +170,11 @@ def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, 
     The recorder is the last: what the others said to their end is in the bag.
     """
     for last in (False, True):
-        chosen = [p for p in processes if (p.name == RECORDER) == last and p.code is None]
-        for process in chosen:
+        group = [p for p in processes if (p.name == RECORDER) == last and p.code is None]
+        for process in group:
             send(process.pid, signal.SIGINT)
         deadline = time.monotonic() + PATIENCE[0][1]
-        while time.monotonic() < deadline and any(p.code is None for p in chosen):
+        while time.monotonic() < deadline and any(p.code is None for p in group):
             time.sleep(0.01)
     codes = {p.name: p.stop() for p in processes}
     shm.clean()  # a killed process could not; the last two to leave a port may both forget it
@@ -188,11 +187,10 @@ def _environment() -> dict[str, str]:
     """Environment for a fresh interpreter; the ROS wheels set their own paths again."""
     env = dict(os.environ)
     env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
-    if env.get(_PROFILES) == _OWN_PROFILE:  # for what commands print; nodes have one of their own
-        del env[_PROFILES]
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         env.setdefault(name, "1")  # two BLAS threads cost 5 ms a step on two cores
     env["PYTHONUNBUFFERED"] = "1"
+    env["PYTHONSAFEPATH"] = "1"  # nothing of the current folder is imported (Python 3.11 and later)
     return env
 
 

@@ -23,10 +23,20 @@ from loco_sim.engines import require
 from loco_sim.params import TickParams
 
 from ..bag.writer import Limits
-from ..outcome import Outcome, Progress, check_new, default_folder, describe, duration_of, processor
+from ..outcome import (
+    Outcome,
+    Progress,
+    check_new,
+    default_folder,
+    describe,
+    duration_of,
+    processor,
+    remove_bag,
+)  # fmt: skip
 from . import node_set
 from .hardware import driven
 from .processes import NEVER, RECORDER, Guard, Process, Restart
+from .start import StartLimits
 from .watch import Watch
 
 __all__ = [
@@ -58,7 +68,7 @@ def run(
     on_progress: Callable[[Progress], Any] = lambda progress: None,
     namespace: str = "",
     faults: Sequence[str] = (),
-    **more: Any,
+    **kwargs: Any,
 ) -> Outcome:
     """Run an experiment as a ROS graph and record it.
 
@@ -72,7 +82,7 @@ def run(
         on_progress: Called about ten times a second of wall time; a true answer ends the run.
         namespace: Namespace of all nodes.
         faults: Faults of topics, as `loco_control.faults.parse` reads them.
-        more: Further arguments of `run_robots`.
+        kwargs: Further arguments of `run_robots`.
 
     Raises:
         GraphError: A node died or never got ready, nothing ticks, or another run
@@ -81,7 +91,7 @@ def run(
     """
     robots = {namespace: experiment}
     return run_robots(
-        robots, folder, layout, clock, speed, nodes, on_progress, faults=faults, **more
+        robots, folder, layout, clock, speed, nodes, on_progress, faults=faults, **kwargs
     )
 
 
@@ -99,6 +109,7 @@ def run_robots(
     realtime: Mapping[str, Any] | None = None,
     limits: Limits | None = None,
     hardware: str = "",
+    start_timeout: float = StartLimits.timeout,
     **tick: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
@@ -117,6 +128,7 @@ def run_robots(
         realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
         limits: Size and time after which the next file of the bag begins.
         hardware: Wiring file of the real robot that stands in place of the plant.
+        start_timeout: Time without progress after which the start has failed [s].
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
@@ -127,6 +139,7 @@ def run_robots(
     if layout not in LAYOUTS:
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
     check_new(folder)
+    limits_of_start = StartLimits(start_timeout)
     for experiment in () if hardware else robots.values():
         if "engine" in getattr(experiment, "sim", ()):  # a network of masses needs none
             require(experiment.sim["engine"])
@@ -154,7 +167,13 @@ def run_robots(
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
         processes = plan.start(guard)
-        return Watch(processes, folder, duration, on_progress, plan.tables, guard).run()
+        watch = Watch(processes, folder, duration, on_progress, plan.tables, guard, limits_of_start)
+        try:
+            return watch.run()
+        except GraphError:
+            if not watch.began_alone:
+                remove_bag(folder)  # nothing of worth that it could hold; the logs stay
+            raise
 
 
 def _changes(defaults: Params, values: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 SHM = Path("/dev/shm")
-_PATIENCE = 2.0  # wall time to wait for others that clean [s]
+_TIMEOUT = 2.0  # wall time to wait for others that clean [s]
 # fastrtps_HEX and fastrtps_portN with their locks _el (exclusive) and _sl (shared), and
 # the semaphore of a port.
 _NAME = re.compile(r"(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?$")
@@ -63,14 +63,14 @@ def clean(folder: Path = SHM) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _turn(folder: Path) -> Iterator[None]:
-    """Wait until no other process cleans, for `_PATIENCE` at most: it may be anybody's."""
+    """Wait until no other process cleans, for `_TIMEOUT` at most: it may be anybody's."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:  # there is no such folder
         yield
         return
     try:
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _TIMEOUT
         while not _is_locked(handle) and time.monotonic() < end:
             time.sleep(0.01)
         yield

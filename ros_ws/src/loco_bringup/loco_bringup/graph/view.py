@@ -17,8 +17,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from loco_control.ros.endpoints import is_named, living, low_pid, own_host
 from loco_control.ros.messages.topics import topic
+from loco_control.ros.parameters import sealed_node
 
-from ..doctor.environment import nodes_here
+from . import node_set
+from .process_info import node_processes
 
 NAME = "onlooker"  # of the listener's node, with its pid
 SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s]
@@ -98,7 +100,7 @@ class Onlooker:
     def __enter__(self) -> Onlooker:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(f"{NAME}_{os.getpid()}", context=self._context)
+        self._node = sealed_node(f"{NAME}_{os.getpid()}", context=self._context)
         self._reports: dict[str, tuple[Any, float]] = {}
         self._events: list[Occurrence] = []
         self._heard: set[str] = set()
@@ -106,7 +108,7 @@ class Onlooker:
         self._node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._never = rclpy.task.Future()
+        self._forever = rclpy.task.Future()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -124,25 +126,27 @@ class Onlooker:
             silent: Wall time without diagnostics that counts as silence [s].
         """
         end = time.monotonic() + seconds
-        while (rest := end - time.monotonic()) > 0:
+        while (remaining := end - time.monotonic()) > 0:
             self._follow_events()
-            self._executor.spin_until_future_complete(self._never, timeout_sec=min(0.2, rest))
+            self._executor.spin_until_future_complete(
+                self._forever, timeout_sec=min(0.2, remaining)
+            )
         endpoints, end = self._endpoints(), time.monotonic() + _NAMING
         while not all(e.named for e in endpoints) and time.monotonic() < end:
-            self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
+            self._executor.spin_until_future_complete(self._forever, timeout_sec=0.1)
             endpoints = self._endpoints()
-        now = time.monotonic()
+        time_now = time.monotonic()
         reports = {
             name: Report(
                 status.level[0],
                 status.message,
                 {v.key: v.value for v in status.values},
-                now - at,
+                time_now - at,
             )
             for name, (status, at) in self._reports.items()
         }
-        here = nodes_here(os.environ.get("ROS_DOMAIN_ID", "0") or "0")
-        return View(tuple(endpoints), reports, tuple(self._events), here, silent)
+        local_nodes = _nodes_of_domain(os.environ.get("ROS_DOMAIN_ID", "0") or "0")
+        return View(tuple(endpoints), reports, tuple(self._events), local_nodes, silent)
 
     def _on_report(self, array: Any) -> None:
         for status in array.status:
@@ -177,8 +181,8 @@ class Onlooker:
                 (False, node.get_subscriptions_info_by_topic(name)),
             ):
                 endpoints += [_endpoint(info, name, writes, pids) for info in living(infos, host)]
-        mine = self._node.get_name()
-        return [e for e in endpoints if e.node.rpartition("/")[2] != mine]
+        own_name = self._node.get_name()
+        return [e for e in endpoints if e.node.rpartition("/")[2] != own_name]
 
 
 def _endpoint(info: Any, name: str, writes: bool, pids: dict[int, int]) -> Endpoint:
@@ -208,3 +212,26 @@ def _pids() -> dict[int, int]:
         if python or pid & 0xFFFF not in pids:
             pids[pid & 0xFFFF] = pid
     return pids
+
+
+def _nodes_of_domain(domain: str) -> dict[str, int]:
+    """Process of every node on a domain, by its name with the namespace.
+
+    A process that is stopped does not tell DDS of its nodes; its command line does.
+    """
+    folder = Path(node_set.__file__).parent.parent / "node_sets"
+    specs = [s for file in sorted(folder.glob("*.yaml")) for s in node_set.load(str(file))]
+    names = {s.cls: s.name for s in specs} | {
+        "loco_bringup.record.recorder:RecorderNode": "recorder"
+    }
+    modules = {cls.partition(":")[0]: name for cls, name in names.items()}
+    nodes = {}
+    for pid, where, arguments in node_processes():
+        if where != domain:
+            continue
+        space = next((w.partition(":=/")[2] for w in arguments if w.startswith("__ns:=/")), "")
+        for argument in arguments:
+            name = names.get(argument) or modules.get(argument)
+            if name:
+                nodes["/".join(filter(None, (space, name)))] = pid
+    return nodes

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -17,16 +19,20 @@ from loco_control.exceptions import GraphError
 from loco_control.ros.endpoints import ANOTHER, own_host, strangers
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import topic
+from loco_control.ros.parameters import sealed_node
 
-from ..outcome import Outcome, Progress
+from ..outcome import KEPT, Outcome, Progress
 from .processes import Guard, Process, stop_all
+from .start import StartLimits, StartMonitor
 
-START_TIMEOUT = 60.0  # wall time until every node must be matched [s]
 _TIMING = (
     "lateness_p50_ms", "lateness_p99_ms", "lateness_max_ms", "missed_ticks", "dropped_ticks",
     "late_ticks",
 )  # fmt: skip
-_TOLD = ("recording stopped", "weights not saved")  # events that a person has to know of
+_REPORTED = ("recording stopped", "weights not saved")  # events that a person has to know of
+_PLANT = "robot_sim"  # whose events and diagnostics say how far a graph is
+_ROUNDING = 1e-5  # share by which diagnostics round a time
+_MISTAKE = "loco_control.ros.executor: "  # before a user's mistake in the log of a process
 STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
 
 
@@ -36,17 +42,20 @@ class _Graph:
 
     table: str  # of its topics
     started: bool = False
-    looked: bool = False  # for other writers of its topics, once it had begun
+    alone: bool = False  # nobody else wrote its topics when it had begun
     finished: bool = False
     final_tick: int = -1
     final_time: float = 0.0
+    text: str = ""  # of its end
     sim_time: float = 0.0
     recorder_tick: int = -1
 
     @property
     def done(self) -> bool:
         """It ended, its last diagnostics are heard, and all of it is in the bag."""
-        complete = self.sim_time >= self.final_time - 1e-9
+        # Others may say that it is over, but the plant's diagnostics are then at another time.
+        away = abs(self.sim_time - self.final_time)
+        complete = away <= _ROUNDING * max(1.0, self.final_time)
         return self.finished and complete and self.recorder_tick >= self.final_tick
 
 
@@ -60,6 +69,7 @@ class Watch:
         on_progress: Called about ten times a second; a true answer ends the run.
         graphs: Topic table of each robot by its namespace, "" for a robot without.
         guard: Is dismissed when all processes have ended.
+        start: Limits on the time until all nodes are ready.
     """
 
     def __init__(
@@ -70,6 +80,7 @@ class Watch:
         on_progress: Callable[[Progress], Any],
         graphs: Mapping[str, str],
         guard: Guard | None = None,
+        start: StartLimits | None = None,
     ):
         self._processes, self._guard = processes, guard
         self._on_progress = on_progress
@@ -77,9 +88,21 @@ class Watch:
         self.outcome = Outcome(folder)
         self._waiting: dict[str, str] = {}
         self._graphs = {namespace: _Graph(table) for namespace, table in graphs.items()}
-        self._error: str | None = None
+        self._error = ""  # why the run ends
         self._stopped = False
         self._moved = time.monotonic()
+        limits = start or StartLimits()
+        self._start = StartMonitor(limits, lambda: [p.pid for p in processes])
+
+    @property
+    def started(self) -> bool:
+        """True once every robot has begun its first tick."""
+        return all(g.started for g in self._graphs.values())
+
+    @property
+    def began_alone(self) -> bool:
+        """True once every robot has begun its first tick and nobody else writes its topics."""
+        return all(g.alone for g in self._graphs.values())
 
     def run(self) -> Outcome:
         """Watch to the end. Every way out stops all processes first."""
@@ -91,6 +114,9 @@ class Watch:
                     self._check()
                     self._progress.pids = {p.name: p.pid for p in self._processes}
                     self._stopped = bool(self._on_progress(self._progress))
+                for namespace, graph in self._graphs.items():
+                    if graph.text:
+                        self._report(namespace, graph.text)
         except KeyboardInterrupt:
             self.outcome.interrupted = True
             self.outcome.text = "interrupted"
@@ -102,11 +128,11 @@ class Watch:
     def _look_for_strangers(self, listener: _Listener) -> None:
         """A graph begins alone. Its nodes look, too, but may not have heard of all others yet."""
         for namespace, graph in self._graphs.items():
-            if graph.started and not graph.looked:
-                graph.looked = True
+            if graph.started and not graph.alone:
                 names = [row.name for row in TABLES[graph.table].values() if row.paced]
-                if found := listener.strangers(_join(namespace, name) for name in names):
-                    self._error = f"{found}; {ANOTHER}"
+                stranger = listener.strangers(_join(namespace, name) for name in names)
+                graph.alone = not stranger
+                self._error = self._error or (f"{stranger}; {ANOTHER}" if stranger else "")
 
     def _check(self) -> None:
         if self._error:
@@ -114,11 +140,13 @@ class Watch:
         for process in self._processes:
             if process.code is not None and not process.revive():
                 raise GraphError(_died(process))
-        idle = time.monotonic() - self._moved
-        if not all(g.started for g in self._graphs.values()) and idle > START_TIMEOUT:
-            waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
-            raise GraphError(f"not ready after {START_TIMEOUT:.0f} s; {waits or 'no node spoke'}")
-        if all(g.started for g in self._graphs.values()) and idle > STALL_TIMEOUT:
+        if not self.started:
+            if failure := self._start.failure():
+                waits = "; ".join(f"{n}: {w}" for n, w in sorted(self._waiting.items()))
+                raise GraphError(
+                    f"{failure}; {waits or 'no node spoke'} (loco run --start-timeout waits longer)"
+                )
+        elif time.monotonic() - self._moved > STALL_TIMEOUT:
             raise GraphError(self._stalled())
 
     def _stalled(self) -> str:
@@ -132,23 +160,24 @@ class Watch:
     def on_event(self, namespace: str, event: Any) -> None:
         """Something happened in a graph."""
         graph, self._moved = self._graphs[namespace], time.monotonic()
+        self._start.advance()
         self._progress.events.append((self._moved, event))
+        if event.kind in ("started", "fall", "finished") and event.node != _PLANT:
+            return
         if event.kind == "started":
             graph.started = True
         elif event.kind == "phase":
             self._progress.phase = event.text
         elif event.kind == "fall":
             self.outcome.fallen = True
-        elif event.kind == "error":
-            self._error = f"{_join(namespace, event.node)}: {event.text}"
         elif event.kind == "finished":
             graph.finished, graph.final_tick = True, event.tick
             graph.final_time = event.stamp.sec + event.stamp.nanosec / 1e9
-            self._say(namespace, event.text)
-        elif event.kind in _TOLD:
-            self._say(namespace, f"{event.kind}: {event.text}")
+            graph.text = event.text
+        elif event.kind in _REPORTED:
+            self._report(namespace, f"{event.kind}: {event.text}")
 
-    def _say(self, namespace: str, text: str) -> None:
+    def _report(self, namespace: str, text: str) -> None:
         """Add to what is said of the run at its end."""
         text = f"{namespace}: {text}" if namespace else text
         self.outcome.text = "; ".join(filter(None, [self.outcome.text, text]))
@@ -157,26 +186,32 @@ class Watch:
         """A node of any graph reports."""
         for status in array.status:
             values = {v.key: v.value for v in status.values}
-            for key in ("waiting for", "waiting for nodes"):
-                if values.get(key):
-                    self._waiting[status.name] = values[key]
+            waits = [values[key] for key in ("waiting for", "waiting for nodes") if values.get(key)]
+            if waits and self._waiting.get(status.name) != waits[-1] and len(self._waiting) < KEPT:
+                self._waiting[status.name] = waits[-1]
+                self._start.advance()
             granted = filter(None, values.get("realtime", "").split("; "))
             notes = self.outcome.granted
             notes += [line for line in granted if line not in notes]
             namespace, _, name = status.name.rpartition("/")
-            if name == "robot_sim" and namespace in self._graphs and "sim_time" in values:
-                self._on_plant(self._graphs[namespace], values)
+            if name == _PLANT and namespace in self._graphs and "sim_time" in values:
+                with contextlib.suppress(ValueError, KeyError):  # of somebody else
+                    self._on_plant(self._graphs[namespace], values)
 
     def _on_plant(self, graph: _Graph, values: dict[str, str]) -> None:
-        t = float(values["sim_time"])
-        if t > graph.sim_time:
+        numbers = ("sim_time", "real_time_factor", *_TIMING)
+        read = {key: float(values[key]) for key in numbers if key in values}
+        t, factor = read["sim_time"], read["real_time_factor"]
+        if not all(map(math.isfinite, read.values())):
+            raise ValueError(read)
+        if t != graph.sim_time:  # larger, or smaller after somebody else's
             self._moved = time.monotonic()
         graph.sim_time = t
         self._progress.sim_time = min(g.sim_time for g in self._graphs.values())
-        self._progress.real_time_factor = float(values["real_time_factor"])
+        self._progress.real_time_factor = factor
         self.outcome.real_time_factor = self._progress.real_time_factor
         if "lateness_p50_ms" in values:
-            self.outcome.timing = {key: float(values[key]) for key in _TIMING}
+            self.outcome.timing = {key: read[key] for key in _TIMING}
 
     def on_recorder(self, namespace: str, status: Any) -> None:
         """The recorder says how far it is with a graph."""
@@ -185,11 +220,15 @@ class Watch:
 
 
 def _died(process: Process) -> str:
+    """Reason in words: a user's mistake as the process wrote it, not as anybody says on a topic."""
+    tail = process.tail()
+    if process.code == 2 and _MISTAKE in tail:
+        return f"{process.name}: {tail.rpartition(_MISTAKE)[2].splitlines()[0]}"
     times = len(process.restarts)
-    again = f" after {times} restart{'s' * (times > 1)}" if times else ""
+    restarts = f" after {times} restart{'s' * (times > 1)}" if times else ""
     return (
-        f"{process.name} died with exit code {process.code}{again}; last lines of "
-        f"{process.log}:\n{process.tail()}"
+        f"{process.name} died with exit code {process.code}{restarts}; last lines of "
+        f"{process.log}:\n{tail}"
     )
 
 
@@ -207,7 +246,7 @@ class _Listener:
         # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("supervisor", context=self._context)
+        self._node = sealed_node("supervisor", context=self._context)
         self._subscribe("/diagnostics", "", self._watch.on_diagnostics)
         for namespace in self._namespaces:
             self._subscribe("events", namespace, self._of(namespace, self._watch.on_event))
@@ -230,14 +269,14 @@ class _Listener:
     def strangers(self, topics: Iterable[str]) -> str:
         """First of these topics that has several writers, with their names; "" for none."""
         host = own_host(self._node.get_publishers_info_by_topic("rosout"))
-        found = (strangers(self._node, topic, host) for topic in topics)
-        return next(filter(None, found), "")
+        results = (strangers(self._node, topic, host) for topic in topics)
+        return next(filter(None, results), "")
 
     def spin(self) -> None:
         """Handle what arrives within a tenth of a second."""
         end = time.monotonic() + 0.1
-        while (rest := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=rest)  # leaves nothing behind, unlike others
+        while (remaining := end - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=remaining)  # leaves nothing behind, unlike others
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()  # first: it looks at the node's timers and subscriptions

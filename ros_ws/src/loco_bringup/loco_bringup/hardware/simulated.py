@@ -16,7 +16,7 @@ from loco_sim.hardware import wiring
 from loco_sim.hardware.simulated_bus import SimulatedBus
 from loco_sim.robot import robot as robots
 
-_PATIENT = 0.02  # with a bus that is a program, unless the file says another latency [s]
+_TIMEOUT = 0.02  # with a bus that is a program, unless the file says another latency [s]
 FAULTS = ("lost", "garbled", "silent", "hot")
 
 
@@ -35,7 +35,7 @@ def make_bus(file: Path, robot: str, out: Path, effects: Sequence[dict[str, Any]
     loaded = robots.load(robot)
     bus = SimulatedBus(wiring.load(file, loaded), loaded, from_list(effects))
     values = read_yaml(file, "wiring file")
-    values["bus"] = {"latency": _PATIENT, **(values.get("bus") or {}), "port": bus.port}
+    values["bus"] = {"latency": _TIMEOUT, **(values.get("bus") or {}), "port": bus.port}
     out.write_text(yaml.safe_dump(values, sort_keys=False))
     return bus
 
@@ -51,15 +51,17 @@ class Failing:
         ParameterError: A text is none of these.
     """
 
-    def __init__(self, texts: Sequence[str]):
-        self._due = [_parsed(text) for text in texts]
+    def __init__(self, specs: Sequence[str]):
+        self._due = [_parsed(text) for text in specs]
 
     def check(self, bus: SimulatedBus, numbers: Sequence[int]) -> None:
         """Refuse servos that the bus has not."""
         for kind, value, _ in self._due:
             if kind in ("silent", "hot") and value not in numbers:
-                known = ", ".join(map(str, numbers))
-                raise ParameterError(f"--fault {kind}={value:g}: the bus has the servos {known}")
+                valid_numbers = ", ".join(map(str, numbers))
+                raise ParameterError(
+                    f"--fault {kind}={value:g}: the bus has the servos {valid_numbers}"
+                )
 
     def apply(self, bus: SimulatedBus, t: float) -> None:
         """Let what is due at t [s] happen."""
@@ -76,17 +78,17 @@ class Failing:
 
 
 def _parsed(text: str) -> tuple[str, float, float]:
-    kind, _, rest = text.partition("=")
-    value, _, start = rest.partition("@")
+    kind, _, value_text = text.partition("=")
+    value, _, start = value_text.partition("@")
     try:
-        number, begin = float(value), float(start or 0.0)
+        number, start_time = float(value), float(start or 0.0)
     except ValueError:
-        number = begin = -1.0
+        number = start_time = -1.0
     share = kind in ("lost", "garbled")
-    good = number <= 1.0 if share else number.is_integer()
-    if kind not in FAULTS or not (number >= 0.0 and begin >= 0.0 and good):
+    is_valid = number <= 1.0 if share else number.is_integer()
+    if kind not in FAULTS or not (number >= 0.0 and start_time >= 0.0 and is_valid):
         raise ParameterError(
             f"--fault must be lost=SHARE, garbled=SHARE, silent=ID or hot=ID, with @SECONDS for a "
             f"later start, got {text!r}"
         )
-    return kind, number, begin
+    return kind, number, start_time

@@ -47,10 +47,10 @@ def simulate(a: argparse.Namespace) -> int:
     try:
         failing.check(bus, sorted(bus.torques))
         console.print(f"servos of {a.robot} at {bus.port}; wiring file {a.out}")
-        begun = time.monotonic()
+        start_time = time.monotonic()
 
         def ended() -> bool:
-            t = time.monotonic() - begun
+            t = time.monotonic() - start_time
             failing.apply(bus, t)
             return 0.0 < a.seconds <= t
 

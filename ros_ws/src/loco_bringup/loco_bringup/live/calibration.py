@@ -27,6 +27,7 @@ from loco_control.params import Params, parameter, to_dict
 from loco_control.reading import FOLDERS
 from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
+from loco_control.ros.parameters import sealed_node
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.runs import experiment as experiments
 from loco_learning.runs.experiment import Experiment
@@ -37,7 +38,7 @@ from loco_sim.robot.robot import is_name
 from ..graph.run import Helper, run_robots
 from ..graph.watch import Outcome
 from ..graph.watch import Progress as RunProgress
-from .log import MEASURED, MODEL
+from ..report.live_log import MEASURED, MODEL
 
 FOREVER = 1e5  # simulated time of robots that are stopped from outside [s]
 RESULT = "model.yaml"
@@ -112,7 +113,7 @@ def calibrate_live(
     folder: Path,
     options: CalibrationParams | None = None,
     live: LiveParams | None = None,
-    tell: Tell = lambda progress: None,
+    on_progress: Tell = lambda progress: None,
 ) -> LiveOutcome:
     """Calibrate a model against a robot that runs, both in one bag.
 
@@ -122,7 +123,7 @@ def calibrate_live(
         folder: New folder of the bag.
         options: Parameters to fit, and settings of the search.
         live: Course of the live run.
-        tell: Called about ten times a second; a true answer cancels the calibration.
+        on_progress: Called about ten times a second; a true answer cancels the calibration.
 
     Raises:
         GraphError: A node died or never got ready.
@@ -134,7 +135,7 @@ def calibrate_live(
         MEASURED: replace(measured, duration=FOREVER),
         MODEL: model_of(measured, robot),
     }
-    client = Client(options, period, robot, live, tell)
+    client = Client(options, period, robot, live, on_progress)
     return run_live(client, robots, folder, live, _helper(options, live, period, robot))
 
 
@@ -204,9 +205,11 @@ class Client:
 
     ACTION, NAME = "Calibrate", "calibrate"
 
-    def __init__(self, options: Any, period: float, robot: str, live: LiveParams, tell: Tell):
+    def __init__(
+        self, options: Any, period: float, robot: str, live: LiveParams, on_progress: Tell
+    ):
         self._options, self._period, self._robot = options, period, robot
-        self._live, self._tell = live, tell
+        self._live, self._tell = live, on_progress
         self.progress = LiveProgress()
         self.status, self.result = "", None
         self._ping: Any = None
@@ -222,7 +225,7 @@ class Client:
     def __enter__(self) -> Client:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("live_calibration", context=self._context)
+        self._node = sealed_node("live_calibration", context=self._context)
         self._client = ActionClient(self._node, getattr(action, self.ACTION), self.NAME)
         self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
         row = CALIBRATION_TOPICS["gap"]
@@ -231,7 +234,7 @@ class Client:
         self._node.create_subscription(row.type, name, self._on_event, row.qos.reader(100))
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._never = Future()
+        self._forever = Future()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -241,14 +244,14 @@ class Client:
 
     def step(self, run: RunProgress) -> bool:
         """Handle what has come; whether the run is over."""
-        self._executor.spin_until_future_complete(self._never, timeout_sec=0.01)
+        self._executor.spin_until_future_complete(self._forever, timeout_sec=0.01)
         self.progress.sim_time = run.sim_time
-        if self._sent is None and run.sim_time > 0.0 and self._heard():
+        if self._sent is None and run.sim_time > 0.0 and self._on_message():
             self._send()
         if self._handle is None and self._sent is not None and self._sent.done():
             self._accepted()
         if not self.status and self._answer is not None and self._answer.done():
-            self._ended(self._answer.result())
+            self._on_result(self._answer.result())
         if self._tell(self.progress) and self._handle is not None and not self._cancelled:
             self._cancelled = True
             self._handle.cancel_goal_async()
@@ -259,11 +262,11 @@ class Client:
         if self.status != "done":
             return bool(self.status)
         rows = self.progress.gaps[self._told :]
-        shown = sum(1 for row in rows if row.model == self._models and not row.mixed)
+        count = sum(1 for row in rows if row.model == self._models and not row.mixed)
         late = self.progress.sim_time >= self._until and time.monotonic() >= self._patient_until
-        return shown >= self._live.after or late
+        return count >= self._live.after or late
 
-    def _heard(self) -> bool:
+    def _on_message(self) -> bool:
         """Whether an answer of the calibrator reaches us.
 
         A server that does not know yet where to send its answer drops it, and the goal's
@@ -307,7 +310,7 @@ class Client:
     def _on_event(self, event: Any) -> None:
         self._models += event.kind == "model loaded"
 
-    def _ended(self, answer: Any) -> None:
+    def _on_result(self, answer: Any) -> None:
         names = {GoalStatus.STATUS_SUCCEEDED: "done", GoalStatus.STATUS_CANCELED: "cancelled"}
         self.status, self.result = names.get(answer.status, "failed"), answer.result
         self.progress.phase = self.status
@@ -329,10 +332,10 @@ def measured_robot(name: str) -> Experiment:
     Raises:
         ParameterError: The robot of the experiment follows no oscillators.
     """
-    found = experiments.load(name)
-    if found.node_set != "joint":
+    experiment = experiments.load(name)
+    if experiment.node_set != "joint":
         raise ParameterError(
-            f"{name} is an experiment of {found.robot} without a target of oscillators; both "
+            f"{name} is an experiment of {experiment.robot} without a target of oscillators; both "
             "robots of a live run follow one"
         )
-    return found
+    return experiment

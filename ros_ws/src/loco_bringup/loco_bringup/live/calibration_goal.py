@@ -72,10 +72,10 @@ class Job:
         return replace(self._node.options, **changes)
 
     async def _record(self, rate: float) -> Recording | None:
-        robot, patience = self._node.measured, self._node.listen.patience
+        robot, timeout = self._node.measured, self._node.listen.patience
         while robot.signals.length < self.duration and not self._cancelled():
             await self._node.until(lambda: True)
-            robot.check(patience)
+            robot.check(timeout)
         return None if self._cancelled() else robot.signals.recording(rate)
 
     async def _fitting(self) -> None:

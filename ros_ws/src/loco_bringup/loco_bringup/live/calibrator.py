@@ -113,7 +113,7 @@ class CalibratorNode(LocoNode):
         """Run a goal of ``find_gap``."""
         return await self._run(handle, GapSearchJob, FindGap.Result, self.tell_search)
 
-    async def _run(self, handle: Any, kind: type, answer: type, tell: Callable) -> Any:
+    async def _run(self, handle: Any, kind: type, answer: type, on_progress: Callable) -> Any:
         """Run a goal. Its end is told by the result, a mistake in the goal included."""
         if self._job:
             handle.abort()
@@ -128,11 +128,11 @@ class CalibratorNode(LocoNode):
                 self.get_logger().error(traceback.format_exc())
             text = str(error) if isinstance(error, LocoError) else "the goal cannot be run"
             result = answer(message=text)
-            tell("failed", text)
+            on_progress("failed", text)
             handle.abort()
         else:
             cancelled = handle.is_cancel_requested
-            tell("cancelled" if cancelled else "done", result.message)
+            on_progress("cancelled" if cancelled else "done", result.message)
             (handle.canceled if cancelled else handle.succeed)()
         finally:
             self._job.close()
@@ -227,8 +227,8 @@ class CalibratorNode(LocoNode):
         name, deadline = topic(namespace, STATES), time.monotonic() + self.listen.patience
         await self.until(lambda: self.count_publishers(name) > 0 or time.monotonic() > deadline)
         if not self.count_publishers(name):
-            found = ", ".join(robots(self)) or "no namespace"
-            raise GraphError(f"nobody publishes {name}; there are robots in {found}")
+            namespaces = ", ".join(robots(self)) or "no namespace"
+            raise GraphError(f"nobody publishes {name}; there are robots in {namespaces}")
 
     def _disconnect(self) -> None:
         for robot in (self.measured, self.model):
@@ -237,19 +237,19 @@ class CalibratorNode(LocoNode):
         self.measured = self.model = self._meter = None
 
     def _measure_gap(self) -> None:
-        found = self._meter.update()
-        if found:
-            message = Gap(stamp=to_stamp(found.t), tick=found.number, gap=found.gap)
-            message.model = self.model.model_at(found.since)
-            message.mixed = message.model != self.model.model_at(found.since + found.period)
-            message.names, message.joints = list(self._meter.passive), found.joints.tolist()
+        gap = self._meter.update()
+        if gap:
+            message = Gap(stamp=to_stamp(gap.t), tick=gap.number, gap=gap.gap)
+            message.model = self.model.model_at(gap.since)
+            message.mixed = message.model != self.model.model_at(gap.since + gap.period)
+            message.names, message.joints = list(self._meter.passive), gap.joints.tolist()
             self._gap.publish(message)
 
     def diagnose(self) -> dict[str, Any]:
         """Phase, generation and best loss; how far a search is."""
         s, g = self.state, self.search
-        found = {"phase": s.phase, "generation": s.tick, "best": s.best}
-        return found if g.phase == "idle" else {**found, "search": g.phase, "share": g.fraction}
+        values = {"phase": s.phase, "generation": s.tick, "best": s.best}
+        return values if g.phase == "idle" else {**values, "search": g.phase, "share": g.fraction}
 
     def close(self) -> None:
         """End the worker, and what the node does not end by itself."""

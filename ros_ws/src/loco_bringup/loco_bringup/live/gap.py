@@ -15,8 +15,8 @@ from loco_learning.runs.experiment import Experiment
 from loco_msgs.action import FindGap
 
 from ..graph.run import Helper
+from ..report.live_log import MEASURED, MODEL
 from . import calibration as live
-from .log import MEASURED, MODEL
 
 
 class GapClient(live.Client):
@@ -25,11 +25,11 @@ class GapClient(live.Client):
     ACTION, NAME = "FindGap", "find_gap"
 
     def _goal(self) -> Any:
-        given: Mapping[str, Any] = self._options
+        options: Mapping[str, Any] = self._options
         return FindGap.Goal(
             measured=f"/{MEASURED}", model=f"/{MODEL}", robot=live.named(self._robot),
-            effects=list(given.get("effects", ())), free=list(given.get("free", ())),
-            seed=int(given.get("seed", 0)), duration=self._live.listen * self._period,
+            effects=list(options.get("effects", ())), free=list(options.get("free", ())),
+            seed=int(options.get("seed", 0)), duration=self._live.listen * self._period,
         )  # fmt: skip
 
     def _on_feedback(self, message: Any) -> None:
@@ -43,7 +43,7 @@ def find_live(
     folder: Path,
     options: Mapping[str, Any] | None = None,
     params: live.LiveParams | None = None,
-    tell: live.Tell = lambda progress: None,
+    on_progress: live.Tell = lambda progress: None,
 ) -> live.LiveOutcome:
     """Find what a model lacks against a robot that runs, both in one bag.
 
@@ -53,7 +53,7 @@ def find_live(
         folder: New folder of the bag.
         options: Values of `GapParams` that differ from their defaults.
         params: Course of the live run.
-        tell: Called about ten times a second; a true answer cancels the search.
+        on_progress: Called about ten times a second; a true answer cancels the search.
 
     Raises:
         GraphError: A node died or never got ready.
@@ -68,5 +68,5 @@ def find_live(
     cls = "loco_bringup.live.calibrator:CalibratorNode"
     parameters = {"listen.skip": params.skip * period, **live.folders_of(robot)}
     helper = Helper("calibrator", cls, parameters, "calibration")
-    client = GapClient(dict(options or {}), period, robot, params, tell)
+    client = GapClient(dict(options or {}), period, robot, params, on_progress)
     return live.run_live(client, robots, folder, params, helper)

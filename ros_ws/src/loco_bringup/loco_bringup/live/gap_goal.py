@@ -80,12 +80,12 @@ class GapSearchJob:
         return job
 
     async def _listen(self, robot: Robot) -> list[Record]:
-        heard, patience = self._node.measured, self._node.listen.patience
+        heard, timeout = self._node.measured, self._node.listen.patience
         while heard.signals.length < self.duration and not self._cancelled():
             await self._node.until(lambda: True)
-            heard.check(patience)
+            heard.check(timeout)
             share = heard.signals.length / self.duration
-            self._tell(Progress(0.1 * min(1.0, share), "listening", ""), "listening")
+            self._report(Progress(0.1 * min(1.0, share), "listening", ""), "listening")
         return [] if self._cancelled() else live_records(heard.signals, robot)
 
     async def _searching(self) -> None:
@@ -95,13 +95,13 @@ class GapSearchJob:
                 if isinstance(news, Failed):
                     raise ParameterError(news.text)
                 if isinstance(news, Progress):
-                    self._tell(news, "searching")
+                    self._report(news, "searching")
                 elif isinstance(news, Done):
                     self._result = news.result
         if self._result is not None and self._node.model and self._result["model"]["effects"]:
             self._node.model.send(runner.patched(self._result).dumps())
 
-    def _tell(self, news: Progress, phase: str) -> None:
+    def _report(self, news: Progress, phase: str) -> None:
         self._handle.publish_feedback(
             FindGap.Feedback(fraction=news.fraction, stage=news.stage, best=news.best)
         )
@@ -114,19 +114,21 @@ class GapSearchJob:
 
     def _answer(self) -> FindGap.Result:
         """Result of the action; the topic says the same and keeps it."""
-        search, found = self._node.search, self._result
-        if found is None:
+        search, result = self._node.search, self._result
+        if result is None:
             return FindGap.Result(message="cancelled before anything was found")
-        search.fraction, search.verdict = 1.0, found["verdict"]
-        search.names = [t["effect"] for t in found["terms"]]
-        search.places = [text.place_of(t.get("place")) for t in found["terms"]]
-        search.before, search.after = (float(found["gap"].get(k) or 0) for k in ("before", "after"))
-        search.gap_json = runner.dumps(found)
-        search.model_yaml = runner.patched(found).dumps()
+        search.fraction, search.verdict = 1.0, result["verdict"]
+        search.names = [t["effect"] for t in result["terms"]]
+        search.places = [text.place_of(t.get("place")) for t in result["terms"]]
+        search.before, search.after = (
+            float(result["gap"].get(k) or 0) for k in ("before", "after")
+        )
+        search.gap_json = runner.dumps(result)
+        search.model_yaml = runner.patched(result).dumps()
         return FindGap.Result(
             verdict=search.verdict, names=search.names, places=search.places, before=search.before,
             after=search.after, gap_json=search.gap_json, model_yaml=search.model_yaml,
-            message=" ".join([text.headline(found), text.gap_line(found)]).strip(),
+            message=" ".join([text.headline(result), text.gap_line(result)]).strip(),
         )  # fmt: skip
 
     def close(self) -> None:
@@ -135,7 +137,7 @@ class GapSearchJob:
             self._worker.close()
 
 
-def find(job: runner.Job, records: list[Record], tell: runner.Tell) -> Mapping[str, Any]:
+def find(job: runner.Job, records: list[Record], on_progress: runner.Tell) -> Mapping[str, Any]:
     """Search in the worker process; records that were heard take the place of bags."""
     if not records:
         model, fit, held = runner.read_records(job)
@@ -143,7 +145,9 @@ def find(job: runner.Job, records: list[Record], tell: runner.Tell) -> Mapping[s
         model = models.load_any(job.robot)
         fit = [r for r in records if r.role != HELD_OUT]
         held = [r for r in records if r.role == HELD_OUT]
-    return runner.plain(workflow.find(model, fit, held, runner.options_of(job), tell, job.workers))
+    return runner.plain(
+        workflow.find(model, fit, held, runner.options_of(job), on_progress, job.workers)
+    )
 
 
 def live_records(signals: Any, robot: Robot) -> list[Record]:
@@ -153,16 +157,16 @@ def live_records(signals: Any, robot: Robot) -> list[Record]:
         signals: `calibration.live.Signals` of the robot.
         robot: Description of the robot.
     """
-    heard = signals.recording(robot.control_rate)
+    recording = signals.recording(robot.control_rate)
     drives = [robot.drives.get(robot.joints[i]) for i in robot.driven]
     kind = "torque" if any(isinstance(d, TorqueDrive) for d in drives) else "position"
-    whole = Record(
-        signals.name.strip("/"), heard.t - heard.t[0], {kind: heard.command},
-        tuple(robot.joints[i] for i in robot.driven), {"q": heard.q}, tuple(robot.joints),
+    record = Record(
+        signals.name.strip("/"), recording.t - recording.t[0], {kind: recording.command},
+        tuple(robot.joints[i] for i in robot.driven), {"q": recording.q}, tuple(robot.joints),
     )  # fmt: skip
-    edges = [round(i * len(whole.t) / PARTS) for i in range(PARTS + 1)]
+    edges = [round(i * len(record.t) / PARTS) for i in range(PARTS + 1)]
     parts = [
-        whole.rows(a, b, f"{whole.name} {i + 1}")
+        record.rows(a, b, f"{record.name} {i + 1}")
         for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
     ]
     return [*parts[:-1], replace(parts[-1], role=HELD_OUT)]

@@ -26,7 +26,7 @@ def show_live(a: argparse.Namespace) -> int:
             raise ParameterError(f"{name.replace('_', '-')} does not go with --live")
     measured = live_calibration.measured_robot(a.measured)
     params = from_dict(live_calibration.LiveParams, {"speed": a.speed}, "live")
-    options = {"seed": a.seed, "effects": a.effects, "free": a.free}
+    options = {"seed": a.seed or 0, "effects": a.effects, "free": a.free}
     folder = a.out or default_folder(measured)
     with bar("{task.percentage:3.0f} %", "{task.fields[state]}") as progress:
         task = progress.add_task("starting", total=1.0, state="")

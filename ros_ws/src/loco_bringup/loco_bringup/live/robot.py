@@ -67,12 +67,12 @@ class LiveRobot:
         def receive(data: bytes) -> None:
             self.heard = time.monotonic()
             try:
-                found = codec.read(data)
+                values = codec.read(data)
             except LocoError as error:
                 self._error = self._error or str(error)
                 return
-            if found.time >= self._skip * 1e9:
-                add(found.time / 1e9, found.q)
+            if values.time >= self._skip * 1e9:
+                add(values.time / 1e9, values.q)
 
         return receive
 

@@ -12,10 +12,10 @@ from loco_control.params import from_dict
 from ..bag.reader import Bag
 from ..calibrate.options import options
 from ..graph.run import default_folder
+from ..report.live_log import read_live
 from ..report.report import write_report
 from ..terminal import bar, console
 from . import calibration as runner
-from .log import read_live
 
 
 def show_live(a: argparse.Namespace) -> int:
@@ -31,15 +31,15 @@ def show_live(a: argparse.Namespace) -> int:
             raise ParameterError(f"--{name} does not go with --live")
     measured = runner.measured_robot(a.measured)
     live = from_dict(runner.LiveParams, {"speed": a.speed}, "live")
-    chosen = options(a)
+    selected = options(a)
     folder = a.out or default_folder(measured)
     with bar("{task.completed}/{task.total} gen", "{task.fields[state]}") as progress:
-        task = progress.add_task("starting", total=chosen.generations, state="")
+        task = progress.add_task("starting", total=selected.generations, state="")
 
         def tell(p: runner.LiveProgress) -> None:
             progress.update(task, description=p.phase, completed=p.generation, state=_state(p))
 
-        outcome = runner.calibrate_live(measured, a.robot, folder, chosen, live, tell)
+        outcome = runner.calibrate_live(measured, a.robot, folder, selected, live, tell)
     show_outcome("live calibration", outcome)
     return outcome.exit_code
 

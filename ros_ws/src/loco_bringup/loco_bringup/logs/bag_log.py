@@ -63,20 +63,22 @@ def _need(bag: Bag, names: Iterable[str]) -> None:
 
 
 def _recorded(bag: Bag, name: str) -> bool:
-    found = [t for t in bag.topics.values() if t.name.rsplit("/", 1)[-1] == name]
-    return bool(found) and found[0].count > 0
+    matches = [t for t in bag.topics.values() if t.name.rsplit("/", 1)[-1] == name]
+    return bool(matches) and matches[0].count > 0
 
 
 def _walking(bag: Bag, experiment: Experiment) -> Log:
     """Log of the messages of `TOPIC_OF`, which carry their ticks."""
     _need(bag, TOPIC_OF.values())
-    truth = [TRUTH] if any(n.endswith(TRUTH) and t.count for n, t in bag.topics.items()) else []
-    read = bag.records_of([*TOPIC_OF.values(), *truth])
+    truth_topics = (
+        [TRUTH] if any(n.endswith(TRUTH) and t.count for n, t in bag.topics.items()) else []
+    )
+    read = bag.records_of([*TOPIC_OF.values(), *truth_topics])
     records = {part: read[name] for part, name in TOPIC_OF.items()}
     ticks = set.intersection(*(set(r["tick"].tolist()) for r in records.values()))
     if not ticks:
         raise BagError(f"{bag.path}: the control topics have no tick in common")
-    records = {part: _chosen(r, ticks) for part, r in records.items()}
+    records = {part: _select(r, ticks) for part, r in records.items()}
     columns = {"t": seconds(records["state"], "stamp")}
     for name, column in columns_of(experiment).items():
         if column.part in records and name != "t":
@@ -88,7 +90,7 @@ def _walking(bag: Bag, experiment: Experiment) -> Log:
     return Log(columns, experiment, experiment.seed, fall_of(bag))
 
 
-def _chosen(records: np.ndarray, ticks: set[int]) -> np.ndarray:
+def _select(records: np.ndarray, ticks: set[int]) -> np.ndarray:
     """One record per tick, in tick order."""
     _, first = np.unique(records["tick"], return_index=True)
     records = records[first]
@@ -98,9 +100,9 @@ def _chosen(records: np.ndarray, ticks: set[int]) -> np.ndarray:
 def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
     """Ground truth at the times of the states; NaN where the bag has none."""
     n = len(t)
-    truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
+    ground_truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
     if odometry is None:
-        return truth
+        return ground_truth
     times = seconds(odometry, "header.stamp")
     row = np.searchsorted(times, t - 1e-6).clip(max=len(times) - 1)
     fits = np.abs(times[row] - t) < 1e-6
@@ -111,8 +113,8 @@ def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
         ("angular_velocity", "twist.twist.angular", "xyz"),
     ):
         columns = np.stack([odometry[f"{path}.{axis}"] for axis in axes], axis=1)
-        getattr(truth, field)[fits] = columns[row[fits]]
-    return truth
+        getattr(ground_truth, field)[fits] = columns[row[fits]]
+    return ground_truth
 
 
 def fall_of(bag: Bag, topic: str = "events") -> str:
@@ -123,12 +125,12 @@ def fall_of(bag: Bag, topic: str = "events") -> str:
 
 
 def _truth_columns(odometry: np.ndarray | None, t: np.ndarray) -> dict[str, np.ndarray]:
-    truth = truth_at(odometry, t)
+    ground_truth = truth_at(odometry, t)
     return {
-        "position": truth.position,
-        "orientation": truth.orientation,
-        "velocity": truth.linear_velocity,
-        "spin": truth.angular_velocity,
+        "position": ground_truth.position,
+        "orientation": ground_truth.orientation,
+        "velocity": ground_truth.linear_velocity,
+        "spin": ground_truth.angular_velocity,
     }
 
 
@@ -151,11 +153,11 @@ def _jointed(bag: Bag, experiment: Experiment, namespace: str) -> Log:
     columns |= {"t": times / 1e9, "q": state[0], "dq": state[1], "tau": state[2]}
     columns |= {"target": target[0], "target_dq": target[1]}
     columns |= {"command": command[0], "command_dq": command[1]}
-    truth = topics.bag.records(topics.full(TRUTH)) if topics.has(TRUTH) else None
-    columns |= _truth_columns(truth, columns["t"]) | _imu(topics, times)
+    odometry = topics.bag.records(topics.full(TRUTH)) if topics.has(TRUTH) else None
+    columns |= _truth_columns(odometry, columns["t"]) | _imu(topics, times)
     columns |= _learning(experiment, topics, driven, times, columns)
-    fall = fall_of(bag, topics.full("events") if topics.has("events") else "events")
-    return Log(columns, experiment, experiment.seed, fall)
+    fall_reason = fall_of(bag, topics.full("events") if topics.has("events") else "events")
+    return Log(columns, experiment, experiment.seed, fall_reason)
 
 
 class _Series(NamedTuple):
@@ -167,8 +169,8 @@ class _Series(NamedTuple):
     def at(self, times: np.ndarray) -> list[np.ndarray]:
         """Rows at given stamps; NaN where the topic has none."""
         row = np.searchsorted(self.time, times).clip(max=len(self.time) - 1)
-        known = self.time[row] == times
-        return [np.where(known[:, None], value[row], np.nan) for value in self.values]
+        exact = self.time[row] == times
+        return [np.where(exact[:, None], value[row], np.nan) for value in self.values]
 
 
 class _Topics:
@@ -240,7 +242,7 @@ def _learning(
         positions = topics.joints(_PREDICTION, driven).at(times)[0]
     error = np.sqrt(np.mean((positions - columns["target"]) ** 2, axis=1))
     # Predicted velocities are in no message, but they are the command while the readout drives.
-    said = np.isfinite(positions) & (phase >= CLOSING)[:, None]
-    velocities = np.where(said, columns["command_dq"], np.nan)
+    predicted = np.isfinite(positions) & (phase >= CLOSING)[:, None]
+    velocities = np.where(predicted, columns["command_dq"], np.nan)
     prediction = np.concatenate((positions, velocities), axis=1)
     return {"phase": phase, "prediction": prediction, "error": error}

@@ -54,7 +54,7 @@ def run_rollout(
     if experiment.node_set == "msd":
         raise ParameterError(
             f"{experiment.name} runs as nodes: --layout composed or processes; without ROS its "
-            "loop is loco_learning.reflex.msd_reservoir.run_loop"
+            "loop is loco_learning.networks.reservoir.run_loop"
         )
     progress = Progress(duration=duration_of(experiment), phase="running")
     began = time.perf_counter()
@@ -68,12 +68,12 @@ def run_rollout(
     with whole_folder(folder) as place:
         log = rollout(experiment, on_tick=on_tick, save_weights=place / "weights.npz")
         write_log(log, place, limits)
-    outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_ending(log))
+    outcome = Outcome(Path(folder), fallen=bool(log.fall), text=_end_of(log))
     outcome.real_time_factor = len(log) * experiment.dt / log.wall_time
     return outcome
 
 
-def _ending(log: Log) -> str:
+def _end_of(log: Log) -> str:
     """End of a rollout, in the words of the plant node."""
     length = len(log) * log.dt
     if log.fall:
@@ -99,9 +99,9 @@ def write_messages(log: Log, writer: BagWriter) -> None:
     """Write the messages of a log, tick by tick, with the bytes that the nodes would publish."""
     robot = log.experiment.plant
     table, encode = _of_legs(robot) if log.experiment.gait else _of_joints(log, robot)
-    made, every = encoders(robot), {}
+    by_topic, every = encoders(robot), {}
     for name in VIEWED if log.experiment.gait else VIEWED[-2:]:  # others say the rest each tick
-        encode[name] = lambda said, pack=made[name]: pack(said["state"], said["truth"])
+        encode[name] = lambda said, pack=by_topic[name]: pack(said["state"], said["truth"])
         rate = table[name].rate or 1.0 / log.dt
         every[name] = max(1, round(1.0 / (log.dt * rate)))
     paths = {name: name if name.startswith("/") else f"/{name}" for name in (*encode, DESCRIPTION)}
@@ -119,29 +119,29 @@ def write_messages(log: Log, writer: BagWriter) -> None:
 
 def _of_legs(robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
     """Topic table of a robot with legs, and what makes the bytes of each topic."""
-    truth = encoders(robot)[TRUTH]
-    encode: dict[str, Encode] = {TRUTH: lambda said: truth(said["state"], said["truth"])}
+    encode_truth = encoders(robot)[TRUTH]
+    encode: dict[str, Encode] = {TRUTH: lambda row: encode_truth(row["state"], row["truth"])}
     for part, name in TOPIC_OF.items():
         pack = Converter(PARTS[part]).pack
-        encode[name] = lambda said, pack=pack, part=part: pack(said[part])
+        encode[name] = lambda row, pack=pack, part=part: pack(row[part])
     return TOPICS, encode
 
 
 def _of_joints(log: Log, robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
     """Topic table of a robot of joints, and what makes the bytes of each topic."""
     driven = [robot.joints[i] for i in robot.driven]
-    made, encode = encoders(robot), {}
+    by_topic, encode = encoders(robot), {}
     for name in ("joint_states", "imu/data", TRUTH):
-        encode[name] = lambda said, pack=made[name]: pack(said["state"], said["truth"])
+        encode[name] = lambda row, pack=by_topic[name]: pack(row["state"], row["truth"])
     for part in ("target", "command"):
         pack = JointCodec(driven, f"joint_{part}", _FIELDS).pack
-        encode[f"joint_{part}"] = lambda said, pack=pack, part=part: pack(
-            said[part].t, said[part].q, said[part].dq
+        encode[f"joint_{part}"] = lambda row, pack=pack, part=part: pack(
+            row[part].t, row[part].q, row[part].dq
         )
     if log.experiment.learner.enabled:
         pack = JointCodec(driven, "joint_prediction", _FIELDS[:1]).pack
-        encode["joint_prediction"] = lambda said, pack=pack: pack(
-            said["learning"].t, said["learning"].prediction[: len(driven)]
+        encode["joint_prediction"] = lambda row, pack=pack: pack(
+            row["learning"].t, row["learning"].prediction[: len(driven)]
         )
     return JOINT_TOPICS, encode
 

@@ -42,25 +42,25 @@ def data_of(title: str, chart: Chart) -> dict[str, Any]:
 
 def _axis(frame: Frame, horizontal: bool) -> dict[str, Any]:
     axis = frame.x if horizontal else frame.y
-    ends = [float(end) for end in limits(frame, horizontal)]
-    return {"label": axis.label, "log": axis.logarithmic, "names": list(axis.names), "ends": ends}
+    bounds = [float(end) for end in limits(frame, horizontal)]
+    return {"label": axis.label, "log": axis.logarithmic, "names": list(axis.names), "ends": bounds}
 
 
 def _layer(layer: Layer, frame: Frame, every: int, steps: list[np.ndarray]) -> dict[str, Any]:
     """Data of a layer; its places are added to `steps`."""
     thinned = slice(None, None, every if layer.shape not in (DOTS, BOXES) else 1)
-    places = {"x": layer.x, "right": layer.right, "y": layer.y, "top": layer.top}
-    ends = {}
-    for name, values in places.items():
+    columns = {"x": layer.x, "right": layer.right, "y": layer.y, "top": layer.top}
+    bounds = {}
+    for name, values in columns.items():
         if values is not None:
             axis = frame.x if name in ("x", "right") else frame.y
             low, high, packed = pack(values[thinned], axis.logarithmic)
-            ends[name] = [low, high]
+            bounds[name] = [low, high]
             steps.append(packed)
     return {
         "name": layer.name, "color": both(layer.color), "size": layer.size,
         "shape": "line" if layer.shape == DASHED else layer.shape,
-        "dashed": layer.shape == DASHED, "count": len(layer.x[thinned]), "ends": ends,
+        "dashed": layer.shape == DASHED, "count": len(layer.x[thinned]), "ends": bounds,
         "texts": list(layer.texts), "links": list(layer.links),
     }  # fmt: skip
 
@@ -76,11 +76,11 @@ def seen(title: str, chart: Chart) -> str:
 
 
 def _frame(frame: Frame) -> str:
-    told: dict[str, list[Layer]] = {}
+    tooltips: dict[str, list[Layer]] = {}
     for layer in frame.layers:
         if len(layer.x):
-            told.setdefault(layer.name, []).append(layer)
-    layers = ", ".join(_marks(name, group, frame) for name, group in told.items())
+            tooltips.setdefault(layer.name, []).append(layer)
+    layers = ", ".join(_marks(name, group, frame) for name, group in tooltips.items())
     head = f"{frame.title}: " if frame.title else ""
     return f"{head}{frame.y.label} over {frame.x.label}: {layers or 'nothing'}."
 

@@ -36,8 +36,8 @@ _TEMPLATES = Environment(
 )
 
 
-def _block(name: str, *arguments: Any, **more: Any) -> Markup:
-    return getattr(_TEMPLATES.get_template("blocks.html").module, name)(*arguments, **more)
+def _block(name: str, *arguments: Any, **kwargs: Any) -> Markup:
+    return getattr(_TEMPLATES.get_template("blocks.html").module, name)(*arguments, **kwargs)
 
 
 @dataclass(frozen=True)
@@ -84,19 +84,19 @@ def _uplot() -> dict[str, Markup]:
     """Script, style and licence of uPlot; its first line, an address, is left out."""
     folder = importlib.resources.files("loco_bringup.page") / "uplot"
     files = ("uplot.js", "uplot.css", "licence.txt")
-    script, look, licence = ((folder / name).read_text(encoding="utf-8") for name in files)
+    script, style, licence = ((folder / name).read_text(encoding="utf-8") for name in files)
     script = script.partition("\n")[2]
-    return {"uplot": Markup(script), "uplot_css": Markup(look), "licence": Markup(licence)}
+    return {"uplot": Markup(script), "uplot_css": Markup(style), "licence": Markup(licence)}
 
 
-def join(pieces: Iterable[Markup | str]) -> Markup:
+def join(blocks: Iterable[Markup | str]) -> Markup:
     """Pieces one after the other; plain text is escaped."""
-    return Markup("\n").join(pieces)
+    return Markup("\n").join(blocks)
 
 
-def paragraph(*texts: Markup | str, soft: bool = False) -> Markup:
+def paragraph(*content: Markup | str, soft: bool = False) -> Markup:
     """Paragraph of some texts; a soft one is a remark."""
-    return _block("paragraph", texts, soft)
+    return _block("paragraph", content, soft)
 
 
 def note(text: Markup | str) -> Markup:
@@ -134,8 +134,8 @@ def missing(text: str) -> Markup:
     return Markup('<p class="missing">{}</p>').format(text)
 
 
-def verdict(text: str, well: bool) -> Markup:
-    """The ending or the verdict, as a badge."""
+def verdict(text: str, well: bool | None) -> Markup:
+    """The ending or the verdict, as a badge; grey where `well` is None and nothing was judged."""
     return _block("verdict", text, well)
 
 
@@ -147,6 +147,17 @@ def cards(rows: Iterable[tuple[str, str, str]], remark: str = "") -> Markup:
         remark: Sentence below the cards.
     """
     return _block("cards", list(rows), remark)
+
+
+def answer(rows: Iterable[tuple[str, str, str]], curve: Markup, place: Markup) -> Markup:
+    """Top of a page about a finding: its sizes, which are what people copy, its curve and place.
+
+    Args:
+        rows: Name, value and remark of each size.
+        curve: Plot.
+        place: Drawing.
+    """
+    return _block("answer", list(rows), curve, place)
 
 
 def facts(rows: Mapping[str, Markup | str]) -> Markup:
@@ -192,11 +203,11 @@ def figure(
     Args:
         drawn: Plot or chart, or the function that makes it.
         title: Name of it, for readers who cannot see it.
-        text: Caption.
+        text: Caption; none where it is empty.
     """
-    shown = drawn() if callable(drawn) else drawn
-    of = plot if isinstance(shown, Plot) else chart
-    return _block("plot", text, of.seen(title, shown), of.data_of(title, shown))
+    drawing = drawn() if callable(drawn) else drawn
+    of = plot if isinstance(drawing, Plot) else chart
+    return _block("plot", text, of.seen(title, drawing), of.data_of(title, drawing))
 
 
 def beside(left: Markup, right: Markup) -> Markup:

@@ -90,7 +90,7 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
     every = max(1, -(-len(plot.x) * len(lines) // BUDGET))
     logs = [panel.logarithmic for panel in plot.panels for _ in panel.lines]
     packed = [pack(line.values[::every], log) for line, log in zip(lines, logs, strict=True)]
-    ends = iter(packed)
+    arrays = iter(packed)
     return {
         "title": title, "axis": plot.axis, "log": "[Hz]" in plot.axis,
         "view": plot.view, "every": every,
@@ -102,7 +102,7 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
                 "label": panel.label, "log": panel.logarithmic, "limits": panel.limits,
                 "lines": [
                     {"name": line.name, "color": both(line.color), "width": line.width,
-                     "dashed": line.dashed, "ends": next(ends)[:2]}
+                     "dashed": line.dashed, "ends": next(arrays)[:2]}
                     for line in panel.lines
                 ],
             }
@@ -125,12 +125,17 @@ def text(values: np.ndarray) -> str:
 
 def seen(title: str, plot: Plot) -> str:
     """Sentences with the range of every line, for readers who cannot see the plot."""
-    ends = f" from {_short(plot.x[0])} to {_short(plot.x[-1])}" if len(plot.x) else ""
+    span = f" from {_short(plot.x[0])} to {_short(plot.x[-1])}" if len(plot.x) else ""
     rows = []
     for panel in plot.panels:
         lines = ", ".join(f"{line.name} {ends_of(line.values)}" for line in panel.lines)
         rows.append(f"{panel.label}: {lines}")
-    return f"{title} over {plot.axis}{ends}. {'; '.join(rows)}."
+    return f"{title} over {plot.axis}{span}. {'; '.join(rows)}."
+
+
+def short(joint: str) -> str:
+    """Label of a joint in a figure: its name without ``_joint`` and underscores."""
+    return joint.removesuffix("_joint").replace("_", " ")
 
 
 def both(color: str) -> str:
@@ -146,20 +151,20 @@ def pack(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.ndarra
         logarithmic: True for steps of the logarithm, without values of zero and below.
     """
     values = np.asarray(values, dtype=float)
-    known = np.isfinite(values) & ((values > 0.0) | (not logarithmic))
-    scaled = np.log10(np.where(known, values, 1.0)) if logarithmic else values
-    low, high = (scaled[known].min(), scaled[known].max()) if known.any() else (0.0, 0.0)
-    share = (np.where(known, scaled, low) - low) / ((high - low) or 1.0)
-    steps = np.where(known, np.round(share * STEPS) - STEPS // 2, UNKNOWN).astype("<i2")
+    valid = np.isfinite(values) & ((values > 0.0) | (not logarithmic))
+    scaled = np.log10(np.where(valid, values, 1.0)) if logarithmic else values
+    low, high = (scaled[valid].min(), scaled[valid].max()) if valid.any() else (0.0, 0.0)
+    share = (np.where(valid, scaled, low) - low) / ((high - low) or 1.0)
+    steps = np.where(valid, np.round(share * STEPS) - STEPS // 2, UNKNOWN).astype("<i2")
     return float(low), float(high), np.diff(steps, prepend=steps.dtype.type(0))
 
 
 def ends_of(values: np.ndarray) -> str:
     """Smallest and largest known value in words."""
-    known = np.asarray(values)[np.isfinite(values)]
-    if not len(known):
+    finite = np.asarray(values)[np.isfinite(values)]
+    if not len(finite):
         return "unknown"
-    low, high = _short(known.min()), _short(known.max())
+    low, high = _short(finite.min()), _short(finite.max())
     return low if low == high else f"{low} to {high}"
 
 

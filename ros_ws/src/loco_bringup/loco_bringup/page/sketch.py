@@ -25,11 +25,11 @@ def marked(robot: Robot, places: Sequence[str]) -> set[str]:
         robot: The robot.
         places: Names of links, joints or feet; ``*`` and ``[lr]`` stand for more than one.
     """
-    found = set()
+    links_marked = set()
     for joint, _, child in _joints(robot):
-        found |= {child for place in places if fnmatchcase(joint, place)}
-    links = {link for _, *ends in _joints(robot) for link in ends}
-    return found | {link for link in links for place in places if fnmatchcase(link, place)}
+        links_marked |= {child for place in places if fnmatchcase(joint, place)}
+    links = {link for _, *pair in _joints(robot) for link in pair}
+    return links_marked | {link for link in links for place in places if fnmatchcase(link, place)}
 
 
 def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
@@ -42,8 +42,8 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
     """
     frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None])
     points = {link: VIEW @ origin[0] for link, (_, origin) in frames.items()}
-    places = np.array(list(points.values()))
-    low, size = places.min(axis=0), np.ptp(places, axis=0)
+    positions = np.array(list(points.values()))
+    low, size = positions.min(axis=0), np.ptp(positions, axis=0)
     room = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
     scale = float(np.min(room / np.maximum(size, 1e-3 + 0.02 * size.max())))
     start = (np.array([WIDTH, HEIGHT]) - scale * size) / 2.0
@@ -57,9 +57,9 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
         Markup('<circle class="here" cx="{:.1f}" cy="{:.1f}" r="10"/>').format(*at[link])
         for link in sorted(links)
     ]
-    words = f"The robot as it stands, from its right side; marked: {where}"
+    title = f"The robot as it stands, from its right side; marked: {where}"
     frame = Markup('<svg class="robot" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">{}</svg>')
-    return frame.format(WIDTH, HEIGHT, words, Markup("").join([*bones, *dots, *rings]))
+    return frame.format(WIDTH, HEIGHT, title, Markup("").join([*bones, *dots, *rings]))
 
 
 def _joints(robot: Robot) -> list[tuple[str, str, str]]:

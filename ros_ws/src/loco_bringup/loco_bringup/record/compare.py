@@ -73,36 +73,36 @@ class Comparison:
         tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
     """
 
-    def __init__(self, kinds: dict[str, type], tolerance: float = 0.0):
+    def __init__(self, types: dict[str, type], tolerance: float = 0.0):
         self.verdict = Verdict()
-        self._kinds, self._tolerance = kinds, tolerance
+        self._types, self._tolerance = types, tolerance
         self._codecs: dict[str, Codec] = {}
-        self._kept: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()
 
     def add(self, topic: str, tick: int, recorded: bytes, live: bytes) -> None:
         """One message of a tick."""
         verdict = self.verdict
         verdict.compared[topic] += 1
-        if recorded == live:
-            return
+        if recorded[: len(live)] == live and not any(recorded[len(live) :]):
+            return  # until version 0.2 unused zeros followed what was written
         differences = self._differences(topic, tick, recorded, live)
         if not differences:
             return
         verdict.different[topic] += 1
-        room = KEPT - self._kept[topic]
-        verdict.first += differences[: max(room, 0)]
-        self._kept[topic] += len(differences)
+        free = KEPT - self._counts[topic]
+        verdict.first += differences[: max(free, 0)]
+        self._counts[topic] += len(differences)
 
     def _differences(self, topic: str, tick: int, recorded: bytes, live: bytes) -> list[Difference]:
         try:
             codec = self._codec(topic, recorded)
-            before, now = codec.decode(recorded), codec.decode(live)
+            before, current = codec.decode(recorded), codec.decode(live)
         except LocoError:
             length = f"{len(recorded)} bytes", f"{len(live)} bytes"
             return [Difference(topic, tick, "length", *length)]
         differences = []
         for name in codec.dtype.names:
-            a, b = np.atleast_1d(before[name]), np.atleast_1d(now[name])
+            a, b = np.atleast_1d(before[name]), np.atleast_1d(current[name])
             for i in np.flatnonzero(~self._equal(a, b)):
                 path = f"{name}[{i}]" if before[name].ndim else name
                 differences.append(Difference(topic, tick, path, a[i].item(), b[i].item()))
@@ -120,5 +120,5 @@ class Comparison:
 
     def _codec(self, topic: str, data: bytes) -> Codec:
         if topic not in self._codecs:
-            self._codecs[topic] = Codec(deserialize_message(data, self._kinds[topic]), len(data))
+            self._codecs[topic] = Codec(deserialize_message(data, self._types[topic]), len(data))
         return self._codecs[topic]

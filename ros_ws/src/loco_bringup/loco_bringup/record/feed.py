@@ -14,10 +14,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from loco_control.exceptions import GraphError
 from loco_control.ros.messages.topics import Topic
+from loco_control.ros.parameters import sealed_node
 
+from ..graph.start import StartMonitor
 from .compare import Comparison
 
-START_TIMEOUT = 60.0  # wall time until the controllers must be ready [s]
 ANSWER_TIMEOUT = 10.0  # wall time for the answers to one tick [s]
 _HEARING = 5.0  # wall time for a controller to say that it heard a person [s]
 
@@ -58,11 +59,12 @@ class Feed:
         self._at = -1
         self._waiting: dict[str, bytes] = {}
         self._ready: set[str] = set()
+        self._n_ready = 0  # nodes whose readiness counts as progress already
         self._moved = time.monotonic()
         # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("robot_sim", context=self._context, namespace=namespace)
+        self._node = sealed_node("robot_sim", context=self._context, namespace=namespace)
         self._readers = {row.name: set(row.readers) for row in said}
         self._error = ""
         self._unheard = 0  # messages of people on their way
@@ -76,7 +78,7 @@ class Feed:
             )
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._never = rclpy.task.Future()
+        self._forever = rclpy.task.Future()
 
     def hear_events(self, row: Topic) -> None:
         """Listen to who is ready and to errors."""
@@ -89,33 +91,41 @@ class Feed:
         self._context.try_shutdown()
 
     def run(
-        self, nodes: set[str], check: Callable[[], None], tell: Callable[[float], None]
+        self,
+        nodes: set[str],
+        check: Callable[[], None],
+        on_progress: Callable[[float], None],
+        start: StartMonitor,
     ) -> None:
         """Feed all ticks.
 
         Args:
             nodes: Controllers that must be ready first.
             check: Called now and then; raises if a process died.
-            tell: Called now and then with the share of ticks that is done.
+            on_progress: Called now and then with the share of ticks that is done.
+            start: Progress of the controllers until they are ready.
 
         Raises:
-            GraphError: A controller is not ready in time, or says an error.
+            GraphError: A controller makes no progress before it is ready, or says an error.
         """
         while self._at < len(self._steps):
-            self._executor.spin_until_future_complete(self._never, timeout_sec=0.1)
+            self._executor.spin_until_future_complete(self._forever, timeout_sec=0.1)
             check()
             if self._error:
                 raise GraphError(self._error)
-            tell(max(self._at, 0) / len(self._steps))
+            on_progress(max(self._at, 0) / len(self._steps))
             if self._at < 0:
-                self._begin(nodes)
+                self._begin(nodes, start)
             elif self._unheard and time.monotonic() - self._moved > _HEARING:
-                self._say()
+                self._publish()
             elif time.monotonic() - self._moved > ANSWER_TIMEOUT:
                 self._give_up()
                 return
 
-    def _begin(self, nodes: set[str]) -> None:
+    def _begin(self, nodes: set[str], start: StartMonitor) -> None:
+        if len(self._ready) != self._n_ready:
+            self._n_ready = len(self._ready)
+            start.advance()
         missing = nodes - self._ready
         unheard = [
             name
@@ -124,10 +134,9 @@ class Feed:
         ]
         if not missing and not unheard:
             self._next()
-        elif time.monotonic() - self._moved > START_TIMEOUT:
+        elif failure := start.failure():
             raise GraphError(
-                f"not ready after {START_TIMEOUT:.0f} s: "
-                f"{', '.join(sorted(missing)) or 'no readers of ' + ', '.join(unheard)}"
+                f"{failure}: {', '.join(sorted(missing)) or 'no readers of ' + ', '.join(unheard)}"
             )
 
     def _on_event(self, event) -> None:
@@ -138,7 +147,7 @@ class Feed:
         elif event.kind == "heard" and self._unheard:
             self._unheard -= 1
             if not self._unheard:
-                self._say()
+                self._publish()
 
     def _next(self) -> None:
         """Go on to the next tick: first what people said before it."""
@@ -151,9 +160,9 @@ class Feed:
         for name, data in before:
             self._outputs[name].publish(data)
         if not before:
-            self._say()
+            self._publish()
 
-    def _say(self) -> None:
+    def _publish(self) -> None:
         """Publish what the plant said at this tick."""
         step, self._unheard = self._steps[self._at], 0
         self._moved = time.monotonic()

@@ -12,7 +12,7 @@ from loco_control.exceptions import ParameterError
 
 from ..bag.reader import Bag
 
-_KEPT = 8  # unpacked chunks in memory
+_COLUMNS = 8  # unpacked chunks in memory
 
 
 class Order:
@@ -41,27 +41,27 @@ class Order:
         self._file, self._zero = bag.file, bag.summary.statistics.message_start_time
         self._name = {number: name for name in names for number in bag.channels[name]}
         rows = [self._rows(i, records) for i, records in enumerate(bag.file.blocks())]
-        joined = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
-        t = (joined[:, 0] - self._zero) / 1e9
-        joined = joined[(t >= start) & (t <= (np.inf if end is None else end))]
-        self._table = joined[np.argsort(joined[:, 0], kind="stable")]
+        table = np.concatenate(rows) if rows else np.empty((0, 5), np.int64)
+        t = (table[:, 0] - self._zero) / 1e9
+        table = table[(t >= start) & (t <= (np.inf if end is None else end))]
+        self._table = table[np.argsort(table[:, 0], kind="stable")]
         self.count = len(self._table)
         self.length = (self._table[-1, 0] - self._zero) / 1e9 if self.count else 0.0
 
     def _rows(self, block: int, records) -> np.ndarray:
         """Time, channel, chunk, first and last byte of each chosen message."""
-        chosen = np.isin(records.channels, list(self._name))
+        mask = np.isin(records.channels, list(self._name))
         columns = (
-            records.times[chosen],
-            records.channels[chosen],
-            np.full(chosen.sum(), block, dtype=np.int64),
-            records.starts[chosen],
-            records.stops[chosen],
+            records.times[mask],
+            records.channels[mask],
+            np.full(mask.sum(), block, dtype=np.int64),
+            records.starts[mask],
+            records.stops[mask],
         )
         return np.stack(columns, axis=1)
 
     def __iter__(self) -> Iterator[tuple[float, str, bytes]]:
-        @lru_cache(_KEPT)
+        @lru_cache(_COLUMNS)
         def data_of(block: int) -> bytes:
             return self._file.block(block).data
 

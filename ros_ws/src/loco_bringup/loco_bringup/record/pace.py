@@ -74,18 +74,18 @@ class Pace:
         Raises:
             ParameterError: It is none of these.
         """
-        word, _, value = text.strip().partition(" ")
+        verb, _, value = text.strip().partition(" ")
         self._anchor = None
         try:
-            if word in ("pause", "resume", "toggle"):
-                self._paused = word == "pause" or (word == "toggle" and not self._paused)
-            elif word == "step":
+            if verb in ("pause", "resume", "toggle"):
+                self._paused = verb == "pause" or (verb == "toggle" and not self._paused)
+            elif verb == "step":
                 self._paused, self._steps = True, self._steps + int(value or 1)
-            elif word == "speed" and float(value) >= 0.0:
+            elif verb == "speed" and float(value) >= 0.0:
                 self._speed = float(value)
-            elif word in ("faster", "slower"):
-                self._speed *= 2.0 if word == "faster" else 0.5
-            elif word == "quit":
+            elif verb in ("faster", "slower"):
+                self._speed *= 2.0 if verb == "faster" else 0.5
+            elif verb == "quit":
                 self.over = True
             else:
                 raise ValueError
@@ -106,11 +106,11 @@ class Pace:
             self._press()
             if self.over:
                 return False
-            rest = self._left(t)
-            if rest <= 0.0:
+            remaining = self._left(t)
+            if remaining <= 0.0:
                 self._newest = t
                 return True
-            idle(min(rest, _SLICE))
+            idle(min(remaining, _SLICE))
 
     def _press(self) -> None:
         key = self._keys.pressed() if self._keys else ""
@@ -128,7 +128,7 @@ class Pace:
             return _SLICE
         if not self._speed:
             return 0.0
-        now = time.perf_counter()
+        time_now = time.perf_counter()
         if self._anchor is None:
-            self._anchor = (now, t if self._newest is None else self._newest)
-        return self._anchor[0] + (t - self._anchor[1]) / self._speed - now
+            self._anchor = (time_now, t if self._newest is None else self._newest)
+        return self._anchor[0] + (t - self._anchor[1]) / self._speed - time_now

@@ -61,8 +61,8 @@ class ReadoutCheck:
     def summary(self) -> str:
         """The result in one line."""
         verdict = "the readout drives" if self.drives else "the readout does NOT drive"
-        half = self.commanded.shape[1] // 2
-        positions = np.abs(self.commanded - self.target)[:, :half]
+        count = self.commanded.shape[1] // 2
+        positions = np.abs(self.commanded - self.target)[:, :count]
         return (
             f"{verdict} {self.what} from {self.t[0]:.3f} s to {self.t[-1]:.3f} s: over "
             f"{len(self.t)} ticks, commands are {self.error:.1g} at most from the network run "
@@ -116,13 +116,13 @@ def check_log(log: Log, weights: bytes) -> ReadoutCheck:
     commanded = np.concatenate((log.command, log.command_dq), axis=1)[rows]
     target = np.concatenate((log.target, log.target_dq), axis=1)[rows]
     moved = np.concatenate((network.outputs, m + network.outputs))
-    rest = np.setdiff1d(np.arange(2 * m), moved)
+    fixed = np.setdiff1d(np.arange(2 * m), moved)
     return ReadoutCheck(
         log.t[rows],
         commanded[:, moved],
         np.array(recomputed)[:, moved],
         target[:, moved],
-        float(np.max(np.abs(commanded - target)[:, rest], initial=0.0)),
+        float(np.max(np.abs(commanded - target)[:, fixed], initial=0.0)),
         "HFE and KFE" if log.experiment.gait else "the driven joints",
     )
 

@@ -30,12 +30,13 @@ from rclpy.signals import SignalHandlerOptions
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_control.ros.messages.installed import ros_class
+from loco_control.ros.parameters import sealed_node
 
 from ..bag.writer import BagWriter, Limits, qos_dict
 from ..terminal import console
 
 DEPTH = 1000  # messages that wait while the disk is slow
-_LOOK = 0.25  # wall time between two looks at the graph [s]
+_CHECK_PERIOD = 0.25  # wall time between two looks at the graph [s]
 _FLUSH = 1.0  # wall time after which a chunk is written even if it is not full [s]
 _HIDDEN = ("/rosout", "/parameter_events")  # only by name
 
@@ -79,7 +80,7 @@ def record(
     writer = BagWriter(folder, custom, limits=limits)
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("loco_record", context=context)
+    node = sealed_node("loco_record", context=context)
     tap = Tap(node, writer, topics, pattern, stamps)
     try:
         _spin(node, tap, context, duration, messages)
@@ -96,16 +97,16 @@ def record(
 def _spin(node: Node, tap: Tap, context: Any, duration: float, messages: int) -> None:
     executor = EventsExecutor(context=context)
     executor.add_node(node)
-    never, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
+    forever, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
     try:
         while not tap.writer.failed:
             tap.look()
-            executor.spin_until_future_complete(never, timeout_sec=_LOOK)
-            now = time.monotonic()
-            if now - flushed > _FLUSH:
-                flushed = now
+            executor.spin_until_future_complete(forever, timeout_sec=_CHECK_PERIOD)
+            time_now = time.monotonic()
+            if time_now - flushed > _FLUSH:
+                flushed = time_now
                 tap.writer.flush()
-            if (duration and now - began >= duration) or 0 < messages <= tap.counts.total():
+            if (duration and time_now - began >= duration) or 0 < messages <= tap.counts.total():
                 return
     finally:
         executor.shutdown()
@@ -114,8 +115,8 @@ def _spin(node: Node, tap: Tap, context: Any, duration: float, messages: int) ->
 def _tell(tap: Tap, writer: BagWriter) -> int:
     count, _ = writer.kept
     console.print(f"{count} messages of {len(tap.counts)} topics: {writer.folder}")
-    for name, why in tap.refused.items():
-        console.print(f"  not recorded: {name}: {why}")
+    for name, reason in tap.refused.items():
+        console.print(f"  not recorded: {name}: {reason}")
     if tap.missing:
         console.print(f"  never seen: {', '.join(sorted(tap.missing))}")
     if writer.failed:
@@ -148,13 +149,13 @@ class Tap:
     ):
         self.writer, self.counts, self.refused = writer, Counter[str](), dict[str, str]()
         self._node, self._exclude, self._stamps = node, exclude, stamps
-        self._wanted = {name if name.startswith("/") else f"/{name}" for name in topics}
+        self._requested = {name if name.startswith("/") else f"/{name}" for name in topics}
         self._newest = 0  # stamp [ns]
 
     @property
     def missing(self) -> set[str]:
         """Topics wanted that never appeared."""
-        return self._wanted - set(self.counts) - set(self.refused)
+        return self._requested - set(self.counts) - set(self.refused)
 
     def about(self) -> dict[str, str]:
         """For the bag's metadata."""
@@ -162,31 +163,31 @@ class Tap:
 
     def look(self) -> None:
         """Subscribe to topics that are new in the graph."""
-        for name, kinds in self._node.get_topic_names_and_types():
+        for name, types in self._node.get_topic_names_and_types():
             if name in self.counts or name in self.refused or not self._wants(name):
                 continue
             offers = self._node.get_publishers_info_by_topic(name)
             if not offers:
                 continue
             try:
-                self._subscribe(name, kinds, offers)
+                self._subscribe(name, types, offers)
             except NameUnknownError as error:
                 self.refused[name] = str(error)
 
     def _wants(self, name: str) -> bool:
         if self._exclude and self._exclude.search(name):
             return False
-        return name in self._wanted if self._wanted else name not in _HIDDEN
+        return name in self._requested if self._requested else name not in _HIDDEN
 
-    def _subscribe(self, name: str, kinds: list[str], offers: list[Any]) -> None:
-        if len(kinds) != 1:
-            raise NameUnknownError("one message type among", ", ".join(kinds), [])
-        kind = ros_class(kinds[0])
-        text, hash_ = definition(kinds[0]), type_hash(kinds[0])
+    def _subscribe(self, name: str, types: list[str], offers: list[Any]) -> None:
+        if len(types) != 1:
+            raise NameUnknownError("one message type among", ", ".join(types), [])
+        kind = ros_class(types[0])
+        text, hash_ = definition(types[0]), type_hash(types[0])
         fields = list(kind.get_fields_and_field_types().items())
         stamped = fields and fields[0][1] in ("builtin_interfaces/Time", "std_msgs/Header")
         self.writer.add_topic(
-            name, kinds[0], text, hash_, [_offered(o.qos_profile) for o in offers]
+            name, types[0], text, hash_, [_offered_qos(o.qos_profile) for o in offers]
         )
         self.counts[name] = 0
 
@@ -219,7 +220,7 @@ def matching(offers: list[Any]) -> QoSProfile:
     )
 
 
-def _offered(profile: QoSProfile) -> dict[str, Any]:
+def _offered_qos(profile: QoSProfile) -> dict[str, Any]:
     return qos_dict(
         profile.reliability == ReliabilityPolicy.RELIABLE,
         profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,

@@ -34,6 +34,8 @@ log = logging.getLogger(__name__)
 FAULTS = LOST_TICK.writer
 _STAMP_AT = 4  # bytes: after the CDR header
 _LATEST = 2**31 * 10**9  # end of what a stamp can say [ns]
+_MOST_TICKS = 2**40  # of a run, 35 years at 1 kHz: a larger number is no tick
+_MOST_LOST = 10**6  # ticks in a row; what is further ahead is a wrong number
 _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
 
 
@@ -57,9 +59,9 @@ class RecorderNode(LocoNode):
         self.status_every = self.declare_parameter("status_every", 20).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.table = {**self.table, **_merged(graphs, self.faulted)}
-        chosen = {space: _chosen(names, TABLES[table]) for space, table in graphs}
+        topics_by_space = {space: _select(names, TABLES[table]) for space, table in graphs}
         for _, table in graphs:
-            _chosen(self._written, TABLES[table])
+            _select(self._written, TABLES[table])
         size = int(self.declare_parameter("max_bagfile_size", 0).value)
         limits = Limits(size, float(self.declare_parameter("max_bagfile_duration", 0.0).value))
         custom = {str(k): str(v) for k, v in custom.items()}
@@ -68,12 +70,13 @@ class RecorderNode(LocoNode):
         self._next_tick: dict[str, int] = {}
         self.robots = [_Robot(self, space, table) for space, table in graphs]
         for robot in self.robots:
-            for row in chosen[robot.namespace]:
+            for row in topics_by_space[robot.namespace]:
                 self._subscribe(robot, row)
                 if row.name in self.faulted:
                     self._subscribe(robot, _heard(row))
         self.create_timer(0.1, self._tell_if_new)
         self.create_timer(1.0, self.writer.flush)
+        self.create_timer(1.0, self._tell_again)
         self.announce_ready()
 
     def _graphs(self) -> list[tuple[str, str]]:
@@ -103,9 +106,12 @@ class RecorderNode(LocoNode):
         fields = list(row.type.get_fields_and_field_types())
         tick_of = self._tick_of(robot, row, fields)
         # Topics of other people and /diagnostics are stamped with wall time.
-        ours = row.name == "events" or row.writer not in ("any", FAULTS)  # who may say any time
-        stamped = ours and fields[:1] in (["stamp"], ["header"])
-        write = self.writer.write if written else _leave
+        from_graph = row.name == "events" or row.writer not in (
+            "any",
+            FAULTS,
+        )  # who may say any time
+        stamped = from_graph and fields[:1] in (["stamp"], ["header"])
+        write = self.writer.write if written else _exit
 
         def receive(data: bytes) -> None:
             try:
@@ -120,10 +126,13 @@ class RecorderNode(LocoNode):
                 t = _time(data)
                 if not 0 <= t < _LATEST:
                     raise ValueError(f"{t / 1e9:g} s")
+            tick = tick_of(data) if tick_of else 0
+            if not 0 <= tick < _MOST_TICKS:
+                raise ValueError(f"tick {tick}")
             if tick_of:
-                self._count(key, tick_of(data))
+                self._count(key, tick)
             if row.name == robot.starts_tick:
-                robot.moved(t, tick_of(data))
+                robot.moved(t, tick)
             write(name, data, t)
 
         self._inputs[key] = self.create_subscription(
@@ -143,6 +152,8 @@ class RecorderNode(LocoNode):
 
     def _count(self, key: str, tick: int) -> None:
         expected = self._next_tick.get(key, tick)
+        if tick - expected >= _MOST_LOST:
+            raise ValueError(f"tick {tick} after tick {expected - 1}")
         self._dropped += max(0, tick - expected)
         self._next_tick[key] = tick + 1
 
@@ -150,12 +161,18 @@ class RecorderNode(LocoNode):
         if self.writer.failed and not self._stopped:
             self._stopped = True
             count, end = self.writer.kept
-            kept = f"kept {count} messages up to {end:.3f} s, less the room for the index"
-            text = f"{self.writer.failed}; {kept}"
+            message = f"kept {count} messages up to {end:.3f} s, less the room for the index"
+            text = f"{self.writer.failed}; {message}"
             self.get_logger().error(f"recording stopped: {text}")
             self.event("recording stopped", text, max(r.tick for r in self.robots))
         for robot in self.robots:
-            if robot.tick > robot.told:
+            if robot.tick != robot.told:
+                robot.tell()
+
+    def _tell_again(self) -> None:
+        """Somebody else may have said how far we are: the plant would wait for it for good."""
+        for robot in self.robots:
+            if robot.tick >= 0:
                 robot.tell()
 
     def status(self, stamp: int, tick: int) -> RecorderStatus:
@@ -185,8 +202,8 @@ class RecorderNode(LocoNode):
         """Write what has arrived and was not yet handled, so that a stop loses no message."""
         for subscription in self._inputs.values():
             with subscription.handle:
-                while taken := subscription.handle.take_message(subscription.msg_type, True):
-                    subscription.callback(taken[0])
+                while message := subscription.handle.take_message(subscription.msg_type, True):
+                    subscription.callback(message[0])
 
     def close(self) -> None:
         """Write what still waits, attach the run's files, then write index and metadata."""
@@ -211,15 +228,23 @@ class _Robot:
         self.starts_tick = _STARTS_TICK.get(table, "")
         self.now = 0  # simulated time of the newest tick [ns]
         self.tick = self.told = -1
+        self._odd = -2  # newest tick that did not follow on another
         if namespace:
             recorder.output(_key(namespace, "events"))
         if self.starts_tick:
             self._status = recorder.output(_key(namespace, "recorder_status"))
 
-    def moved(self, now: int, tick: int) -> None:
-        """A tick begins."""
-        self.now, self.tick = now, tick
-        if tick - self.told >= self._recorder.status_every or tick == 0:
+    def moved(self, time_ns: int, tick: int) -> None:
+        """A tick begins, if it follows on one before: the plant waits for what we say of it.
+
+        Another writer's numbers do not follow each other. Those of a plant that started again, or
+        of which some were lost, do from the second on.
+        """
+        if self.tick >= 0 and tick not in (self.tick + 1, self._odd + 1):
+            self._odd = tick
+            return
+        self.now, self.tick = time_ns, tick
+        if abs(tick - self.told) >= self._recorder.status_every or tick == 0:
             self.tell()
 
     def tell(self) -> None:
@@ -250,7 +275,7 @@ def _heard(row: Topic) -> Topic:
     return dataclasses.replace(row, name=faulty(row.name), writer=FAULTS, rate=0.0)
 
 
-def _leave(topic: str, data: bytes, t: int) -> None:
+def _exit(topic: str, data: bytes, t: int) -> None:
     """In the place of the writer, for topics that are not written."""
 
 
@@ -259,7 +284,7 @@ def _time(data: bytes) -> int:
     return seconds * 1_000_000_000 + int.from_bytes(data[_STAMP_AT + 4 : _STAMP_AT + 8], "little")
 
 
-def _chosen(names: list[str], table: dict[str, Topic]) -> list[Topic]:
+def _select(names: list[str], table: dict[str, Topic]) -> list[Topic]:
     for name in names:
         if name not in table:
             raise NameUnknownError("topic", name, table)

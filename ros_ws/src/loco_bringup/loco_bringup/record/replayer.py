@@ -18,6 +18,7 @@ from loco_control.exceptions import LocoError, ParameterError
 from loco_control.reading import parse_yaml
 from loco_control.ros.messages.installed import ros_class
 from loco_control.ros.messages.topics import LATCHED, LATCHED_LOG, STATE, TOPICS, Qos
+from loco_control.ros.parameters import sealed_node
 
 from ..bag.reader import Bag
 from ..terminal import bar, console
@@ -104,7 +105,7 @@ class _Player:
 
     def __init__(self, bag: Bag, names: list[str], renamed: dict[str, str], pace: Pace):
         self.pace, self._bag = pace, bag
-        self._node = rclpy.create_node("replayer")
+        self._node = sealed_node("replayer")
         self._node.create_subscription(String, CONTROL, self._on_control, 10)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -157,13 +158,13 @@ def _qos(bag: Bag, name: str) -> Qos:
     if row is not None:
         return row.qos
     try:
-        offered = parse_yaml(bag.offered(name), bag.path)[0]
-        latched = offered["durability"] in ("transient_local", 1)
-        reliable = offered["reliability"] not in ("best_effort", 2)
+        profile = parse_yaml(bag.offered(name), bag.path)[0]
+        latched = profile["durability"] in ("transient_local", 1)
+        reliable = profile["reliability"] not in ("best_effort", 2)
     except (LocoError, TypeError, LookupError):
         return LATCHED if name.endswith("robot_description") else STATE
     if latched:
-        return LATCHED_LOG if offered.get("depth", 1) != 1 else LATCHED
+        return LATCHED_LOG if profile.get("depth", 1) != 1 else LATCHED
     return Qos(reliable, False, STATE.depth)
 
 

@@ -26,6 +26,7 @@ from ..bag.reader import Bag
 from ..graph import node_set
 from ..graph.processes import Guard, Process, stop_all
 from ..graph.run import LAYOUTS, _domain_lock
+from ..graph.start import StartLimits, StartMonitor
 from .compare import Comparison, Verdict
 from .feed import Feed, Step
 
@@ -39,7 +40,7 @@ def verify(
     nodes: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     tolerance: float = 0.0,
-    tell: Callable[[float], None] = lambda share: None,
+    on_progress: Callable[[float], None] = lambda share: None,
 ) -> Verdict:
     """Feed a recorded run to live controllers and compare what they answer.
 
@@ -49,7 +50,7 @@ def verify(
         nodes: Node set, by name or path; default the one of the experiment.
         overrides: Values of the experiment to change, by dotted name.
         tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
-        tell: Called now and then with the share that is done.
+        on_progress: Called now and then with the share that is done.
 
     Raises:
         BagError: The bag is no run, or ticks are missing.
@@ -71,7 +72,10 @@ def verify(
         feed.hear_events(plan.table["events"])
         processes = plan.start(Path(folder), layout, guard := Guard())
         try:
-            feed.run({spec.name for spec in plan.specs}, lambda: _check(processes), tell)
+            start = StartMonitor(StartLimits(), lambda: [p.pid for p in processes])
+            feed.run(
+                {spec.name for spec in plan.specs}, lambda: _check(processes), on_progress, start
+            )
         finally:
             stop_all(processes, guard)
             feed.close()
@@ -111,10 +115,10 @@ class _Plan:
         sensors = [
             row for row in rows if row.rate and row.writer == PLANT and names & set(row.readers)
         ]
-        people = [row for row in rows if row.writer == "any" and names & set(row.readers)]
-        people = [row for row in people if self._has(row)]
-        self.said = [*sensors, *people]
-        self.steps = self._steps(sensors, people)
+        user_topics = [row for row in rows if row.writer == "any" and names & set(row.readers)]
+        user_topics = [row for row in user_topics if self._has(row)]
+        self.said = [*sensors, *user_topics]
+        self.steps = self._steps(sensors, user_topics)
 
     def _has(self, row: Topic) -> bool:
         return self._count(row) > 0
@@ -123,35 +127,36 @@ class _Plan:
         try:
             return self._bag.topics[self._bag.resolve(row.name)].count
         except NameUnknownError:
-            found = [n for n in self._bag.topics if n.endswith("/" + row.name)]
-            if len(found) > 1:
+            matches = [n for n in self._bag.topics if n.endswith("/" + row.name)]
+            if len(matches) > 1:
                 raise BagError(
-                    f"{self._bag.path} holds several robots ({', '.join(found)}); verify wants one"
+                    f"{self._bag.path} holds several robots ({', '.join(matches)}); "
+                    "verify wants one"
                 ) from None
             return 0
 
-    def _steps(self, sensors: list[Topic], people: list[Topic]) -> list[Step]:
+    def _steps(self, sensors: list[Topic], user_topics: list[Topic]) -> list[Step]:
         missing = [row.name for row in sensors if not self._has(row)]
         if missing:
             raise BagError(f"{self._bag.path} has no {', '.join(missing)}, which controllers need")
-        answers = {row.name: self._by_key(row) for row in self.heard if self._has(row)}
-        if not answers:
-            wanted = ", ".join(row.name for row in self.heard)
-            raise BagError(f"{self._bag.path} has no answers to compare: none of {wanted}")
-        said = {row.name: self._by_key(row) for row in sensors}
-        keys = sorted(set.intersection(*(set(rows) for rows in said.values())))
+        outputs = {row.name: self._by_key(row) for row in self.heard if self._has(row)}
+        if not outputs:
+            expected = ", ".join(row.name for row in self.heard)
+            raise BagError(f"{self._bag.path} has no answers to compare: none of {expected}")
+        inputs = {row.name: self._by_key(row) for row in sensors}
+        keys = sorted(set.intersection(*(set(rows) for rows in inputs.values())))
         self._refuse_gaps(keys)
         steps = [
             Step(
                 tick,
                 key,
-                {name: rows[key] for name, rows in said.items()},
-                {name: rows[key] for name, rows in answers.items() if key in rows},
+                {name: rows[key] for name, rows in inputs.items()},
+                {name: rows[key] for name, rows in outputs.items() if key in rows},
             )
             for tick, key in enumerate(keys)
         ]
         steps = [step for step in steps if step.answers]
-        for row in people:
+        for row in user_topics:
             self._put(row, steps)
         return steps
 
@@ -178,12 +183,12 @@ class _Plan:
         message was recorded.
         """
         times, data = self._bag.raw(row.name)
-        heard = self._heard(row.name)
-        if heard:
-            said = {}
+        received = self._events_heard(row.name)
+        if received:
+            messages = {}
             for message, raw in zip(self._bag.messages(row.name), data, strict=True):
-                said |= dict.fromkeys(_said(message), raw)
-            pairs = [(tick, said.get(value)) for tick, value in heard]
+                messages |= dict.fromkeys(_said(message), raw)
+            pairs = [(tick, messages.get(value)) for tick, value in received]
         else:
             starts = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
             pairs = [
@@ -198,12 +203,12 @@ class _Plan:
             if tick < len(steps):
                 steps[tick].before.append((row.name, message))
 
-    def _heard(self, name: str) -> list[tuple[int, str]]:
+    def _events_heard(self, name: str) -> list[tuple[int, str]]:
         """From which tick on which value of a topic counted, as its reader said."""
         events = self._bag.messages("events") if self._has(self.table["events"]) else []
         start = f"{name} "
-        heard = [e for e in events if e.kind == "heard" and e.text.startswith(start)]
-        return [(e.tick, e.text.removeprefix(start)) for e in heard]
+        received = [e for e in events if e.kind == "heard" and e.text.startswith(start)]
+        return [(e.tick, e.text.removeprefix(start)) for e in received]
 
     def start(self, folder: Path, layout: str, guard: Guard) -> list[Process]:
         """Start the controllers."""

@@ -14,7 +14,7 @@ from ..terminal import bar, console
 from .compare import Verdict
 from .verify import verify
 
-_SHOWN = 3  # differences of each topic
+_MAX_SHOWN = 3  # differences of each topic
 
 
 def verify_bag(a: argparse.Namespace) -> int:
@@ -49,10 +49,10 @@ def show_verify(path: Path, run: Callable[[Callable[[float], None]], Verdict]) -
 
 def _lines(verdict: Verdict) -> Iterator[str]:
     """The first differences of each topic, in columns; values are not cut."""
-    rows, shown = [("topic", "tick", "field", "recorded", "live")], Counter[str]()
+    rows, counts = [("topic", "tick", "field", "recorded", "live")], Counter[str]()
     for d in verdict.first:
-        shown[d.topic] += 1
-        if shown[d.topic] <= _SHOWN:
+        counts[d.topic] += 1
+        if counts[d.topic] <= _MAX_SHOWN:
             rows.append((d.topic, str(d.tick), d.field, repr(d.recorded), repr(d.live)))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from loco_control.files import write_whole
 from loco_control.params import to_dict
+from loco_learning.drawing.chart import PALETTE
 from loco_learning.reinforce.learn import Learnt
 from loco_learning.reinforce.params import ReinforceParams
 from loco_learning.reinforce.trials import Row
@@ -17,7 +18,6 @@ from loco_learning.runs.experiment import Experiment
 
 from ..page import html
 from ..page.plot import Line, Panel, Plot
-from ..report.joint_figures import PALETTE
 
 NAME = "reinforce.html"
 CURVE = (

@@ -5,21 +5,31 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from scipy.stats import ttest_ind
 
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
 from loco_learning.drawing.chart import PALETTE
 from loco_learning.metrics import quantities
 from loco_learning.metrics import registry as metrics
+from loco_learning.metrics.differences import (
+    CHANCE,
+    PASSING,
+    Difference,
+    Window,
+    differences,
+    shared,
+    window,
+)
+from loco_learning.metrics.quantities import moves
 from loco_learning.runs.log import Log
 
-from ..bag.reader import Bag
+from ..bag.foreign.opening import open_bag
 from ..logs.bag_log import read_log
 from ..page import html
 from ..page.plot import Line, Panel, Plot
@@ -29,14 +39,14 @@ from .figures import close_look
 from .joint_figures import short
 from .parts import label, unit
 
-PIECES = 6  # of a phase, whose metrics tell the noise of a run
-CHANCE = 0.01  # that a difference which is called one is none
-
 
 def show_comparison(a: argparse.Namespace) -> int:
-    """Write the page of some bags and print its path."""
+    """Write the page of some bags; print the verdict, what differs, and its path."""
     logs = read_runs(a.bag)
-    console.print(str(write_whole(a.out, page(logs))))
+    written, found = write_whole(a.out, page(logs)), compared(logs)
+    for line in (verdict(logs, found)[0], *falls(logs), *map(sentence, found)):
+        console.print(line)
+    console.print(str(written))
     return 0
 
 
@@ -53,7 +63,7 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
         raise ParameterError(f"name 2 to {len(PALETTE)} bags to compare, got {len(bags)}")
     if len(set(names)) < len(names):
         raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
-    logs = {name: read_log(Bag(bag)) for name, bag in zip(names, bags, strict=True)}
+    logs = {name: read_log(open_bag(bag)) for name, bag in zip(names, bags, strict=True)}
     first, *others = logs
     for name in others:
         for what, value in (("robot", _robot), ("control period", lambda log: f"{log.dt:g} s")):
@@ -65,97 +75,117 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
     return logs
 
 
+@dataclass(frozen=True)
+class Compared:
+    """One run beside the first, in one phase.
+
+    Attributes:
+        run: Name of the run.
+        window: Blocks that were compared.
+        rows: Metrics, those that differ first.
+    """
+
+    run: str
+    window: Window
+    rows: list[Difference]
+
+    @property
+    def differing(self) -> list[Difference]:
+        """Metrics that differ beyond noise and by more than matters."""
+        return [row for row in self.rows if row.kind]
+
+
+def compared(logs: Mapping[str, Log]) -> list[Compared]:
+    """Differences of all runs from the first, phase by phase.
+
+    Raises:
+        ParameterError: The runs have no phase in common.
+    """
+    name, *others = logs
+    phases = shared(logs)
+    if not phases:
+        raise ParameterError("the runs have no phase in common; compare runs of like experiments")
+    first, found = logs[name], []
+    for other in others:
+        for phase in phases:
+            rows = differences(first, logs[other], phase, len(phases) * len(others))
+            rows.sort(key=lambda row: (not row.kind, not row.judged))
+            found.append(Compared(other, window(first, logs[other], phase), rows))
+    return found
+
+
 def page(logs: Mapping[str, Log]) -> str:
     """HTML text of the page; all runs are compared with the first."""
-    first = next(iter(logs.values()))
-    phase = [name for name in first.phases() if all(name in log.phases() for log in logs.values())]
-    if not phase:
-        raise ParameterError("the runs have no phase in common; compare runs of like experiments")
-    rows = differences(logs, phase[-1])
-    beyond = [row for row in rows if row[-1]]
-    judged = [row for row in rows if _known(row[2])]
-    said = f"{len(beyond)} of {len(judged)} metrics differ from {next(iter(logs))} beyond noise"
-    few = f" Of {len(rows) - len(judged)} of {len(rows)} metrics no noise is known: {_SHORT}."
+    found, first = compared(logs), next(iter(logs.values()))
+    said, well = verdict(logs, found)
     header = html.join(
         [
-            html.verdict(said if judged else f"not judged: {_SHORT}", bool(judged) and not beyond),
-            html.paragraph(
-                f"{_robot(first)}, phase “{phase[-1]}”. {repeated(logs)}"
-                f"{few if 0 < len(judged) < len(rows) else ''}"
-            ),
-            html.cards(
-                [
-                    (
-                        label(name),
-                        " / ".join(map(html.number, values)),
-                        unit(metrics.METRICS[name].unit),
-                    )
-                    for name, values, *_ in beyond[:6]
-                ]
-            ),
+            html.verdict(said, well),
+            html.paragraph(f"{_robot(first)}. {repeated(logs)}"),
+            html.bullets([*falls(logs), *map(sentence, found)]),
+            html.cards([_card(row, one) for one in found for row in one.differing][:6]),
         ]
     )
     parts = [
-        html.part("Metrics", lambda: _table(logs, rows)),
+        html.part("Metrics", lambda: _table(logs, found)),
         html.part("Joints", lambda: html.figure(joints(logs), "Joints", _JOINTS)),
-        html.part("Base", lambda: html.figure(base(logs), "Base", _BASE)),
     ]
+    if moves(first):
+        parts.append(html.part("Base", lambda: html.figure(base(logs), "Base", _BASE)))
     return html.document(f"Comparison of {' and '.join(logs)}", header, parts)
 
 
-def differences(
-    logs: Mapping[str, Log], phase: str
-) -> list[tuple[str, list[float], list[float], bool]]:
-    """Metrics of a phase: name, value and spread of each run, and whether one run differs.
-
-    The spread is the standard deviation between `PIECES` equal pieces of the phase. A run differs
-    where Welch's test of the pieces says so, with a chance of `CHANCE` over all metrics and runs.
-
-    Args:
-        logs: Runs by name.
-        phase: Name of the phase.
-    """
-    length = min(x.phases()[phase].stop - x.phases()[phase].start for x in logs.values())
-    chosen = [m for name, m in metrics.METRICS.items() if all(m.suits(x) for x in logs.values())]
-    rows = []
-    for metric in chosen:
-        values, pieces = [], []
-        for log in logs.values():
-            start = log.phases()[phase].start
-            ticks = slice(start, start + length)
-            edges = np.linspace(ticks.start, ticks.stop, PIECES + 1).astype(int)
-            values.append(metric(log, ticks))
-            found = [metric(log, slice(a, b)) for a, b in zip(edges, edges[1:], strict=False)]
-            pieces.append(np.array(found)[np.isfinite(found)])
-        if all(map(math.isfinite, values)):
-            rows.append((metric.name, values, pieces))
-    bound = CHANCE / max(1, len(rows) * (len(logs) - 1))
-    return [
-        (
-            name,
-            values,
-            [_spread(p) for p in pieces],
-            any(_differ(pieces[0], p, bound) for p in pieces[1:]),
-        )
-        for name, values, pieces in rows
-    ]
+def verdict(logs: Mapping[str, Log], found: Sequence[Compared]) -> tuple[str, bool | None]:
+    """Verdict in a few words, and whether it is a good one; None where nothing was judged."""
+    name, *others = logs
+    ends = [run for run in others if logs[run].fall != logs[name].fall]
+    apart = [run for run in others
+             if run in ends or any(one.differing for one in found if one.run == run)]  # fmt: skip
+    judged = [row for one in found for row in one.rows if row.judged]
+    if apart:
+        return f"{', '.join(apart)} {'differs' if len(apart) == 1 else 'differ'} from {name}", False
+    if not judged:
+        longest = max(found, key=lambda one: one.window.count)
+        return f"too short to be judged: {_short(longest.window)}", None
+    return f"no difference from {name} in {len(judged)} metrics", True
 
 
-def _spread(pieces: np.ndarray) -> float:
-    return float(np.std(pieces, ddof=1)) if len(pieces) > 1 else math.nan
+def falls(logs: Mapping[str, Log]) -> list[str]:
+    """Sentences on runs that fell."""
+    return [f"{run} fell at {html.number(log.t[-1])} s: {log.fall}."
+            for run, log in logs.items() if log.fall]  # fmt: skip
 
 
-def _known(spreads: list[float]) -> bool:
-    """Whether the noise of all runs is known."""
-    return all(map(math.isfinite, spreads))
+def sentence(one: Compared) -> str:
+    """Names of the metrics that differ in a phase of a run, or why none was judged."""
+    where = f"{one.run}, phase “{one.window.phase}”"
+    judged = sum(row.judged for row in one.rows)
+    if not judged:
+        return f"{where}: not judged, {_short(one.window)}."
+    names = ", ".join(label(row.metric).lower() for row in one.differing)
+    return f"{where}: {names or 'nothing'} differs, of {judged} metrics."
 
 
-def _differ(one: np.ndarray, other: np.ndarray, bound: float) -> bool:
-    if min(len(one), len(other)) < 2:
-        return False
-    if np.ptp(one) == np.ptp(other) == 0.0:
-        return bool(one[0] != other[0])
-    return bool(ttest_ind(one, other, equal_var=False).pvalue < bound)
+def _short(here: Window) -> str:
+    lasts = html.number(here.ticks * here.dt)
+    return f"“{here.phase}” lasts {lasts} s, {html.number(here.needed)} s are enough"
+
+
+def _card(row: Difference, one: Compared) -> tuple[str, str, str]:
+    values = " → ".join(map(html.number, (row.first, row.other)))
+    return f"{label(row.metric)}, {one.run}", values, f"{unit_of(row)} {_when(row)}".strip()
+
+
+def unit_of(row: Difference) -> str:
+    """Unit of a metric; nothing where there is none."""
+    return unit(metrics.METRICS[row.metric].unit)
+
+
+def _when(row: Difference) -> str:
+    """Verdict on a metric in words."""
+    if row.kind == PASSING:
+        return f"passing, by {html.number(row.largest, 3)} from {html.number(row.at)} s on"
+    return row.kind if row.judged else "not judged"
 
 
 def repeated(logs: Mapping[str, Log]) -> str:
@@ -202,35 +232,41 @@ def _overlay(logs: Mapping[str, Log], signals: Mapping[str, object]) -> Plot:
     return Plot(longest.t, panels, spans(longest), view=close_look(min(logs.values(), key=len)))
 
 
-def _table(logs: Mapping[str, Log], rows: list) -> Markup:
-    head = ["Metric", *(f"{name} ± spread" for name in logs), "Unit", "Beyond noise"]
+def _table(logs: Mapping[str, Log], found: Sequence[Compared]) -> Markup:
+    name, *_ = logs
+    head = ["Run", "Phase", "Metric", name, "The run", "Difference (interval)", "Matters from",
+            "Unit", "Differs"]  # fmt: skip
+    rows = [(one, row) for one in found for row in one.rows]
+    rows.sort(key=lambda pair: not pair[1].kind)
     cells = [
         [
-            label(name),
-            *(
-                html.number(v) + (f" ± {html.number(s, 2)}" if math.isfinite(s) else "")
-                for v, s in zip(values, spreads, strict=True)
-            ),
-            unit(metrics.METRICS[name].unit),
-            "yes" if beyond else "" if _known(spreads) else "not judged",
+            one.run, one.window.phase, label(row.metric), html.number(row.first),
+            html.number(row.other), _interval(row),
+            html.number(row.size, 2) if math.isfinite(row.size) else "–", unit_of(row), _when(row),
         ]
-        for name, values, spreads, beyond in rows
-    ]
-    marks = ["so" if row[-1] else "" for row in rows]
-    return html.paragraph(_METRICS, soft=True) + html.table(
-        head, cells, range(1, 1 + len(logs)), marks
-    )
+        for one, row in rows
+    ]  # fmt: skip
+    marks = ["so" if row.kind else "" for _, row in rows]
+    return html.paragraph(_METRICS, soft=True) + html.table(head, cells, range(3, 7), marks)
+
+
+def _interval(row: Difference) -> str:
+    if not row.judged:
+        return "–"
+    low, high = (html.number(x, 2) for x in (row.low, row.high))
+    return f"{html.number(row.other - row.first, 2)} ({low} to {high})"
 
 
 def _robot(log: Log) -> str:
     return log.experiment.plant.name
 
 
-_SHORT = f"the phase is too short to be cut into {PIECES} pieces"
 _METRICS = (
-    "Over the length of the shortest run. Spread: standard deviation between "
-    f"{PIECES} equal pieces of the phase. Beyond noise: a run differs from the first by Welch's "
-    "test of the pieces, with a chance of 1 % over the whole table that this is luck."
+    "Means over blocks of whole strides, at least a second each, as many as the shorter run has; "
+    "blocks of the same tick are paired where both runs have the same target. Lasting: the interval "
+    "of the mean difference (block bootstrap) excludes zero, and the difference matters. Passing: "
+    "single blocks stand out of the others by more than matters, as after a push. The chance that "
+    f"anything in the whole table is called a difference by luck is {CHANCE:.0%}."
 )
 _JOINTS = "Measured angles of all runs, tick by tick from their beginning."
 _BASE = "Ground truth of all runs."

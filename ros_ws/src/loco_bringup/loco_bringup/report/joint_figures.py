@@ -22,7 +22,7 @@ from loco_learning.runs.log import Log
 from loco_learning.study.trial import driven
 from loco_sim.robot.frames import feet_in_base
 
-from ..page.plot import Line, Panel, Plot
+from ..page.plot import Line, Panel, Plot, short
 from ..page.style import (
     COMMAND,
     MEASURED,
@@ -45,6 +45,7 @@ STRIDES = 6  # of a foot path or a limit cycle
 
 
 CHAPTERS, chapter = chapters()
+OF_GAITS = {"Passive joints", "Prediction error", "Limit cycle", "Path", "Base motion", "Feet"}
 
 
 # ---- what is drawn of a log
@@ -64,18 +65,13 @@ def learned(log: Log) -> Log:
     return log
 
 
-def short(joint: str) -> str:
-    """Name of a joint without the word."""
-    return joint.removesuffix("_joint").replace("_", " ")
-
-
 # ---- the figures
 
 
 @chapter(
     "Driven joints",
-    "What the oscillators want (target), what the drives are told (command) and what the joints "
-    "do. In open loop the command is the target.",
+    "What the joints are meant to do (target), what the drives are told (command) and what the "
+    "joints do. In open loop the command is the target.",
 )
 def driven_joints(log: Log) -> Plot:
     """Target, command and measured angle of each driven joint."""
@@ -230,8 +226,8 @@ def _down(quaternion: np.ndarray) -> np.ndarray:
 
 @chapter(
     "Torque and power",
-    "Torque of the drives, and their mechanical power averaged over two strides; positive power "
-    "takes braking as lost.",
+    "Torque of the drives, and their mechanical power averaged over two periods of the target; "
+    "positive power takes braking as lost.",
 )
 def torque_and_power(log: Log) -> Plot:
     """Torque of each drive and power through time."""

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -44,7 +43,8 @@ def ending(log: Log) -> Markup:
     if not log.complete:
         whole = log.experiment.ticks * log.dt
         return html.verdict(f"the recording ends at {end} of {whole:.1f} s", False)
-    return html.verdict(f"{end} s without a fall", True)
+    fixed = log.experiment.plant.fixed_base
+    return html.verdict(f"{end} s, to the end" if fixed else f"{end} s without a fall", True)
 
 
 def cards(
@@ -92,17 +92,16 @@ def unit(name: str) -> str:
 def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
     """Facts that any bag of a run holds: seed, robot, clock, drops, versions."""
     meta = bag.metadata
-    versions = json.loads(meta.get("versions", "{}"))
     dropped = "not counted: no recorder"
     if "received" in meta:
-        dropped = f"{meta['dropped']} of {meta['received']}"
+        dropped = f"{meta.get('dropped', '?')} of {meta['received']}"
     return {
         "Seed": str(seed),
         "Robot": robot,
         "Ran as": f"{meta.get('layout', 'unknown')}, clock {meta.get('clock', 'unknown')}",
         "Recorded": meta.get("recorded_at", "unknown"),
         "Messages dropped": dropped,
-        "Versions": " · ".join(f"{k} {v}" for k, v in versions.items()) or "unknown",
+        "Versions": " · ".join(f"{k} {v}" for k, v in bag.versions.items()) or "unknown",
     }
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from loco_control.exceptions import LocoError, MissingFileError
 
+from ..bag.foreign.opening import open_bag
 from ..bag.reader import Bag
-from ..live import report as live_report
-from ..live.log import is_live, read_live
 from ..logs.bag_log import read_log
-from . import network, robot
+from . import live, network, robot
+from .live_log import is_live, read_live
 
 GIF = "gait.gif"
 
@@ -35,7 +35,7 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
         MissingFileError: There is no such bag, or the page cannot be written.
         BagError: The bag is not a run of loco.
     """
-    bag = bag if isinstance(bag, Bag) else Bag(bag)
+    bag = bag if isinstance(bag, Bag) else open_bag(bag)
     out = bag.folder / "report.html" if out is None else Path(out)
     if out.is_dir():
         out = out / "report.html"
@@ -60,7 +60,7 @@ def page_of(bag: Bag, gif: Path | None) -> str:
         BagError: The bag is not a run of loco.
     """
     if is_live(bag):
-        return live_report.page(read_live(bag))
+        return live.page(read_live(bag))
     if network.is_msd(bag):
         return network.page(bag, network.read_msd_log(bag), gif)
     return robot.page(bag, read_log(bag), gif)

@@ -33,21 +33,27 @@ JOINTED = (  # and of a robot of joints
     "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
     "positive_power", "passive_range", "pitch_range",
 )  # fmt: skip
+BOLTED = ("tracking_error", "torque_max", "positive_power", "passive_range")  # arms, doors, benches
 
 
 def page(bag: Bag, log: Log, gif: Path | None) -> str:
     """HTML text of a report; `gif` is where the animation goes, None for none."""
     values, check = metrics.table(log), checked(bag, log)
     walks = bool(log.experiment.gait)
+    bolted = log.experiment.plant.fixed_base
     chapters = figures.CHAPTERS if walks else joint_figures.CHAPTERS
+    if bolted:
+        chapters = [c for c in joint_figures.CHAPTERS if c.title not in joint_figures.OF_GAITS]
     return document(
         log.experiment.name,
         header(bag, log, values, check, part("Animation", lambda: animation(log, gif)).content),
         [
             *parts.drawn(chapters, log),
-            part(
-                f"Who drives {'hips and knees' if walks else 'the joints'}",
-                lambda: driver(log, check),
+            *(
+                [part(f"Who drives {'hips and knees' if walks else 'the joints'}",
+                      lambda: driver(log, check))]
+                if log.experiment.learner.enabled or not bolted
+                else []
             ),
             part("Metrics", lambda: parts.metric_table(values), long=True),
             part("Facts", lambda: facts(bag, log, check)),
@@ -76,7 +82,8 @@ def header(
     """End of the run, its main numbers, and beside them the robot as it moves."""
     walks = bool(log.experiment.gait)
     said = Markup() if walks else html.paragraph(sentence(log, values))
-    numbers = parts.cards(values, WALKING if walks else JOINTED, references(log))
+    shown = WALKING if walks else BOLTED if log.experiment.plant.fixed_base else JOINTED
+    numbers = parts.cards(values, shown, references(log))
     return html.join(
         [
             html.paragraph(log.experiment.description, soft=True),
@@ -100,7 +107,7 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
     """The run in words: distance, speed and who drove."""
     name, robot = log.experiment.name, log.experiment.plant.name
     if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
-        return f"{robot} ran {name} for {len(log) * log.dt:.1f} s."
+        return f"{robot} ran {name} for {len(log) * log.dt:.1f} s.{_tracked(log, values)}"
     far, length = quantities.progress(log)[-1], len(log) * log.dt
     text = (
         f"{robot} got {math.hypot(*far):.2f} m away in {length:.1f} s: {far[0]:.2f} m along its "
@@ -114,6 +121,18 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
             f"m/s and {last['stride_frequency']:.3f} strides/s."
         )
     return text
+
+
+def _tracked(log: Log, values: dict[str, dict[str, float]]) -> str:
+    """Sentence on how well the drives followed their command; empty where that is not known."""
+    last = list(values.values())[-1] if values else {}
+    error, motion = last.get("tracking_error", math.nan), quantities.columns(
+        log.q, log.experiment.plant.driven
+    )
+    if not math.isfinite(error) or not motion.size:
+        return ""
+    share = error / max(float(np.mean(np.std(motion, axis=0))), 1e-9)
+    return f" Its drives missed their command by {number(error, 3)} rad (rms), {share:.1%} of the motion."
 
 
 def facts(bag: Bag, log: Log, check: ReadoutCheck | LocoError) -> Markup:

@@ -125,8 +125,8 @@ def _claims(verdicts: Sequence[Verdict | msd_claims.Verdict], runs: Mapping[str,
     for v in verdicts:
         links = [html.link(name, runs[name]) if runs.get(name) else Markup.escape(name)
                  for name in getattr(v, "evidence", ()) if name in runs]  # fmt: skip
-        said = getattr(v, "says", "")  # those of chapter 6 say it in what they want
-        rows.append((html.strong(v.claim), v.item, said, v.wanted, v.found, v.verdict,
+        statement = getattr(v, "says", "")  # those of chapter 6 say it in what they want
+        rows.append((html.strong(v.claim), v.item, statement, v.wanted, v.found, v.verdict,
                      Markup(", ").join(links)))  # fmt: skip
     head = ("Claim", "Thesis", "Says", "Wanted", "Found", "Verdict", "Runs")
     return html.table(head, rows, marks=[marks.get(v.verdict, "so") for v in verdicts])

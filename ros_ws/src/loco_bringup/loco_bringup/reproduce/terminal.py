@@ -68,7 +68,7 @@ def reproduce(
             _run(entry, folder / name, workers, scheduler, only_cost)
     if only_cost:
         return 0
-    found = Evidence(entries, folder, _others(entries, folder))
+    found = Evidence(entries, folder, _other_results(entries, folder))
     verdicts = judge(claims, found)
     written = page.write(verdicts, entries, found, plan, what, folder)
     return show(verdicts, written)
@@ -94,7 +94,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
             calibrator.calibrate(job)
 
 
-def _others(entries: dict[str, Entry], folder: Path) -> dict:
+def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
     """Readers of what is no study, where it was run."""
     readers = {}
     if (folder / "calibration" / calibrator.results.FILE).is_file():
@@ -106,18 +106,18 @@ def _others(entries: dict[str, Entry], folder: Path) -> dict:
     return readers
 
 
-def judge(claims: Iterable[Claim], found: Evidence) -> list[Verdict]:
+def judge(claims: Iterable[Claim], evidence: Evidence) -> list[Verdict]:
     """Verdicts of claims; those of chapter 6 by their own judges."""
     verdicts = []
     for claim in claims:
         if claim.measure != "msd":
-            verdicts.append(registry.judge(claim, found))
+            verdicts.append(registry.judge(claim, evidence))
             continue
         try:
-            v = next(v for v in found.other("msd") if v.claim == claim.number)
-            why = claim.why if v.verdict == registry.DISAGREES else ""
-            texts = v.item, v.wanted, v.wanted, v.found, v.verdict
-            verdicts.append(Verdict(v.claim, *texts, claim.evidence, why))
+            v = next(v for v in evidence.other("msd") if v.claim == claim.number)
+            explanation = claim.why if v.verdict == registry.DISAGREES else ""
+            cells = v.item, v.wanted, v.wanted, v.found, v.verdict
+            verdicts.append(Verdict(v.claim, *cells, claim.evidence, explanation))
         except registry.NotRunError as error:
             verdicts.append(
                 Verdict(claim.number, "", "", "", str(error), registry.OPEN, claim.evidence)
@@ -128,9 +128,12 @@ def judge(claims: Iterable[Claim], found: Evidence) -> list[Verdict]:
 def show(verdicts: list[Verdict], written: Path) -> int:
     """Print verdicts and where their page is; returns 0."""
     for v in verdicts:
-        says = getattr(v, "says", "")  # those of chapter 6 say it in what they want
-        lines = (f"{v.claim:>5}  {v.verdict:<12} {says or v.wanted}", says and f"       {v.wanted}",
-                 f"       found: {v.found}")  # fmt: skip
+        statement = getattr(v, "says", "")  # those of chapter 6 say it in what they want
+        lines = (
+            f"{v.claim:>5}  {v.verdict:<12} {statement or v.wanted}",
+            statement and f"       {v.wanted}",
+            f"       found: {v.found}",
+        )
         console.print("\n".join(filter(None, lines)))
     console.print(f"{registry.tally(v.verdict for v in verdicts)}; page: {written}")
     return 0

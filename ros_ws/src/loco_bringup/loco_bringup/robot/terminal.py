@@ -15,6 +15,7 @@ import numpy as np
 
 from loco_control.exceptions import LocoError, ParameterError
 from loco_learning.jobs.child import Child, Failed
+from loco_sim.foreign.read import stem
 from loco_sim.new_robot.make import Result, make
 from loco_sim.robot import robot as robots
 
@@ -23,7 +24,7 @@ from ..terminal import console, table
 
 def show_new(a: argparse.Namespace) -> int:
     """`loco robot new`: write the folder, print the table and the next commands."""
-    out = a.out or Path(a.urdf.stem)
+    out = a.out or Path(stem(a.urdf))
     result = tried(a.urdf, out)
     title = f"{out}: a robot that {'stands' if result.stands else 'is bolted and swings'}"
     console.print(table(title, ("what", "value", "from"), result.rows))

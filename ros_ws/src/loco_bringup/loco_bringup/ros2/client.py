@@ -13,6 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from loco_control.exceptions import GraphError, NameUnknownError
+from loco_control.ros.parameters import sealed_node
 
 T = TypeVar("T")
 DISCOVERY = 10.0  # wall time in which what is named has to be seen [s]
@@ -30,7 +31,7 @@ class Client:
     def __enter__(self) -> Client:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node(f"_ros2cli_{os.getpid()}", context=self._context)
+        self.node = sealed_node(f"_ros2cli_{os.getpid()}", context=self._context)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self.node)
         return self
@@ -65,12 +66,12 @@ class Client:
     def settle(self) -> None:
         """Wait until somebody is seen, and then until no new name has been for a while."""
         self.wait(self.nodes, DISCOVERY)
-        seen, since = -1, time.monotonic()
+        previous, since = -1, time.monotonic()
         while time.monotonic() - since < SETTLE:
             self.spin(0.05)
-            now = len(self.node.get_node_names()) + len(self.node.get_topic_names_and_types())
-            if now != seen:
-                seen, since = now, time.monotonic()
+            count = len(self.node.get_node_names()) + len(self.node.get_topic_names_and_types())
+            if count != previous:
+                previous, since = count, time.monotonic()
 
     def topic_type(self, name: str) -> str:
         """Type of a topic that somebody writes or reads.
@@ -78,15 +79,15 @@ class Client:
         Raises:
             NameUnknownError: Nobody does.
         """
-        found: dict[str, list[str]] = {}
+        types: dict[str, list[str]] = {}
 
         def seen() -> bool:
-            found.update(self.node.get_topic_names_and_types())
-            return name in found
+            types.update(self.node.get_topic_names_and_types())
+            return name in types
 
         if not self.wait(seen, DISCOVERY):
-            raise NameUnknownError("topic", name, found)
-        return found[name][0]
+            raise NameUnknownError("topic", name, types)
+        return types[name][0]
 
     def nodes(self) -> list[str]:
         """Full names of the nodes that are not hidden, sorted."""

@@ -112,10 +112,14 @@ def _group(commands: Any, name: str, verbs: str) -> Any:
 
 
 def _verb(
-    group: Any, name: str, run: Callable[[Client, argparse.Namespace], None], text: str, *words: str
+    group: Any,
+    name: str,
+    run: Callable[[Client, argparse.Namespace], None],
+    text: str,
+    *arguments: str,
 ) -> argparse.ArgumentParser:
     p = group.add_parser(name, help=text, description=text, allow_abbrev=False)
     p.set_defaults(verb=run)
-    for word in words:
-        p.add_argument(word)
+    for argument in arguments:
+        p.add_argument(argument)
     return p

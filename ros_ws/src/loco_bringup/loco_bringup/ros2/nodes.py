@@ -19,7 +19,7 @@ from .client import DISCOVERY, Client
 from .values import as_yaml, filled, type_of
 
 say = sys.stdout.write
-_KINDS = ("", "Boolean", "Integer", "Double", "String", "Byte", "Boolean", "Integer", "Double",
+_TYPES = ("", "Boolean", "Integer", "Double", "String", "Byte", "Boolean", "Integer", "Double",
           "String")  # fmt: skip
 _FIRST_ARRAY = 5
 
@@ -45,10 +45,12 @@ def info(client: Client, a: argparse.Namespace) -> None:
         "Action Clients": action.get_action_client_names_and_types_by_node(node, *who),
     }
     say(f"{name}\n")
-    for title, found in rows.items():
+    for title, endpoints in rows.items():
         say(f"  {title}:\n")
         say(
-            "".join(f"    {n}: {', '.join(kinds)}\n" for n, kinds in sorted(found) if "/_" not in n)
+            "".join(
+                f"    {n}: {', '.join(types)}\n" for n, types in sorted(endpoints) if "/_" not in n
+            )
         )
 
 
@@ -79,7 +81,7 @@ def get_parameter(client: Client, a: argparse.Namespace) -> None:
     value = Parameter.from_parameter_msg(_message(a.parameter, values[0])).value
     many = kind >= _FIRST_ARRAY
     say(
-        f"{_KINDS[kind]} {'values are' if many else 'value is'}: {list(value) if many else value}\n"
+        f"{_TYPES[kind]} {'values are' if many else 'value is'}: {list(value) if many else value}\n"
     )
 
 

@@ -22,8 +22,8 @@ say = sys.stdout.write
 def list_topics(client: Client, a: argparse.Namespace) -> None:
     """Print the topics, with their types if asked for."""
     client.settle()
-    for name, kinds in sorted(client.node.get_topic_names_and_types()):
-        say(f"{name} [{', '.join(kinds)}]\n" if a.show_types else f"{name}\n")
+    for name, types in sorted(client.node.get_topic_names_and_types()):
+        say(f"{name} [{', '.join(types)}]\n" if a.show_types else f"{name}\n")
 
 
 def info(client: Client, a: argparse.Namespace) -> None:
@@ -89,12 +89,12 @@ def pub(client: Client, a: argparse.Namespace) -> None:
     reliable, latched = a.qos_reliability != "best_effort", a.qos_durability == "transient_local"
     publisher = client.node.create_publisher(cls, a.topic, profile(reliable, latched, 10))
     times = 1 if a.once else a.times
-    wanted = a.wait_matching_subscriptions
-    wanted = int(times > 0) if wanted is None else wanted
-    if wanted and not client.wait(lambda: publisher.get_subscription_count() >= wanted, 0.1):
-        say(f"Waiting for at least {wanted} matching subscription(s)...\n")
+    expected = a.wait_matching_subscriptions
+    expected = int(times > 0) if expected is None else expected
+    if expected and not client.wait(lambda: publisher.get_subscription_count() >= expected, 0.1):
+        say(f"Waiting for at least {expected} matching subscription(s)...\n")
         sys.stdout.flush()
-        if not client.wait(lambda: publisher.get_subscription_count() >= wanted, DISCOVERY):
+        if not client.wait(lambda: publisher.get_subscription_count() >= expected, DISCOVERY):
             raise GraphError(f"nobody listens to {a.topic}; see `loco ros2 topic list`")
     say("publisher: beginning loop\n")
     count = 0

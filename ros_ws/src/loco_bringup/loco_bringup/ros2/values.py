@@ -55,17 +55,17 @@ def filled(cls: Any, text: str) -> Any:
 def _fill(message: Any, values: Any, where: str) -> None:
     if not isinstance(values, Mapping):
         raise ParameterError(f"{where} must be a mapping of fields, such as '{{data: 1.0}}'")
-    kinds = message.get_fields_and_field_types()
+    types = message.get_fields_and_field_types()
     message._check_fields = True  # or a wrong type would end the process when it is sent
     for name, value in values.items():
-        if name not in kinds:
-            raise NameUnknownError(f"field of {where}", str(name), kinds)
+        if name not in types:
+            raise NameUnknownError(f"field of {where}", str(name), types)
         try:
-            setattr(message, name, _value(getattr(message, name), kinds[name], value, str(name)))
+            setattr(message, name, _value(getattr(message, name), types[name], value, str(name)))
         except (AssertionError, TypeError, ValueError) as error:
             if isinstance(error, ParameterError):
                 raise
-            raise ParameterError(f"{name} is of type {kinds[name]}, got {value!r}") from None
+            raise ParameterError(f"{name} is of type {types[name]}, got {value!r}") from None
 
 
 def _value(current: Any, kind: str, value: Any, name: str) -> Any:
@@ -74,11 +74,11 @@ def _value(current: Any, kind: str, value: Any, name: str) -> Any:
         return current
     element = re.sub(r"^sequence<|[>,\[].*$", "", kind)
     if "/" in element and isinstance(value, list):
-        made = []
+        values = []
         for item in value:
-            made.append(type_of(element, "msg")())
-            _fill(made[-1], item, name)
-        return made
+            values.append(type_of(element, "msg")())
+            _fill(values[-1], item, name)
+        return values
     if element in ("double", "float"):
         return [float(v) for v in value] if isinstance(value, list) else float(value)
     return value

@@ -83,15 +83,15 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
 
 def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
     """Title, caption and chart of each metric and of the regions, in every plane of the grid."""
-    made = []
+    blocks = []
     for sheet in maps.sheets(study, results):
         for metric in study.map.metrics:
             title = f"{sheet.title}, {metric.replace('_', ' ')}"
-            made.append((title, _caption(study, metric), maps.heat_map(sheet, metric, study.map)))
+            blocks.append((title, _caption(study, metric), maps.heat_map(sheet, metric, study.map)))
         if study.map.regions:
             chart = maps.region_map(sheet, study.map)
-            made.append((f"{sheet.title}, regions", REGIONS, chart))
-    return made
+            blocks.append((f"{sheet.title}, regions", REGIONS, chart))
+    return blocks
 
 
 def _caption(study: Study, metric: str) -> str:
@@ -109,8 +109,8 @@ def _cases(study: Study, results: list[CaseResult]) -> Markup:
     rows = figures.rows(study, results)
     empty = [key for key in rows[0] if all(row[key] != row[key] for row in rows)]  # all NaN
     rows = [{key: row[key] for key in row if key not in empty} for row in rows]
-    more = f"The first {MOST_ROWS} of {len(rows)}; " if len(rows) > MOST_ROWS else ""
-    text = f"{more}cases.csv has all digits; metrics of the phase {study.phase!r}."
+    prefix = f"The first {MOST_ROWS} of {len(rows)}; " if len(rows) > MOST_ROWS else ""
+    text = f"{prefix}cases.csv has all digits; metrics of the phase {study.phase!r}."
     return html.paragraph(text, soft=True) + _table(rows[:MOST_ROWS])
 
 
@@ -133,20 +133,20 @@ def _engine(study: Study) -> str:
 
 def _details(result: CaseResult, case: Case, study: Study) -> dict[str, str]:
     values = result.metrics.get(study.phase) or next(iter(result.metrics.values()), {})
-    shown = {key: f"{value:.4g}" if isinstance(value, float) else str(value)
+    details = {key: f"{value:.4g}" if isinstance(value, float) else str(value)
              for key, value in result.at.items()}  # fmt: skip
-    shown |= {"seed": str(result.seed)}
+    details |= {"seed": str(result.seed)}
     failed = ", ".join(result.verdict["failed"])
-    shown["end"] = f"failed by {failed}: {result.verdict['fall']}" if failed else "survived"
-    shown |= {name: f"{values[name]:.4g}" for name in study.metrics if name in values}
-    return {**shown, "run it, with a moving picture": command(study, case)}
+    details["end"] = f"failed by {failed}: {result.verdict['fall']}" if failed else "survived"
+    details |= {name: f"{values[name]:.4g}" for name in study.metrics if name in values}
+    return {**details, "run it, with a moving picture": command(study, case)}
 
 
 def command(study: Study, case: Case) -> str:
     """Command that runs a case again and writes the report with its animation."""
     name, changes = study.origins[case.variant]
-    words = ["./loco", "run", name, "--layout", "rollout", "--seed", str(case.seed)]
+    parts = ["./loco", "run", name, "--layout", "rollout", "--seed", str(case.seed)]
     for key, value in {**changes, **case.settings}.items():
         if key != "experiment":
-            words += ["--set", f"{key}={json.dumps(value)}"]
-    return " ".join(map(shlex.quote, [*words, "--out", f"bags/{case.name}", "--report"]))
+            parts += ["--set", f"{key}={json.dumps(value)}"]
+    return " ".join(map(shlex.quote, [*parts, "--out", f"bags/{case.name}", "--report"]))

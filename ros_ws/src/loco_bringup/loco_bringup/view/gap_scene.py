@@ -40,15 +40,15 @@ def scenes_of(folder: Path) -> dict[str, Scene]:
         BagError: No angle of a joint was measured.
         LocoError: The results cannot be read, or their robot is not there any more.
     """
-    found, robot = curves.load(folder / ARRAYS), models.load(folder / MODEL).make_robot()
-    return {name: _scene(found, robot, name) for name in ROBOTS}
+    loaded, robot = curves.load(folder / ARRAYS), models.load(folder / MODEL).make_robot()
+    return {name: _scene(loaded, robot, name) for name in ROBOTS}
 
 
-def _scene(found: Curves, robot: Robot, which: str) -> Scene:
-    columns = {name: c for c, (signal, name, _) in enumerate(found.channels) if signal == "q"}
+def _scene(recorded: Curves, robot: Robot, which: str) -> Scene:
+    columns = {name: c for c, (signal, name, _) in enumerate(recorded.channels) if signal == "q"}
     if not columns:
         raise BagError("these recordings have no angles of joints, so nothing can be seen to move")
-    records = sorted(found.records, key=lambda record: record.role == "fit")
+    records = sorted(recorded.records, key=lambda record: record.role == "fit")
     t, values, phases, end = [], [], {}, 0.0
     for record in records:
         phases[f"{record.name} ({record.role})"] = end
@@ -60,11 +60,11 @@ def _scene(found: Curves, robot: Robot, which: str) -> Scene:
     for i, joint in enumerate(robot.joints):
         if joint in columns:
             q[:, i] = _filled(time, every[:, columns[joint]], robot.standing[i])
-    turns, places, above = {}, {}, np.array([0.0, 0.0, _height(robot)])
+    turns, positions, above = {}, {}, np.array([0.0, 0.0, _height(robot)])
     for link, (turn, origin) in link_frames(robot, q).items():
-        turns[link], places[link] = turn, origin + above
-    signals = {f"{s}/{name}": every[:, c] for c, (s, name, _) in enumerate(found.channels)}
-    return Scene(time, turns, places, Figure(robot).shapes(), {}, signals, phases)
+        turns[link], positions[link] = turn, origin + above
+    signals = {f"{s}/{name}": every[:, c] for c, (s, name, _) in enumerate(recorded.channels)}
+    return Scene(time, turns, positions, Figure(robot).shapes(), {}, signals, phases)
 
 
 def _height(robot: Robot) -> float:
@@ -75,7 +75,7 @@ def _height(robot: Robot) -> float:
     return -min((float(frames[foot][1][0, 2]) for foot in robot.feet), default=0.0)
 
 
-def _filled(t: np.ndarray, values: np.ndarray, standing: float) -> np.ndarray:
+def _filled(t: np.ndarray, values: np.ndarray, default: float) -> np.ndarray:
     """Values with those that are missing drawn between their neighbours."""
-    known = np.isfinite(values)
-    return np.interp(t, t[known], values[known]) if known.any() else np.full(len(t), standing)
+    finite = np.isfinite(values)
+    return np.interp(t, t[finite], values[finite]) if finite.any() else np.full(len(t), default)

@@ -44,15 +44,15 @@ def scene_of(log: Log) -> Scene:
     base, position = np.tile(np.eye(3), (ticks, 1, 1)), np.zeros((ticks, 3))
     if log.has("position", "orientation"):
         base, position = Rotation.from_quat(log.orientation).as_matrix(), log.position
-    turns, places = {}, {}
+    turns, positions = {}, {}
     for link, (turn, origin) in link_frames(robot, log.q).items():
         turns[link] = base @ turn
-        places[link] = position + np.einsum("tij,tj->ti", base, origin)
+        positions[link] = position + np.einsum("tij,tj->ti", base, origin)
     forces = {}
     if log.has("grf"):
         forces = {foot: log.grf[:, i] for i, foot in enumerate(robot.feet)}
     phases = {name: float(log.t[ticks.start]) for name, ticks in log.phases().items()}
-    return Scene(log.t, turns, places, Figure(robot).shapes(), forces, _signals(log), phases)
+    return Scene(log.t, turns, positions, Figure(robot).shapes(), forces, _signals(log), phases)
 
 
 def _signals(log: Log) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from loco_control.exceptions import ParameterError
 
-from ..bag.reader import Bag
+from ..bag.foreign.opening import open_bag
 from ..logs.bag_log import read_log
 from ..terminal import console
 from . import gap_scene
@@ -35,7 +35,7 @@ def show_view(a: argparse.Namespace) -> int:
     if any(gaps):
         scenes = gap_scene.scenes_of(a.bag[0])
     else:
-        scenes = {n: scene_of(read_log(Bag(b))) for n, b in zip(names, a.bag, strict=True)}
+        scenes = {n: scene_of(read_log(open_bag(b))) for n, b in zip(names, a.bag, strict=True)}
     show(scenes, a.save)
     if a.save:
         console.print(f"{a.save}: open it with `rerun {a.save}`")

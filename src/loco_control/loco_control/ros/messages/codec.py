@@ -9,7 +9,9 @@ a 12-joint ``JointState`` costs ten times as much (`loco bench messages`).
 
 The layout follows XCDR1 as Fast DDS writes it: four bytes of encapsulation,
 then each primitive aligned to its own size, counted from byte 4. Messages without
-texts and sequences end at a multiple of four bytes.
+texts and sequences end at a multiple of four bytes. What Fast DDS reserves for padding in front
+of empty sequences at the end, and its Python interface leaves there unused, is no part of a message:
+strict readers, such as rosbags, refuse it.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ class Codec:
         self.type = type(template)
         layout = _Layout()
         layout.message(template, "")
-        needed = layout.size + (-layout.size % 4 if layout.fixed else 0)
+        needed = len(layout.data) + (-len(layout.data) % 4 if layout.fixed else 0)
         if size is not None and size < len(layout.data):
             raise ParameterError(f"{self.type.__name__} has {len(layout.data)} bytes, got {size}")
         self._bytes = bytes(layout.data).ljust(size or needed, b"\0")
@@ -87,30 +89,26 @@ class _Layout:
 
     Attributes:
         data: Bytes so far, with padding of zeros.
-        size: Bytes that Fast DDS would reserve. It counts the padding of numbers in front of
-            empty sequences, too, which it does not write, so its messages end in unused bytes.
         fields: Names, formats and offsets for `np.dtype`.
         fixed: Whether the type leaves no choice of length.
     """
 
     def __init__(self) -> None:
         self.data = bytearray(b"\x00\x01\x00\x00")
-        self.size = _HEADER
         self.fields: dict[str, list] = {"names": [], "formats": [], "offsets": []}
         self.fixed = True
 
     def _put(self, data: bytes, alignment: int = 1) -> None:
         """Append bytes at the next multiple of `alignment` after the encapsulation."""
-        self.size += (_HEADER - self.size) % alignment + len(data)
         if data:
             self.data += bytes((_HEADER - len(self.data)) % alignment) + data
 
     def message(self, message: Any, prefix: str) -> None:
         """Add all fields of a message; an empty one has one byte."""
-        kinds = message.get_fields_and_field_types()
-        for name, kind in kinds.items():
+        types = message.get_fields_and_field_types()
+        for name, kind in types.items():
             self._field(getattr(message, name), kind, prefix + name)
-        if not kinds:
+        if not types:
             self._put(b"\0")
 
     def _field(self, value: Any, kind: str, path: str) -> None:

@@ -51,14 +51,14 @@ class Converter:
         names = [f.name for f in dataclasses.fields(cls)]
         names = names[2:]  # tick and t come first in every class
         # Views are made once: naming a field in a record takes as long as writing it.
-        self._views = [(attrgetter(name), self._shaped(name)) for name in names]
+        self._views = [(attrgetter(name), self._reshape(name)) for name in names]
         self._tick = field_view(self._record, "tick")
         self._stamp = stamp_views(self._record, "stamp")
         at = self.codec.dtype.names.index
         self._head = at("stamp.sec"), at("stamp.nanosec"), at("tick")
         self._places = [(at(name), SHAPES.get(name)) for name in names]
 
-    def _shaped(self, name: str) -> np.ndarray:
+    def _reshape(self, name: str) -> np.ndarray:
         view = field_view(self._record, name)
         return view.reshape(SHAPES.get(name, view.shape))
 
@@ -87,8 +87,8 @@ class Converter:
         """
         if _FINITE.get(self.cls) is data:
             return True
-        words = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)
-        finite = bool(np.logical_and.reduce(np.isfinite(words)))
+        doubles = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)
+        finite = bool(np.logical_and.reduce(np.isfinite(doubles)))
         if finite:
             _FINITE[self.cls] = data
         return finite

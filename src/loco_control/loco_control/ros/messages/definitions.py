@@ -87,7 +87,7 @@ def parse(text: str, package: str) -> tuple[Field, ...]:
     Raises:
         ParameterError: A line is no field, or there are too many.
     """
-    found = []
+    fields = []
     for line in text.splitlines():
         line = line.split("#")[0].strip()
         if not line or re.match(r"[\w<=]+\s+\w+\s*=", line):  # empty, or a constant
@@ -95,10 +95,10 @@ def parse(text: str, package: str) -> tuple[Field, ...]:
         match = _LINE.match(line)
         if match is None:
             raise ParameterError(f"{line[:80]!r} is no field of a message")
-        found.append(_field(match, package))
-        if len(found) > MOST_FIELDS:
+        fields.append(_field(match, package))
+        if len(fields) > MOST_FIELDS:
             raise ParameterError(f"a message has more than {MOST_FIELDS} fields")
-    return tuple(found)
+    return tuple(fields)
 
 
 def _field(match: re.Match, package: str) -> Field:
@@ -125,10 +125,10 @@ def split(text: str, name: str) -> dict[str, tuple[Field, ...]]:
     Raises:
         ParameterError: The text is no definition.
     """
-    found = {}
+    sections = {}
     for short, part in _parts(text, name.replace("/msg/", "/")):
-        found[short] = parse(part, short.partition("/")[0])
-    return found
+        sections[short] = parse(part, short.partition("/")[0])
+    return sections
 
 
 def _parts(text: str, name: str) -> Iterator[tuple[str, str]]:
@@ -153,9 +153,9 @@ def definition(name: str) -> str:
         NameUnknownError: The message is neither installed nor one of our topics.
     """
     short = name.replace("/msg/", "/")
-    texts = [_text(short)]
-    texts += [f"{SEPARATOR}\nMSG: {other}\n{_text(other)}" for other in _contained(short)]
-    return "\n".join(texts)
+    sections = [_text(short)]
+    sections += [f"{SEPARATOR}\nMSG: {other}\n{_text(other)}" for other in _contained(short)]
+    return "\n".join(sections)
 
 
 @cache
@@ -170,13 +170,13 @@ def fields_of(short: str) -> tuple[Field, ...]:
 
 def _contained(short: str) -> list[str]:
     """Messages that a message contains, at any depth, sorted."""
-    found: set[str] = set()
+    types: set[str] = set()
     todo = [short]
     while todo:
-        inner = {f.base for f in fields_of(todo.pop()) if f.is_message} - found
-        found |= inner
+        inner = {f.base for f in fields_of(todo.pop()) if f.is_message} - types
+        types |= inner
         todo += inner
-    return sorted(found)
+    return sorted(types)
 
 
 @cache
@@ -207,9 +207,9 @@ def _prefixes() -> list[str]:
 
 
 def _packages() -> list[str]:
-    ours = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
-    there = {p.parent.name for prefix in _prefixes() for p in Path(prefix).glob("share/*/msg")}
-    return sorted(ours | there)
+    bundled = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
+    installed = {p.parent.name for prefix in _prefixes() for p in Path(prefix).glob("share/*/msg")}
+    return sorted(bundled | installed)
 
 
 # ---- hashes ---------------------------------------------------------------------------------

@@ -102,6 +102,10 @@ class JointCodec:
             return self._read_any(data)
         return Joints(stamp_ns(data), *(values.get(f, self._zeros) for f in self._fields))
 
+    def own(self, data: bytes) -> dict[str, np.ndarray] | None:
+        """Arrays (n,) by written field of a message of our layout; None of one of another."""
+        return self._layout.read(data)
+
     def finite(self, data: bytes, value: Joints) -> bool:
         """Whether a message has positions and velocities; drivers may leave out the effort."""
         return bool(np.isfinite(value.q).all() and np.isfinite(value.dq).all())
@@ -184,17 +188,22 @@ class _Layout:
     def __init__(self, codec: Codec, lengths: dict[str, int], first: str | None = None):
         self._size = codec.dtype.itemsize
         offsets = {name: codec.dtype.fields[name][1] for name in lengths if lengths[name]}
-        self._places = [(name, at, lengths[name]) for name, at in offsets.items()]
+        self._offsets = [(name, at, lengths[name]) for name, at in offsets.items()]
         # Between stamp, texts and arrays: all that is not a number has to be the template's.
-        ends = [_STAMP.stop, *(at + 8 * n for _, at, n in self._places)]
-        starts = [at for _, at, _ in self._places]
-        gaps = zip(ends, [*starts, self._size], strict=True)
+        block_ends = [_STAMP.stop, *(at + 8 * n for _, at, n in self._offsets)]
+        starts = [at for _, at, _ in self._offsets]
+        gaps = zip(block_ends, [*starts, self._size], strict=True)
         if first is not None:  # other numbers, e.g. covariances, lie between the runs
             gaps = [(_STAMP.stop, offsets[first])]
         self._gaps = [(a, b, codec.template[a:b]) for a, b in gaps if b > a]
 
     def read(self, data: bytes) -> dict[str, np.ndarray] | None:
-        """Copies of the runs by field, or None if the message has another layout."""
-        if len(data) != self._size or any(data[a:b] != text for a, b, text in self._gaps):
+        """Copies of the runs by field, or None if the message has another layout.
+
+        Unused bytes behind it, which some writers leave, are nobody's.
+        """
+        if len(data) < self._size or any(data[a:b] != text for a, b, text in self._gaps):
             return None
-        return {name: np.frombuffer(data, np.float64, n, at).copy() for name, at, n in self._places}
+        return {
+            name: np.frombuffer(data, np.float64, n, at).copy() for name, at, n in self._offsets
+        }

@@ -46,8 +46,8 @@ class Message:
 
     def __init__(self, **values: Any):
         for field in self._fields:
-            given = field.name in values
-            setattr(self, field.name, values.pop(field.name) if given else self._default(field))
+            is_set = field.name in values
+            setattr(self, field.name, values.pop(field.name) if is_set else self._default(field))
         for name in values:
             raise NameUnknownError(f"field of {self._type_name}", name, self.__slots__)
 
@@ -95,31 +95,31 @@ def message_class(name: str, text: str | None = None) -> type[Message]:
 @cache
 def _known(short: str) -> type[Message]:
     fields = fields_of(short)
-    return _made(short, fields, {f.base: _known(f.base) for f in fields if f.is_message})
+    return _classes(short, fields, {f.base: _known(f.base) for f in fields if f.is_message})
 
 
 @cache
 def _from_text(short: str, text: str) -> type[Message]:
-    found = split(text, short)
+    sections = split(text, short)
     done: dict[str, type[Message]] = {}
     todo = [short]
     while todo:
         name = todo[-1]
-        if name not in found:  # Some recorders leave out what everybody has, such as times.
+        if name not in sections:  # Some recorders leave out what everybody has, such as times.
             done[name] = _known(name)
-        missing = [f.base for f in found.get(name, ()) if f.is_message and f.base not in done]
+        missing = [f.base for f in sections.get(name, ()) if f.is_message and f.base not in done]
         if any(base in todo for base in missing):
             raise ParameterError(f"{short}: {name} contains itself")
         todo += missing
         if not missing:
             todo.pop()
             if name not in done:
-                inner = {f.base: done[f.base] for f in found[name] if f.is_message}
-                done[name] = _made(name, found[name], inner)
+                inner = {f.base: done[f.base] for f in sections[name] if f.is_message}
+                done[name] = _classes(name, sections[name], inner)
     return done[short]
 
 
-def _made(
+def _classes(
     short: str, fields: tuple[Field, ...], inner: Mapping[str, type[Message]]
 ) -> type[Message]:
     values = {
@@ -164,12 +164,12 @@ class _Cursor:
         self.order = "<" if data[:2] == _LITTLE_ENDIAN else ">"
 
     def message(self, cls: type[Message]) -> Message:
-        made = cls.__new__(cls)
+        message = cls.__new__(cls)
         for name, read in _readers(cls):
-            setattr(made, name, read(self))
+            setattr(message, name, read(self))
         if not cls._fields:  # its one byte stands for nothing
             self.at += 1
-        return made
+        return message
 
     def number(self, base: str) -> Any:
         kind = _STRUCTS[self.order, base]
@@ -182,9 +182,9 @@ class _Cursor:
         if not count:
             return np.zeros(0, kind.newbyteorder("="))
         self.at += (_HEADER - self.at) % kind.itemsize
-        found = np.frombuffer(self.data, kind, count, self.at)
-        self.at += found.nbytes
-        return found.astype(kind.newbyteorder("="))
+        values = np.frombuffer(self.data, kind, count, self.at)
+        self.at += values.nbytes
+        return values.astype(kind.newbyteorder("="))
 
     def text(self) -> str:
         length = self.number("uint32")

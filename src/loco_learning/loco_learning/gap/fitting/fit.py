@@ -40,6 +40,7 @@ class Fitted:
         seen: Parameters that the data can see, where that was asked (`seen.seen`).
         loose: Values of the robot that suit it best, where all models have them refitted.
         pull: Price of these and of where records begin, which priors ask [nat].
+        starts: Change of positions and velocities at the start of each record [rad, rad/s], (2n,).
     """
 
     parts: tuple[tuple[Hypothesis, tuple[float, ...]], ...]
@@ -51,6 +52,7 @@ class Fitted:
     seen: int | None = None
     loose: dict[str, float] = field(default_factory=dict)
     pull: float = 0.0
+    starts: tuple[np.ndarray, ...] = ()
 
     @cached_property
     def score(self) -> evidence.Score:
@@ -315,7 +317,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     params, free = setting.params, model.overrides or setting.free
     problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
     start = case.loose.deviations(model.loose) / DEVIATIONS
-    count, most = len(start), np.full(len(start), case.loose.most / DEVIATIONS)
+    count, reach = len(start), [ends / DEVIATIONS for ends in case.loose.reach]
     problem.case = case.at(DEVIATIONS * start)
     told = problem.case.extrapolated(model.specs, model.overrides, case.fitted)
 
@@ -327,11 +329,9 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return problem(z[count:])
 
     r, highest = promise(start), problem.bounds[1]
-    robot = differences(promise, start, r, JACOBIAN_STEP, most)
+    robot = differences(promise, start, r, JACOBIAN_STEP, reach[1])
     effects = differences(problem, problem.start, r, JACOBIAN_STEP, highest)
-    bounds = [
-        np.r_[side * most, own] for side, own in zip((-1.0, 1.0), problem.bounds, strict=True)
-    ]
+    bounds = [np.r_[mine, own] for mine, own in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
     found = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost)
@@ -408,7 +408,10 @@ def weigh(
     `known` are values of the robot from which those that suit the model are sought, too.
     """
     specs = specs_of(parts)
-    whole, loose, pull = (case.kept() if given else case).suited(specs, overrides, known)
+    own = case.kept() if given else case
+    whole, loose, pull, starts = own.suited(specs, overrides, known)
     held = case.judged(whole)
     rms = evidence.rms(case.masked(whole, range(len(whole)), held=False))
-    return Fitted(tuple(parts), dict(overrides), rms, held, tuple(whole), cost, None, loose, pull)
+    return Fitted(
+        tuple(parts), dict(overrides), rms, held, tuple(whole), cost, None, loose, pull, starts
+    )

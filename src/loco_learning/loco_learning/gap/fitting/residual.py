@@ -25,7 +25,6 @@ from loco_sim.effects.rows import FEATURES
 from ..localisation.correction import LEAST_EXPLAINED, ridge
 from ..prediction.case import Case
 from ..prediction.channels import Channel
-from ..prediction.nominal import built, parted
 from ..prediction.windows import joint_states
 from ..statistics import evidence
 from .fit import Fitted
@@ -118,8 +117,6 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
         overrides: Values of robot.yaml, over those of the model.
     """
     robot, forward = case.forward.given(), copy(case.forward)
-    overrides, drives = parted(overrides)
-    specs = built(specs, drives)
     joints = [robot.joints[j] for j in robot.driven]
     forward.channels = tuple(Channel("tau", joint, "N·m") for joint in joints)
     torques = np.concatenate(forward(specs, overrides, case.fitted))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hints of the data before any fit: where joints went and how fast, when the residual is large."""
+"""Hints before any fit: travel and speed of joints, where and when the residual is large."""
 
 from __future__ import annotations
 
@@ -18,6 +18,10 @@ QUIET, LOUD_SHARE = 3.0, 0.1  # times the usual energy, and share of the largest
 LONGEST_SHARE = 0.7  # share of a record that an interval may last
 APART = 0.3  # between the beginnings of the same interval in different records [s]
 MOST_INTERVALS = 3  # intervals
+LEAST_PERIODS, COUNTS = 1.5, (1.0, 300.0)  # of a ripple: in the travel, and in 2 pi (taste)
+PEAK = 4.0  # times the usual amplitude over the angle that a ripple has (taste)
+MOST_ROWS, MOST_COUNTS = 4000, 600  # rows and counts that are looked at (time)
+MOST_RIPPLES = 3  # counts that are tried at a joint
 
 
 def find(case: Case, robot: Robot) -> Hints:
@@ -36,7 +40,55 @@ def find(case: Case, robot: Robot) -> Hints:
     dts = [case.records[i].dt for i in fitted]
     alone = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
     found = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in alone)]
-    return Hints(low, high, distinct([each for each in found if each]), fast)
+    channels = case.forward.channels
+    waves = []
+    for j, joint in enumerate(robot.joints):
+        mine = [c for c, channel in enumerate(channels) if channel.name == joint]
+        turns = [case.records[i].joints_of(robot, "q")[:, j] for i in fitted]
+        told = [c for c in mine if channels[c].signal == "tau"]
+        pairs = zip(residuals, dts, strict=True)
+        bends = [r[:, told] if told else bend(r[:, mine], dt) for r, dt in pairs]
+        waves.append(ripples(turns, bends) if mine else ())
+    return Hints(low, high, distinct([each for each in found if each]), fast, tuple(waves))
+
+
+def bend(values: np.ndarray, dt: float) -> np.ndarray:
+    """Second difference over `SPEED_TIME`, (T, C): of positions as what is missing in a torque."""
+    apart, found = max(1, round(SPEED_TIME / dt)), np.full(values.shape, np.nan)
+    if len(values) > 2 * apart:
+        middle = values[apart:-apart]
+        found[apart:-apart] = values[2 * apart :] - 2.0 * middle + values[: -2 * apart]
+    return found
+
+
+def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tuple[float, ...]:
+    """Periods in 2 pi with which residuals go up and down over the angle, the clearest first.
+
+    Args:
+        angles: Angle of the joint [rad], (T,) per record.
+        residuals: Residuals of the channels of the joint, (T, C) per record.
+
+    Returns:
+        Counts, at most `MOST_RIPPLES`; empty where the angle is not known or no count stands out.
+    """
+    q = np.concatenate(angles)
+    r = np.concatenate(residuals)
+    there = np.isfinite(q) & np.isfinite(r).all(axis=1)
+    q, r = q[there], r[there]
+    if len(q) < 2 or not np.ptp(q) > 0.0:
+        return ()
+    stride = max(1, len(q) // MOST_ROWS)
+    q, r = q[::stride], r[::stride] - r[::stride].mean(axis=0)
+    apart = np.pi / (2.0 * np.ptp(q))
+    first = max(4.0 * LEAST_PERIODS * apart, COUNTS[0])
+    counts = np.arange(first, min(COUNTS[1], first + MOST_COUNTS * apart), apart)
+    if len(counts) < 3:
+        return ()
+    loud = np.linalg.norm([np.exp(-1j * c * q) @ r for c in counts], axis=1)
+    inner = (loud[1:-1] >= loud[:-2]) & (loud[1:-1] >= loud[2:])
+    peaks = 1 + np.flatnonzero(inner & (loud[1:-1] > PEAK * np.median(loud)))
+    best = peaks[np.argsort(-loud[peaks], kind="stable")][:MOST_RIPPLES]
+    return tuple(float(c) for c in counts[best])
 
 
 def fastest(q: np.ndarray, dt: float) -> np.ndarray:

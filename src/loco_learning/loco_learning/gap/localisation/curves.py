@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured signals, and the model before and after: the arrays beside gap.json."""
+"""Measured signals, and what was judged of the model before and after: arrays beside gap.json."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import gcd
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,21 +16,33 @@ from loco_control.exceptions import BagError, LocoError
 from loco_control.files import write_whole
 from loco_control.reading import parse_json, read_npz
 
+from ..statistics import evidence
+
+if TYPE_CHECKING:
+    from ..fitting.fit import Fitted
+    from ..prediction.case import Case
+
 FIT, HELD_OUT = "fit", "held-out"
 LASTING = 0.99  # share of the time of which the rest is an instant
+_KEYS = ("measured", "before", "after", "floor")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One record.
+    """One record, as the search compared it with both models.
 
     Attributes:
         name: Name of the record.
         role: `FIT` or `HELD_OUT`.
         t: Times [s], (T,).
-        measured: One column per channel, (T, C); NaN where nothing was measured.
-        before: The model as given says this, (T, C).
-        after: The model that was found says this, (T, C).
+        measured: One column per channel, (T, C); NaN where nothing was compared.
+        before: Prediction of the model as given, with what the search refitted of it, (T, C); NaN
+            where nothing was compared, or where the model diverged.
+        after: The same of the model that was found.
+        floor: Noise floor of each value, measurement and numerics together, (T, C).
+        judged: Rows that the numbers of the gap are about, (T,) flags.
+        start: Change of positions, then of velocities of the joints at the start that the search
+            refitted for `after` [rad, rad/s], (2n,); empty where it did not.
     """
 
     name: str
@@ -37,10 +51,22 @@ class Curve:
     measured: np.ndarray
     before: np.ndarray
     after: np.ndarray
+    floor: np.ndarray
+    judged: np.ndarray
+    start: np.ndarray
 
     def residual(self, which: str) -> np.ndarray:
         """Measured minus ``before`` or ``after``, (T, C)."""
         return self.measured - getattr(self, which)
+
+    def whitened(self, which: str) -> np.ndarray:
+        """Error of ``before`` or ``after`` at the rows that judge [noise floors], (T, C).
+
+        NaN where nothing was compared; a model that diverged misses `evidence.LIMIT`.
+        """
+        rows = np.where(self.judged[:, None], self.measured, np.nan)
+        (found,) = evidence.whiten([rows], [getattr(self, which)], self.floor)
+        return found
 
 
 @dataclass(frozen=True)
@@ -49,35 +75,40 @@ class Curves:
 
     Attributes:
         channels: Signal, name (of the joint, axis or foot) and unit of each column.
-        floor: Noise of each channel, measurement and numerics together [unit], (C,).
         records: The curves.
     """
 
     channels: tuple[tuple[str, str, str], ...]
-    floor: np.ndarray
     records: tuple[Curve, ...]
 
-    def of_role(self, role: str) -> list[Curve]:
-        """Records of a role; all if there are none."""
-        return [r for r in self.records if r.role == role] or list(self.records)
+    @property
+    def judging(self) -> list[Curve]:
+        """Records that judge, at least in part."""
+        return [r for r in self.records if r.judged.any()]
 
-    def rms(self, which: str, role: str = HELD_OUT) -> np.ndarray:
-        """Root mean square of the residual of each channel [unit], (C,); NaN where unknown."""
-        stacked = np.concatenate([r.residual(which) for r in self.of_role(role)])
-        known = np.isfinite(stacked)
-        total = np.sum(np.where(known, stacked, 0.0) ** 2, axis=0)
-        count = known.sum(axis=0)
-        return np.sqrt(np.divide(total, count, out=np.full(len(total), np.nan), where=count > 0))
+    def floors(self, which: str) -> np.ndarray:
+        """Rms of what ``before`` or ``after`` misses [noise floors], (C,); NaN where unknown."""
+        return np.array(evidence.by_channel([r.whitened(which) for r in self.judging]))
+
+    def rms(self, which: str) -> float:
+        """The same over all channels: the number at the top of the page."""
+        return evidence.rms([r.whitened(which) for r in self.judging])
+
+    @property
+    def closed(self) -> float:
+        """Share of the gap that ``after`` closes: see `evidence.closed_by`."""
+        both = ([r.whitened(which) for r in self.judging] for which in ("before", "after"))
+        return evidence.closed_by(*both)
 
     def worst(self, count: int) -> list[int]:
-        """Columns with the largest gap before, in units of their floor, in their order.
+        """Columns with the largest gap before, in noise floors, in their order.
 
         What lasts an instant, such as a start that is a little off, is nothing to look at.
         """
-        miss = np.abs(np.concatenate([r.residual("before") for r in self.of_role(HELD_OUT)]))
+        miss = np.abs(np.concatenate([r.whitened("before") for r in self.judging]))
         miss = np.where(np.isfinite(miss).any(axis=0), np.nan_to_num(miss), -1.0)
         lasting = np.minimum(miss, np.quantile(miss, LASTING, axis=0))
-        ratio = np.mean(lasting * np.abs(lasting), axis=0) / np.maximum(self.floor, 1e-30) ** 2
+        ratio = np.mean(lasting * np.abs(lasting), axis=0)
         return sorted(np.argsort(-ratio, kind="stable")[:count].tolist())
 
     def label(self, column: int) -> str:
@@ -92,11 +123,9 @@ class Curves:
     def save(self, path: str | Path) -> None:
         """Write an .npz, whole or not at all."""
         heads = [{"name": r.name, "role": r.role} for r in self.records]
-        arrays = {"floor": self.floor, "head": json.dumps([list(map(list, self.channels)), heads])}
+        arrays = {"head": json.dumps([list(map(list, self.channels)), heads])}
         for i, r in enumerate(self.records):
-            for key in ("t", "measured", "before", "after"):
-                kind = np.float64 if key == "t" else np.float32
-                arrays[f"{key}_{i}"] = getattr(r, key).astype(kind)
+            arrays |= {f"{key}_{i}": getattr(r, key) for key in ("t", *_KEYS, "judged", "start")}
         write_whole(path, lambda file: np.savez_compressed(file, **arrays))
 
 
@@ -111,30 +140,63 @@ def load(path: str | Path) -> Curves:
         channels, heads = parse_json(str(file["head"]), path)
         records = tuple(
             Curve(
-                h["name"], h["role"], file[f"t_{i}"],
-                *(file[f"{key}_{i}"].astype(float) for key in ("measured", "before", "after")),
+                h["name"], h["role"], file[f"t_{i}"], *(file[f"{key}_{i}"] for key in _KEYS),
+                file[f"judged_{i}"].astype(bool), file[f"start_{i}"],
             )
             for i, h in enumerate(heads)
         )  # fmt: skip
-        return Curves(tuple(map(tuple, channels)), file["floor"], records)
+        return Curves(tuple(map(tuple, channels)), records)
     except (LocoError, KeyError, ValueError, TypeError) as error:
         raise BagError(f"{path} does not hold the curves of a gap ({error})") from None
 
 
-def curves(before, after, records: Sequence, roles: Sequence[str], floor: np.ndarray) -> Curves:
-    """Curves of two models.
+def curves(case: Case, before: Fitted, after: Fitted) -> Curves:
+    """Curves of what was measured, and of the predictions that two models were judged by.
 
     Args:
-        before: `Forward` of the model as given.
-        after: `Forward` of the model that was found.
-        records: Their records.
-        roles: Role of each.
-        floor: Noise of each channel, (C,).
+        case: Model and data.
+        before: The model as given.
+        after: The model that goes on.
     """
-    rows = zip(records, roles, before.measured, before(), after(), strict=True)
-    channels = tuple((c.signal, c.name, c.unit) for c in before.channels)
-    return Curves(
-        channels,
-        np.asarray(floor, dtype=float),
-        tuple(Curve(r.name, role, r.t[: len(m)], m, b, a) for r, role, m, b, a in rows),
-    )
+    found = []
+    for i, record in enumerate(case.records):
+        measured, floor = case.forward.measured[i], case.floors[i]
+        rows = _compared(measured)
+        both = (_predicted(measured, model.whole[i], floor) for model in (before, after))
+        arrays = (record.t[: len(measured)], measured, *both, floor, case.held_rows[i])
+        role = FIT if case.fit_rows[i].any() else HELD_OUT
+        start = after.starts[i] if after.starts else np.zeros(0)
+        found.append(Curve(record.name, role, *(a[rows] for a in arrays), start))
+    channels = tuple((c.signal, c.name, c.unit) for c in case.forward.channels)
+    return Curves(channels, tuple(found))
+
+
+def _compared(measured: np.ndarray) -> slice:
+    """Rows of which some were compared, as far as these are evenly apart."""
+    known = np.flatnonzero(np.isfinite(measured).any(axis=1)).tolist()
+    every = gcd(*np.diff(known).tolist()) if len(known) > 1 else 1
+    return slice(known[0] % every, None, every) if known else slice(None)
+
+
+def _predicted(measured: np.ndarray, whole: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Prediction that leaves a whitened residual, NaN where it diverged: inverse of `whiten`."""
+    return np.where(np.abs(whole) < evidence.LIMIT, measured + whole * floor, np.nan)
+
+
+def joined(air: Curves, ground: Curves) -> Curves:
+    """Curves of a robot in the air and on the ground; the numbers are about the ground alone."""
+    channels = tuple(dict.fromkeys([*ground.channels, *air.channels]))
+    first = [replace(r, judged=np.zeros_like(r.judged)) for r in _over(channels, air)]
+    return Curves(channels, (*first, *_over(channels, ground)))
+
+
+def _over(channels: Sequence[tuple[str, str, str]], one: Curves) -> list[Curve]:
+    """Records with columns for more channels; NaN, and a floor of 1, where they have none."""
+    found = []
+    for r in one.records:
+        blank = {key: np.full((len(r.t), len(channels)), np.nan) for key in _KEYS[:3]}
+        arrays = {**blank, "floor": np.ones((len(r.t), len(channels)))}
+        for key, wide in arrays.items():
+            wide[:, [channels.index(c) for c in one.channels]] = getattr(r, key)
+        found.append(replace(r, **arrays))
+    return found

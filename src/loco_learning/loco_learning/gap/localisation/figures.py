@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...drawing.chart import DASHED, Axis, Chart, Frame, dots, line
-from .curves import HELD_OUT, Curve, Curves
+from .curves import Curve, Curves
 
 # Colours of Okabe and Ito, safe for colour-blind readers; the measurement is broad and pale, so
 # that a line exactly on it still shows.
@@ -63,9 +63,8 @@ def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray,
 
 
 def channels(curves: Curves) -> Chart:
-    """Gap of every channel in units of its noise, before and after."""
-    floor = np.maximum(curves.floor, 1e-30)
-    ratio = {k: np.maximum(curves.rms(k) / floor, FAINT) for k in ("before", "after")}
+    """Gap of every channel in noise floors, before and after."""
+    ratio = {k: np.maximum(curves.floors(k), FAINT) for k in ("before", "after")}
     shown = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])][::-1]
     rows, gap = np.arange(len(shown)), np.full(len(shown), np.nan)
     before, after = ratio["before"][shown], ratio["after"][shown]
@@ -74,21 +73,21 @@ def channels(curves: Curves) -> Chart:
         line("change", between, np.column_stack([rows, rows, gap]).ravel(), MEASURED, size=2.0),
         dots("before", before, rows, BEFORE, size=4.5),
         dots("after", after, rows, AFTER, size=4.5),
-        line("noise", [1.0, 1.0], [-0.5, len(shown) - 0.5], FLOOR, shape=DASHED, size=0.8),
+        line("noise floor", [1.0, 1.0], [-0.5, len(shown) - 0.5], FLOOR, shape=DASHED, size=0.8),
     ]
-    x = Axis("rms of what the model misses [times the noise]", logarithmic=True)
+    x = Axis("rms of what the model misses [noise floors]", logarithmic=True)
     y = Axis("channel", names=[curves.label(c) for c in shown])
     return Chart([Frame(x, y, layers, height=70 + 24 * len(shown))])
 
 
 def worst_record(curves: Curves, columns: list[int]) -> Curve:
-    """Held-out record (or, without one, fitted) with the largest gap before."""
+    """Record with the largest gap before, of those that judge."""
 
     def size(curve: Curve) -> float:
-        miss = curve.residual("before")[:, columns] / np.maximum(curves.floor[columns], 1e-30)
+        miss = curve.whitened("before")[:, columns]
         return float(np.nanmean(miss**2)) if np.isfinite(miss).any() else -1.0
 
-    return max(curves.of_role(HELD_OUT), key=size)
+    return max(curves.judging, key=size)
 
 
 def span(curve: Curve) -> float:

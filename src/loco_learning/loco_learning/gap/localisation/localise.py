@@ -122,16 +122,25 @@ def band_names(rate: float) -> list[str]:
 def split(residual: np.ndarray, dt: float) -> list[tuple[str, np.ndarray, float]]:
     """Parts of a residual by frequency: name, (T,), share of white noise's energy.
 
-    The parts add up to the residual, gaps counting as 0.
+    The parts add up to the residual where it is known and are NaN elsewhere. Rows that are known
+    once in a few show no frequency beyond half their own rate; gaps are bridged.
+
+    Args:
+        residual: Residual, (T,); NaN where not measured. Some of it is known.
+        dt: Time between rows [s].
     """
-    filled = np.nan_to_num(residual)
-    spectrum = np.fft.rfft(filled)
-    hertz = np.fft.rfftfreq(len(filled), dt)
-    names = band_names(1.0 / dt)
-    index = np.searchsorted([e for e in BANDS if e < 0.5 / dt], hertz, side="right")
+    known = np.flatnonzero(np.isfinite(residual))
+    every = int(np.median(np.diff(known))) if len(known) > 1 else 1
+    grid = np.arange(known[0], known[-1] + 1, every)
+    values = np.interp(grid, known, residual[known])
+    rate = 1.0 / (every * dt)
+    spectrum, hertz = np.fft.rfft(values), np.fft.rfftfreq(len(grid), 1.0 / rate)
+    index = np.searchsorted([e for e in BANDS if e < 0.5 * rate], hertz, side="right")
     found = []
-    for b, name in enumerate(names):
-        part = np.fft.irfft(np.where(index == b, spectrum, 0.0), len(filled))
+    for b, name in enumerate(band_names(rate)):
+        part = np.full(len(residual), np.nan)
+        low = np.fft.irfft(np.where(index == b, spectrum, 0.0), len(grid))
+        part[known] = np.interp(known, grid, low)
         found.append((name, part, float(np.mean(index == b))))
     return found
 

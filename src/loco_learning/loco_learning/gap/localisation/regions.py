@@ -30,7 +30,7 @@ class Region:
         joint: Name of the joint.
         words: Conditions that hold there, e.g. ("|dq| < 0.3 rad/s", "stance").
         energy: Share of the joint's gap.
-        time: Share of the samples.
+        time: Share of the samples that were measured.
     """
 
     joint: str
@@ -55,7 +55,7 @@ def regions(
     Args:
         records: Measured records.
         channels: Channels of the columns of the residuals.
-        residuals: Whitened, (T, C) per record.
+        residuals: Whitened, (T, C) per record; NaN = not measured.
         joints: Largest number of joints.
         least: Share of the whole gap that a joint must hold.
     """
@@ -63,17 +63,21 @@ def regions(
     for column, channel in enumerate(channels):
         if channel.signal in JOINT_SIGNALS:
             parts = np.concatenate([np.square(r[:, column]) - 1.0 for r in residuals])
-            old = energies.get(channel.name, np.zeros(len(parts)))
-            energies[channel.name] = old + np.nan_to_num(parts)
-    total = sum(max(e.sum(), 0.0) for e in energies.values())
-    ranked = sorted(energies, key=lambda name: (-energies[name].sum(), name))
+            old = energies.get(channel.name, np.full(len(parts), np.nan))
+            both = np.nan_to_num(old) + np.nan_to_num(parts)
+            energies[channel.name] = np.where(np.isnan(old) & np.isnan(parts), np.nan, both)
+    sums = {name: float(np.nansum(e)) for name, e in energies.items()}
+    total = sum(max(e, 0.0) for e in sums.values())
+    ranked = sorted(energies, key=lambda name: (-sums[name], name))
     sliding = slides(channels)
     found = []
     for joint in ranked[:joints]:
         unit = "m" if joint in sliding else "rad"
         held = [r for r in records if joint in r.joints]
-        if len(held) == len(records) and energies[joint].sum() > max(least * total, 0.0):
-            found += of_joint(joint, energies[joint], *features(records, joint, unit))
+        if len(held) == len(records) and sums[joint] > max(least * total, 0.0):
+            known = np.isfinite(energies[joint])
+            named, values = features(records, joint, unit)
+            found += of_joint(joint, energies[joint][known], named, values[known])
     return found
 
 

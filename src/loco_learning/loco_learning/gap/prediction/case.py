@@ -13,7 +13,7 @@ import numpy as np
 from loco_control.params import limits
 from loco_sim.effects import EFFECTS, from_list, pulls
 
-from ..recordings.record import Record
+from ..recordings.record import Record, coarsest
 from ..statistics import evidence, noise
 from ..statistics.solve import FEW, FIRST, differences, guided
 from . import floors as errors
@@ -153,7 +153,7 @@ class Case:
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any],
         known: Mapping[str, float] | None = None,
-    ) -> tuple[list[np.ndarray], dict[str, float], float]:
+    ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...]]:
         """Residuals as of `whitened` of all records; what was refitted for them; its price.
 
         What was refitted is simulated once more. Where that is not what straight lines promised, as
@@ -168,7 +168,8 @@ class Case:
 
         Returns:
             Residuals, (T, C) each; values by dotted name, none without any that are refitted;
-            half of the squares of all deviations [nat].
+            half of the squares of all deviations [nat]; by how much positions and velocities at
+            the start of each record were moved [rad, rad/s], (2n,), empty where they were not.
         """
         left, by, bent = self._promised(specs, overrides)
         if bent is not None:
@@ -183,7 +184,14 @@ class Case:
                 if self._cost(*found) < self._cost(left, by) - FEW:
                     left, by = found
         stays = self.loose is None or self.loose.held
-        return left, {} if stays else self.loose.values(by[0]), _price(by)
+        return left, {} if stays else self.loose.values(by[0]), _price(by), self._moved(by[1:])
+
+    def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+        """Change of the state in which each record begins, (2n,), from deviations of it."""
+        if not any(len(by) for by in starts):
+            return tuple(starts)
+        doubts = self.forward.doubtful()
+        return tuple(by * doubt[: len(by)] for by, doubt in zip(starts, doubts, strict=True))
 
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
         """Whether simulating what was refitted for a model gives what straight lines promised."""
@@ -235,7 +243,7 @@ class Case:
         Straight lines say where to go first. Only where that does not lead to what they promised is
         the change by each value simulated.
         """
-        every, most = list(range(len(self.records))), np.full(len(start), self.loose.most)
+        every, (low, high) = list(range(len(self.records))), self.loose.reach
         told = self.at(start).extrapolated(specs, overrides, every)
 
         def promise(at: np.ndarray) -> np.ndarray:
@@ -244,9 +252,9 @@ class Case:
         def residual(at: np.ndarray) -> np.ndarray:
             return self._line(*self._fixed(specs, overrides, at))
 
-        slopes = differences(promise, start, promise(start), loose.PART, most)
+        slopes = differences(promise, start, promise(start), loose.PART, high)
         budgets = FIRST, ROUNDS * (len(start) + 1)
-        found = guided(residual, start, (-most, most), loose.PART, budgets, slopes, promised)
+        found = guided(residual, start, (low, high), loose.PART, budgets, slopes, promised)
         return self._fixed(specs, overrides, found.z)
 
     def extrapolated(
@@ -308,8 +316,6 @@ class Case:
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
     ) -> list[np.ndarray]:
         """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
-        overrides, drives = nominal.parted(overrides)
-        specs = nominal.built(specs, drives)
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
         if len(late) != 1:
@@ -460,7 +466,7 @@ def prepare(
             judges = ~rows
         fit_rows.append(rows)
         held_rows.append(judges)
-    steps = np.array([_step(both, c.signal, c.name) for c in forward.channels])
+    steps = np.array([coarsest(both, c.signal, c.name) for c in forward.channels])
     fine, ground = errors.finest(forward), forward.grounded
     signals = [c.signal for c in forward.channels]
     correction, numeric = errors.step_error(forward, fine)
@@ -487,9 +493,3 @@ def prepare(
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
-
-
-def _step(records: Sequence[Record], signal: str, name: str) -> float:
-    """Quantisation step of a channel; the largest of its signal where nothing tells it."""
-    known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
-    return max(known or [r.step(signal) for r in records])

@@ -31,7 +31,7 @@ from loco_sim.world.world import Setting
 
 from ..recordings.record import Record, bridged
 from ..statistics import noise
-from . import odometry, running, windows
+from . import nominal, odometry, running, windows
 from .channels import SIGNALS, Channel, measured, of
 from .odometry import Legs
 from .running import Start
@@ -141,7 +141,7 @@ class Forward:
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
         """The robot of the first record as its files and overrides have it."""
-        return self._robot(0, overrides or {}, 1.0)
+        return self._robot(0, nominal.parted(overrides or {})[0], 1.0)
 
     def robot(self, index: int = 0) -> Robot:
         """The robot of a record, as the model has it."""
@@ -171,7 +171,8 @@ class Forward:
 
         Args:
             effects: Added to those of the model.
-            overrides: Values of robot.yaml, over those of the model and of the records.
+            overrides: Values of the robot, over those of the model and of the records; also of
+                drives that are off, see `nominal.parted`.
             only: Indices of records; None is all.
             step: Physics step over the model's, 0.5 halves it; its inverse is a whole number
                 or it is one itself.
@@ -186,11 +187,12 @@ class Forward:
             LocoError: An effect or an override is not possible.
         """
         rows = range(len(self.records)) if only is None else only
+        overrides, drives = nominal.parted(overrides or {})
         late = [e for e in effects if _late(e)]
-        effects = [e for e in effects if not _late(e)]
+        effects = nominal.built([e for e in effects if not _late(e)], drives)
         lag = self._lag(late, shift)
         moved = self._ahead(late)
-        found = [moved._run(i, effects, overrides or {}, step) for i in rows]
+        found = [moved._run(i, effects, overrides, step) for i in rows]
         for by in np.unique(lag[lag != 0.0]):
             found = [
                 np.where(lag == by, shifted(p, by / self.records[i].dt), p)
@@ -378,7 +380,9 @@ def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
     """
     if not robot.fixed_base:
         return np.full(q.shape[1], AT_HOME)
-    return BEGUN + SURE * np.array([noise.white([column]) for column in q.T])
+    columns = zip(record.read_of(robot, "q").T, robot.joints, strict=True)
+    read = [noise.white([column], record.step_of("q", joint)) for column, joint in columns]
+    return BEGUN + SURE * np.array(read)
 
 
 def idle(told: running.Orders) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from loco_sim.engines import ENGINES, installed
 from loco_sim.plant.model import Model
 
-from ..recordings.record import Record
+from ..recordings.record import Record, coarsest
 from ..statistics import noise
 from . import windows
 from .forward import Forward, ForwardParams
@@ -55,7 +55,8 @@ def length(model: Model, records: Sequence[Record]) -> float:
                 count[: stop - start.row] += np.isfinite(apart)
     apart = np.sqrt(size / np.maximum(count, 1.0))
     first = max(1, round(FIRST / dt))
-    least = np.hypot(noise.floor(forward.measured), np.mean(apart[1 : first + 1], axis=0))
+    steps = np.array([coarsest(records, c.signal, c.name) for c in forward.channels])
+    least = np.hypot(noise.floor(forward.measured, steps), np.mean(apart[1 : first + 1], axis=0))
     grown = np.median(apart / least, axis=1) > GROWN
     grown[: round(SHORTEST / dt)] = False
     stop = int(np.argmax(grown)) if grown.any() else len(rows)

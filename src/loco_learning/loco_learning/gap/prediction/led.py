@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A model that is led along the measured motion; the torque that this takes is compared.
 
-A robot that is told torques, and no positions, forgets nothing: an error of the torque grows with
-the square of time, so that a run of the model leaves the measurement within a second whatever
+A robot that is told torques, and no positions, may forget nothing: an error of the torque grows
+with the square of time, so that a run of the model leaves the measurement within a second whatever
 the model lacks. Led by a stiff drive along the measured motion it stays, no state at the start
 has to be known, and what the drive must add to the commanded torque is the gap, at its joint and
 time: inverse dynamics, with all effects as they act in a simulation.
@@ -10,7 +10,6 @@ time: inverse dynamics, with all effects as they act in a simulation.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -29,7 +28,8 @@ from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
 
 from ..recordings.record import Record, bridged
-from . import running
+from ..statistics.free import Free, free
+from . import nominal, running
 from .channels import Channel
 from .forward import Forward, ForwardParams
 
@@ -40,13 +40,16 @@ STIFFNESS = 0.6  # bandwidth of the leading drive times the time between rows (t
 # arm of seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
 SMOOTH = 0.03
 EDGE = 5.0  # deviations from either end within which nothing is compared (theory)
-LOST = 1.0  # error of a run over the deviation of the motion from which on it says nothing (theory)
+FORGOTTEN = 3.0  # times in which a start has faded to a twentieth (theory)
 FED_BACK = 0.7  # share of a torque told by velocity from which on it is a controller's (taste)
-WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces that are tried [s] (taste)
-NEAR = 0.2  # error of pieces over the deviation of the motion that is near (taste)
+WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces [s] (taste)
+CHANGED = 4.0  # times in which a motion changes by its deviation, in a piece (docs/gap_measured.md)
 _, SUBSTEPS = limits(SimParams, "max_substeps")
 POSES = 7  # of the record, at which inertias are asked
-SITES = ("torque", "brake", "force", "model")  # what an effect may touch, see `Identity.touches`
+GIVEN = ("command", "drive")  # sites at which an effect of the model changes the torque it is told
+LEADS = ("torque_constant_error", "joint_offset")  # of these, what acts alike when it is led
+# Sites that an effect may touch, see `Identity.touches`.
+SITES = ("drive", "torque", "brake", "force", "model")
 
 
 def forward(
@@ -54,37 +57,39 @@ def forward(
 ) -> Forward:
     """Runs of a model along records as far as these say something.
 
-    From the first sample where that follows the motion; else led along it; or, where a
-    controller made the torque from the velocity, so that friction would explain all of it, in
-    pieces that begin in the measured state.
+    From the first sample where that is forgotten within a record; else led along the motion; or,
+    where a controller made the torque from the velocity, so that friction would explain all of it,
+    in pieces that begin in the measured state. Which of these hangs on the kind of the commands and
+    on what was measured, never on the model: a better one is compared as the one before was.
     """
     plain = Forward(model, records, params)
-    if plain.params.window or not possible(plain) or follows(plain, LOST):
+    if plain.params.window or not possible(plain):
         return plain
-    found = Led(model, records, params)
-    if fed_back(found) < FED_BACK:
-        return found
-    for window in WINDOWS:
-        pieces = Forward(model, records, plain.params.replace(window=window))
-        if follows(pieces, NEAR):
-            break
-    return pieces
+    said = measured(plain)
+    if np.mean([joint.fed_back for joint in said]) >= FED_BACK:
+        longest = CHANGED * min(joint.time for joint in said)
+        window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
+        return Forward(model, records, plain.params.replace(window=window))
+    duration = float(np.mean([record.duration for record in records]))
+    if min(joint.decay for joint in said) * duration >= FORGOTTEN:
+        return plain
+    return Led(model, records, params)
 
 
-def fed_back(forward: Led) -> float:
-    """Share of the torque that the velocity of its joint alone tells, mean over the joints."""
-    shares = []
-    for c, channel in enumerate(forward.channels):
-        tau = np.concatenate([m[:, c] for m in forward.measured])
-        joint = forward.robot().joints.index(channel.name)
-        speed = np.concatenate([r.signals["dq"][:, joint] for r in forward.records])
-        known = np.isfinite(tau)
-        tau, speed = tau[known] - tau[known].mean(), speed[known]
-        usual = float(np.sqrt(np.mean(speed**2))) or 1.0
-        laws = np.stack([np.ones(len(speed)), speed, np.tanh(3.0 * speed / usual)], axis=1)
-        left = tau - laws @ np.linalg.lstsq(laws, tau, rcond=None)[0]
-        shares.append(1.0 - float(left @ left) / max(float(tau @ tau), 1e-300))
-    return float(np.mean(shares))
+def measured(forward: Forward) -> list[Free]:
+    """Feedback and memory of each joint, as the records tell them whatever the model."""
+    robot, found = forward.robot(), []
+    for joint, name in enumerate(robot.joints):
+        column = list(robot.driven).index(robot.joints.index(name))
+        motions = []
+        for record in forward.records:
+            q = bridged(record.read_of(robot, "q")[:, [joint]])[:, 0]
+            known = np.flatnonzero(np.isfinite(q))
+            rows = slice(known[0], known[-1] + 1)
+            torque = _acting(record, robot)[:, column]
+            motions.append((q[rows], torque[rows], record.dt))
+        found.append(free(motions))
+    return found
 
 
 def possible(forward: Forward) -> bool:
@@ -99,28 +104,20 @@ def possible(forward: Forward) -> bool:
     )
 
 
-def follows(forward: Forward, most: float) -> bool:
-    """Whether the model as it came leaves less than a share of the deviation of the motion."""
-    mine = [i for i, c in enumerate(forward.channels) if c.signal == "q"]
-    error, motion = 0.0, 0.0
-    for said, measured in zip(forward(), forward.measured, strict=True):
-        spread = np.nanstd(measured[:, mine], axis=0)
-        ratio = (said - measured)[:, mine] / np.where(spread > 0.0, spread, np.inf)
-        known = np.isfinite(measured[:, mine])
-        ratio = np.where(np.isfinite(ratio), ratio, 1e3)
-        error += float(np.square(ratio[known]).sum())
-        motion += float(known.sum())
-    return math.sqrt(error / max(motion, 1.0)) < most
-
-
 class Led(Forward):
-    """A `Forward` whose channels are the commanded torques; arguments as of `Forward`."""
+    """A `Forward` whose channels are the commanded torques; arguments as of `Forward`.
+
+    Effects of the model on commands and drives change the torque that was told, as they do in a
+    run; those on sensors alone are left out.
+    """
 
     how, fine_steps = "torque along the measured motion", False
 
     def __init__(
         self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
     ):
+        records = _given(model, records)
+        model = replace(model, effects=[e for e in model.effects if not _outside(e)])
         robots = [_made(model, record) for record in records]
         pairs = list(zip(records, robots, strict=True))
         inertia = [_inertia(record, robot) for record, robot in pairs]
@@ -165,7 +162,7 @@ class Led(Forward):
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
         """The robot of the first record with its own drives, which lead nobody."""
-        return super()._robot(0, overrides or {}, 1.0)
+        return super()._robot(0, nominal.parted(overrides or {})[0], 1.0)
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot = self._robot(index, overrides, step)
@@ -201,6 +198,36 @@ def smoothed(values: np.ndarray, dt: float, order: int = 0) -> np.ndarray:
     return low / dt**order
 
 
+def _outside(effect: Mapping[str, Any]) -> bool:
+    """An effect of which leading a robot along its motion knows nothing."""
+    touches = set(EFFECTS[effect["name"]].identity.touches)
+    return effect["name"] not in LEADS and (_acts(effect) or not touches & set(SITES))
+
+
+def _acts(effect: Mapping[str, Any]) -> bool:
+    """An effect on commands or drives."""
+    return bool(set(EFFECTS[effect["name"]].identity.touches) & set(GIVEN))
+
+
+def _given(model: Model, records: Sequence[Record]) -> list[Record]:
+    """Records whose torques are what a model's commands and drives made of those that were told."""
+    acting = [e for e in model.effects if _outside(e) and _acts(e)]
+    if not acting:
+        return list(records)
+    found = []
+    for record in records:
+        robot = _made(model, record)
+        torque = record.command_of(robot, "torque")
+        told = replace(record, signals={**record.signals, "tau": torque})
+        params = ForwardParams(window=WINDOWS[-1], signals=("tau",))
+        runs = Forward(Model(model.robot, model.overrides, acting), [told], params)
+        drives = [robot.drives[joint] for joint in robot.joints]
+        bias, gain = np.array([(drive.bias, drive.gain) for drive in drives]).T
+        asked = (bridged(runs()[0]) - bias) / gain
+        found.append(replace(record, command={**record.command, "torque": asked}))
+    return found
+
+
 def _made(model: Model, record: Record) -> Robot:
     return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
 
@@ -214,14 +241,21 @@ def _inertia(record: Record, robot: Robot) -> np.ndarray:
     return np.mean([1.0 / np.diag(np.linalg.inv(plant.inertia(at))) for at in q[rows]], axis=0)
 
 
+def _acting(record: Record, robot: Robot) -> np.ndarray:
+    """Commanded torque as it acts about each row, (T, m)."""
+    torque = record.command_of(robot, "torque")
+    if "torque" in record.ramps:
+        return torque
+    # held from its stamp on: half of each acts before the next
+    return 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
+
+
 def _led(record: Record, robot: Robot) -> Record:
     """A record in which the measured motion is the command, and the commanded torque a signal.
 
     Both are smoothed alike and thinned: the motion to `COARSE`, torques to `SMOOTH`.
     """
-    measured, torque = record.joints_of(robot, "q"), record.command_of(robot, "torque")
-    if "torque" not in record.ramps:  # held from its stamp on: half of each acts before the next
-        torque = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
+    measured, torque = record.read_of(robot, "q"), _acting(record, robot)
     known, dt = np.isfinite(measured).all(axis=1), record.dt
     whole = bridged(np.where(known[:, None], measured, np.nan))
     q, dq = smoothed(whole, dt), smoothed(whole, dt, order=1)

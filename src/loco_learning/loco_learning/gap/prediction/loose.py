@@ -17,16 +17,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from loco_control.params import limits
-from loco_sim.robot.equipment import BodyParams
-
 from ..statistics import evidence
-from .nominal import nominal_value
+from .nominal import legal, nominal_value
 
 PART = 0.5  # of a deviation that is simulated; the rest is taken as linear (taste)
 ROUNDS = 3  # of the weights, each with what the one before leaves (taste)
 TIMES, NEAR = 4, 0.5  # that changes are simulated, at most; deviations that need no more (taste)
 MOST = 2.5  # deviations that a value may be off where a motion is compared: beyond is an effect
+LEAST = 0.2  # of an inertia, mass or gain that must be left where a motion is compared (taste)
+ON_BOUND = 1e-6  # deviations from the largest that count as there (theory: rounding)
+CHANCE = 2.0  # cost of values as they were that chance explains [nat] (theory: 95 % of one value)
 LEVELS, SAME = 8, 0.9  # rounds of what is left in each channel, until that falls by less (taste)
 CHANGES = 20  # of what lies on a bound, at most
 
@@ -47,6 +47,7 @@ class Loose:
         names: Values by dotted name, N of them.
         nominal: Value of each as the robot says it, (N,).
         spread: Standard deviation of each, (N,).
+        legal: Smallest and largest value of each, (N, 2).
         of: Index among the V of each; values that change together have the same, (N,).
         columns: Change of the residual [floors] per deviation, (T, C, V + S) per record, with S
             deviations of its own start; 0 where nothing was measured.
@@ -65,6 +66,7 @@ class Loose:
     names: tuple[str, ...]
     nominal: np.ndarray
     spread: np.ndarray
+    legal: np.ndarray
     of: np.ndarray
     columns: tuple[np.ndarray, ...]
     weight: np.ndarray
@@ -78,6 +80,17 @@ class Loose:
     grams: dict[int, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict, compare=False, repr=False
     )
+
+    @property
+    def reach(self) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest deviations that values may have, (V,) each."""
+        high = np.full(len(self.at), self.most)
+        low = -high
+        if math.isfinite(self.most):
+            ends = (self.legal - self.nominal[:, None]) / self.spread[:, None]
+            np.maximum.at(low, self.of, ends[:, 0])
+            np.minimum.at(high, self.of, ends[:, 1])
+        return low, high
 
     def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> list[np.ndarray]:
         """Deviations that suit a model best: of the values, (V,), and of each start, (S,) each.
@@ -148,9 +161,12 @@ class Loose:
             free = np.arange(count, ends[-1])
             found = np.concatenate([self.at, np.zeros(len(free))])
             moment = moment[free] - gram[np.ix_(free, np.arange(count))] @ self.at
-            found[free] = _within(gram[np.ix_(free, free)], moment, self.most)
+            starts = np.full(len(free), self.most)
+            found[free] = _within(gram[np.ix_(free, free)], moment, (-starts, starts))
         else:
-            found = _within(gram, moment, self.most)
+            starts = np.full(ends[-1] - count, self.most)
+            low, high = self.reach
+            found = _within(gram, moment, (np.r_[low, -starts], np.r_[high, starts]))
         return np.split(found, ends[:-1])
 
     def far(self, by: Sequence[np.ndarray], exact: bool = False) -> bool:
@@ -183,10 +199,41 @@ class Loose:
         by = [(values[self.names[i]] - self.nominal[i]) / self.spread[i] for i in first]
         return np.array(by)
 
+    def bound(self, by: np.ndarray) -> np.ndarray:
+        """Flags of values whose deviations are the largest that they may have, (V,)."""
+        low, high = self.reach
+        return (by <= low + ON_BOUND) | (by >= high - ON_BOUND)
+
+    def idle(
+        self, by: np.ndarray, residuals: Sequence[np.ndarray], weight: Sequence[np.ndarray]
+    ) -> np.ndarray:
+        """Flags of values that could as well be the robot's own, all of them together, (V,).
+
+        Args:
+            by: Deviations, (V,).
+            residuals: Residuals of the model that they suit [floors], (T, C) for each record.
+            weight: Information of a residual of 1 floor, (C,) for each record.
+        """
+        count, gram = len(by), np.eye(len(by))
+        for columns, rows, r, each in zip(self.columns, self.rows, residuals, weight, strict=True):
+            whole = np.tensordot(each, _gram(columns, np.isfinite(r) & rows[:, None]), axes=1)
+            own, both = np.eye(len(whole) - count) + whole[count:, count:], whole[:count, count:]
+            gram += whole[:count, :count] - both @ np.linalg.solve(own, both.T)
+        back = np.zeros(count, dtype=bool)
+        for _ in range(count):
+            costs = np.full(count, np.inf)
+            for k in np.flatnonzero(~back):
+                moved = np.where(back | (np.arange(count) == k), by, 0.0)
+                costs[k] = 0.5 * moved @ gram @ moved
+            if not np.min(costs, initial=np.inf) <= CHANCE:
+                break
+            back[int(np.argmin(costs))] = True
+        return back
+
     def values(self, at: np.ndarray) -> dict[str, float]:
         """Values of ``robot.yaml`` at deviations, none beyond what is legal."""
-        found = self.nominal + self.spread * at[self.of]
-        return {n: _legal(n, float(v)) for n, v in zip(self.names, found, strict=True)}
+        found = np.clip(self.nominal + self.spread * at[self.of], *self.legal.T)
+        return dict(zip(self.names, map(float, found), strict=True))
 
 
 def _moment(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -200,29 +247,27 @@ def _gram(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
     return own.transpose(0, 2, 1) @ own
 
 
-def _within(gram: np.ndarray, moment: np.ndarray, most: float) -> np.ndarray:
-    """Minimum of ``x gram x / 2 - moment x`` with no ``|x|`` above `most`, by active sets."""
+def _within(
+    gram: np.ndarray, moment: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Minimum of ``x gram x / 2 - moment x`` within bounds, by active sets."""
+    low, high = bounds
     x = np.linalg.solve(gram, moment)
-    if np.all(np.abs(x) <= most):
+    if np.all((x >= low) & (x <= high)):
         return x
-    x = np.clip(x, -most, most)
+    x = np.clip(x, low, high)
     for _ in range(CHANGES):
-        fixed = (np.abs(x) >= most) & ((gram @ x - moment) * x <= 0.0)
+        slope = gram @ x - moment
+        fixed = ((x >= high) & (slope <= 0.0)) | ((x <= low) & (slope >= 0.0))
         new, free = x.copy(), ~fixed
         if free.any():
             rest = moment[free] - gram[np.ix_(free, fixed)] @ x[fixed]
-            new[free] = np.clip(np.linalg.solve(gram[np.ix_(free, free)], rest), -most, most)
+            best = np.linalg.solve(gram[np.ix_(free, free)], rest)
+            new[free] = np.clip(best, low[free], high[free])
         if np.allclose(new, x):
             break
         x = new
     return x
-
-
-def _legal(name: str, value: float) -> float:
-    if not name.startswith("bodies."):
-        return value
-    low, high = limits(BodyParams, name.rpartition(".")[2])
-    return min(max(value, low), high)
 
 
 def prepare(
@@ -251,11 +296,13 @@ def prepare(
     names = tuple(n for n, _, _ in flat)
     nominal = np.array([nominal_value(robot, name) for name in names])
     sizes, of = np.array([s for _, s, _ in flat]), np.array([k for _, _, k in flat], dtype=int)
+    least = 0.0 if linear else LEAST
+    ends = np.array([legal(robot, name, least) for name in names]).reshape(-1, 2)
     every, none = range(len(case.records)), np.zeros(len(groups))
     rows, width = tuple(case.fit_rows), len(case.forward.channels)
     stated = np.arange(len(groups)) < len(spread)
     loose = Loose(
-        names, nominal, sizes, of, (), np.ones(width), rows, tuple(case.held_rows),
+        names, nominal, sizes, ends, of, (), np.ones(width), rows, tuple(case.held_rows),
         np.inf if linear else MOST, none, stated, level=not linear,
     )  # fmt: skip
     for _ in range(1 if linear else TIMES):

@@ -7,11 +7,13 @@ records alike, and a model that knows of it only by an effect gives that a false
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.params import limits
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.catalogue.actuator import TorqueConstantError
 from loco_sim.effects.chain import MotorEffect
@@ -57,13 +59,37 @@ def values(robot: Robot, names: Sequence[str]) -> dict[str, float]:
 
 def nominal_value(robot: Robot, name: str) -> float:
     """Value of a dotted name as the robot has it."""
-    section, _, rest = name.partition(".")
-    place, _, parameter = rest.rpartition(".")
+    section = name.partition(".")[0]
     if section == CONSTANT:
         return 0.0
-    if section == "bodies":
-        return float(getattr(BodyParams(), parameter))
-    return float(getattr(getattr(robot, section)[place], parameter))
+    if section == "masses":
+        return _value(robot, name)
+    return float(getattr(*_part(robot, name)))
+
+
+def legal(robot: Robot, name: str, least: float = 0.0) -> tuple[float, float]:
+    """Smallest and largest value of a dotted name that a refit may give.
+
+    Args:
+        robot: Robot as its file has it.
+        name: Value of it.
+        least: Share of a value that cannot be below 0, such as an inertia, that must be left.
+    """
+    section = name.partition(".")[0]
+    if section == CONSTANT:
+        return least - 1.0, math.inf
+    if section == "masses":
+        return least * nominal_value(robot, name), math.inf
+    part, parameter = _part(robot, name)
+    low, high = limits(type(part), parameter)
+    return (max(low, least * nominal_value(robot, name)) if low >= 0.0 else low), high
+
+
+def _part(robot: Robot, name: str) -> tuple[Any, str]:
+    """Part of the robot that has a value of `bodies`, `drives` or `springs`, and its parameter."""
+    section, _, rest = name.partition(".")
+    place, _, parameter = rest.rpartition(".")
+    return (BodyParams() if section == "bodies" else getattr(robot, section)[place]), parameter
 
 
 def _value(robot: Robot, name: str) -> float:

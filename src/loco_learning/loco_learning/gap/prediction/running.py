@@ -60,9 +60,10 @@ def orders(record: Record, robot: Robot) -> Orders:
     driven = robot.driven
     drives = [robot.drives[robot.joints[i]] for i in driven]
     torque = np.array([isinstance(drive, TorqueDrive) for drive in drives], dtype=bool)
+    speed = np.array([drive.command == "velocity" for drive in drives], dtype=bool)
     made = {kind: np.zeros((len(record.t), len(robot.joints))) for kind in ("q", "dq", "tau")}
-    needed = {"position": ~torque, "torque": torque}
-    for key, kind, mine in (("q", "position", ~torque), ("dq", "velocity", ~torque),
+    needed = {"position": ~torque & ~speed, "velocity": speed, "torque": torque}
+    for key, kind, mine in (("q", "position", ~torque & ~speed), ("dq", "velocity", ~torque),
                             ("tau", "torque", torque | ~_servos(drives))):  # fmt: skip
         wanted = kind in needed and needed[kind].any()
         if mine.any() and (wanted or kind in record.command):

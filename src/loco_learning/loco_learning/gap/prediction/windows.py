@@ -22,7 +22,7 @@ from loco_sim.robot.robot import Robot
 from loco_sim.world.world import Base
 
 from ..recordings.record import Record
-from ..statistics.noise import TO_DEVIATION
+from ..statistics import noise
 from . import odometry
 from .channels import at_home, heading
 from .running import Start
@@ -126,14 +126,19 @@ def doubts(record: Record, robot: Robot) -> Doubts:
             if seen is not None:
                 q[:, joint], dq[:, joint] = seen.level_noise, seen.rate_noise
         return Doubts(q, dq, 0.0, 0.0, 0.0, 0.0)
-    said = {k: record.joints_of(robot, k) for k in ("q", "dq")}
-    off = {k: np.array([deviation(column) for column in v.T]) for k, v in said.items()}
+    said = {k: record.read_of(robot, k) for k in ("q", "dq")}
+    off = {
+        k: np.array(
+            [deviation(x, record.step_of(k, j)) for x, j in zip(v.T, robot.joints, strict=True)]
+        )
+        for k, v in said.items()
+    }
     reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
     speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
     seen = odometry.legs(record, robot, *joint_states(record, robot))
     moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
-    turn = deviation(record.signals["orientation"][:, 0]) * 2.0 if seen else 0.0
-    spin = deviation(record.signals["gyro"][:, 0]) if "gyro" in record.signals else 0.0
+    turn = 2.0 * _of_imu(record, "orientation") if seen else 0.0
+    spin = _of_imu(record, "gyro")
     joints = (np.broadcast_to(each, shape) for each in (off["q"], speed))
     return Doubts(*joints, moved, high, turn, spin)
 
@@ -155,10 +160,16 @@ def shaken(starts: list[Start], off: Doubts, rng: np.random.Generator) -> list[S
     return found
 
 
-def deviation(values: np.ndarray) -> float:
-    """Noise of a column, 0 where it was not measured."""
-    known = values[np.isfinite(values)]
-    return noise_of(known) if len(known) > 3 else 0.0
+def deviation(values: np.ndarray, step: float) -> float:
+    """Noise of a column with a quantisation step, 0 where it was not measured."""
+    return noise_of(values[np.isfinite(values)], step)
+
+
+def _of_imu(record: Record, signal: str) -> float:
+    """Noise of the first value of a signal of the IMU, 0 without it."""
+    if not record.has(signal):
+        return 0.0
+    return deviation(record.signals[signal][:, 0], record.step(signal))
 
 
 def carried_states(
@@ -191,10 +202,10 @@ def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
     """Smoothed position of each joint with the speed of `joint_states`; None if not measured."""
-    measured, step = record.joints_of(robot, "q"), record.step("q")
-    said, own = record.joints_of(robot, "dq"), record.step("dq")
+    measured, said = record.joints_of(robot, "q"), record.joints_of(robot, "dq")
     found: list[Smooth | None] = []
-    for read, speed in zip(measured.T, said.T, strict=True):
+    for joint, read, speed in zip(robot.joints, measured.T, said.T, strict=True):
+        step, own = record.step_of("q", joint), record.step_of("dq", joint)
         seen = None if np.all(np.isnan(read)) else smoothed(read, record.dt, step)
         if seen is not None and np.isfinite(speed).all():
             heard = smoothed(speed, record.dt, own)
@@ -228,20 +239,21 @@ def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
     """Measured joints, each with what `_first` says."""
-    measured, step = record.joints_of(robot, "q"), record.step("q")
+    measured = record.joints_of(robot, "q")
     told = np.zeros_like(measured)
     if "position" in record.command:
         told[:, robot.driven] = record.command_of(robot, "position")
     for joint in range(len(robot.joints)):
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
             rows, values = _of_sensor(measured[:, joint])
-            noise = float(np.hypot(noise_of(values), 0.5 * step))  # it jumps by a step
+            step = record.step_of("q", robot.joints[joint])
+            off = float(np.hypot(noise_of(values, step), 0.5 * step))  # it jumps by a step
             command = told[np.rint(rows).astype(int), joint]
-            yield joint, _first(rows * record.dt, values, noise, command)
+            yield joint, _first(rows * record.dt, values, off, command)
 
 
 def _first(
-    t: np.ndarray, values: np.ndarray, noise: float, told: np.ndarray
+    t: np.ndarray, values: np.ndarray, off: float, told: np.ndarray
 ) -> tuple[float, float, float, float]:
     """Value and rate at time 0 by the longest parabola that leaves no more than noise.
 
@@ -258,13 +270,13 @@ def _first(
         n = min(2 * half + 1, len(t))
         _, bent = _fitted(t[:n], told[:n], 2)
         found, left = _fitted(t[:n], values[:n], 3)
-        straight = abs(found.coef[3]) <= CHANCE * noise * np.sqrt(7.0 / n)
-        if left <= noise and straight and bent <= max(noise, BENT * np.ptp(told[:n])):
+        straight = abs(found.coef[3]) <= CHANCE * off * np.sqrt(7.0 / n)
+        if left <= off and straight and bent <= max(off, BENT * np.ptp(told[:n])):
             break
     else:  # through what a step has reached by its speed at most
         n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
     parabola, _ = _fitted(t[:n], values[:n], 2)
-    spread = noise * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
+    spread = off * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
     change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
     found = parabola(0.0), parabola.deriv()(0.0), spread[0], np.hypot(spread[1], change)
     return tuple(float(x) for x in found)
@@ -337,7 +349,7 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
         return Smooth(*np.full((2, len(values)), np.nan), *np.full((2, len(values)), np.inf))
     own, filled = _of_sensor(values)
     delta, rows = (own[1] - own[0]) * dt, np.arange(len(values))
-    noise = max(noise_of(filled), step / np.sqrt(12.0))
+    off_by = max(noise_of(filled, step), step / np.sqrt(12.0))
     found, doubts = [], []
     for order in (0, 1):
         best, off = np.zeros(len(filled)), np.full(len(filled), np.inf)
@@ -347,7 +359,7 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
                 break
             shape = {"window_length": 2 * half + 1, "polyorder": 3, "deriv": order}
             said = signal.savgol_filter(filled, **shape, delta=delta, mode="interp")
-            doubt = noise / delta**order * _kept(half, order, len(filled))
+            doubt = off_by / delta**order * _kept(half, order, len(filled))
             low = np.maximum(low, said - AGREES * doubt)
             high = np.minimum(high, said + AGREES * doubt)
             longer = (low <= high) & (doubt < off)
@@ -379,15 +391,25 @@ def _smoothed_columns(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.nda
 
 
 def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Even rows as far apart as the sensor was usually read, and the values there, (S,) each."""
+    """Even rows from the first to the last reading, as far apart as the sensor usually read.
+
+    The last one is that of the last reading, never later, however unevenly the sensor read.
+
+    Returns:
+        Rows and the values there, (S,) each.
+    """
     rows = np.flatnonzero(np.isfinite(values))
     apart = np.diff(rows)
     stride = float(np.mean(apart[apart <= 1.5 * np.median(apart)]))
-    own = np.arange(rows[0], rows[-1] + 0.5 * stride, stride)
+    own = np.linspace(rows[0], rows[-1], 1 + round((rows[-1] - rows[0]) / stride))
     return own, np.interp(own, rows, values[rows])
 
 
-def noise_of(values: np.ndarray) -> float:
-    """Standard deviation of white noise on something smooth, from its third differences."""
-    third = np.diff(values, 3)
-    return float(TO_DEVIATION * np.median(np.abs(third)) / np.sqrt(20.0)) if len(third) else 0.0
+def noise_of(values: np.ndarray, step: float = 0.0) -> float:
+    """Standard deviation of white noise on something smooth, from its third differences.
+
+    Args:
+        values: Even samples, (S,).
+        step: Quantisation step of the readings, whose rounding is part of the noise.
+    """
+    return noise.white([values], step, orders=(3,), fewest=1)

@@ -34,6 +34,8 @@ from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record
+from ..setup import family
+from ..setup.finding import Finding
 from ..verdict.decide import LIMITS
 from . import visible
 from .visible import Visible
@@ -70,7 +72,11 @@ def look(
     """
     params = params or GapParams()
     tell = progress or (lambda share, stage: None)
-    tell(0.0, "running the model as it is")
+    tell(0.0, "looking at the set-up")
+    findings = family.look(model, records)
+    if any(finding.stops for finding in findings):
+        return plain(_setup(model, records, findings))
+    tell(0.1, "running the model as it is")
     whole = Forward(model, records, ForwardParams(window=params.window))
     robots = [whole.robot(i) for i in range(len(records))]
     parts = _parts(records, _seconds(whole))
@@ -89,6 +95,7 @@ def look(
         {
             "format": FORMAT,
             "robot": model.robot,
+            "setup": [finding.plain() for finding in findings],
             "recordings": [recording(r, way) for r, way in zip(records, ways, strict=True)],
             "channels": [
                 {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
@@ -103,6 +110,26 @@ def look(
             "search_seconds": _search(whole, len(bundled), params, max(1, workers)),
         }
     )
+
+
+def _setup(
+    model: Model, records: Sequence[Record], findings: Sequence[Finding]
+) -> dict[str, Any]:
+    """Contents of ``check.json`` where the set-up has to be mended first: no effect is tried."""
+    robots = [Model(model.robot, {**model.overrides, **r.overrides}).make_robot() for r in records]
+    ways = [_way(robot) for robot in robots]
+    return {
+        "format": FORMAT,
+        "robot": model.robot,
+        "setup": [finding.plain() for finding in findings],
+        "recordings": [recording(r, way) for r, way in zip(records, ways, strict=True)],
+        "channels": [],
+        "effects": [],
+        "not_tried": [],
+        "missing": missing(records, robots),
+        "simulated_seconds": 0.0,
+        "search_seconds": [],
+    }
 
 
 def recording(record: Record, way: str) -> dict[str, Any]:

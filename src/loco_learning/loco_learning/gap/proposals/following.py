@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +14,16 @@ from loco_sim.plant.model import Model
 from ..fitting.fit import Fitted
 from ..prediction.case import Case
 from ..prediction.forward import Forward
-from ..verdict.decide import NO_GAP
+from ..statistics import evidence
+from ..verdict.decide import LIMITS, NO_GAP, Limits
 from ..verdict.judge import Judged
+from ..verdict.sensitivity import sensitivities
 from . import pool, propose
 
 MOST_PROPOSALS = 3  # experiments that are proposed
 HYPOTHESES = 3
 ENOUGH = 1000.0  # odds from which on nothing is left to tell apart
+FEW = 0.5  # evidence that is about none [nat] (taste)
 
 
 def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> list[dict[str, Any]]:
@@ -36,25 +40,93 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
         return []
     robots = [case.forward.robot(i) for i in range(len(case.forward.records))]
     records = pool.records(model, pool.alike(model, pool.pool(model, notes), robots), notes)
+    records = [r for r in records if not any(pool.same_motion(r, one) for one in case.records)]
+    if not records:
+        notes.append("every experiment of the pool was recorded already")
+        return []
     forward = Forward(case.forward.model, records)
     floors = _floors(case, forward, judged.best)
     there, every = replace(case, forward=forward), list(range(len(records)))
-    said = [there.predicted(m.specs, m.overrides, every, there.step_of(m.specs)) for m in leading]
-    predictions = {r.name: [p[i] for p in said] for i, r in enumerate(records)}
-    ranked = propose.rank(predictions, [" + ".join(m.names) for m in leading], floors)
+    said = [_said(there, m, every) for m in leading]
+    free = [_doubt(case, there, m, base, every) for m, base in zip(leading, said, strict=True)]
+    predictions, doubts = (
+        {r.name: [each[i] for each in both] for i, r in enumerate(records)} for both in (said, free)
+    )
+    names, tau = [" + ".join(m.names) for m in leading], float(np.median(judged.best.score.tau))
+    odds = {model.key: over.odds for model, over in judged.rivals}
+    likely = [1.0 / odds.get(m.key, 1.0) for m in leading]
+    ranked = propose.rank(
+        predictions, names, floors, likely, doubts, tau, _worth(judged, leading, tau)
+    )
     return [
         {"experiment": p.experiment, "separates": list(p.separates), "odds": p.odds}
         for p in ranked[:MOST_PROPOSALS]
     ]
 
 
-def hypotheses(judged: Judged) -> list[Fitted]:
-    """The selected model and what is not excluded beyond doubt, one of each set of names."""
-    leading = {judged.best.names: judged.best}
+def hypotheses(judged: Judged, limits: Limits = LIMITS) -> list[Fitted]:
+    """The selected model and what is not excluded beyond doubt, one of each set of names.
+
+    None where the model closes next to nothing, and no rival that does: what tells causes of a
+    small part of the gap apart does not tell what most of it is.
+    """
+    base = judged.base.held.residuals
+
+    def closes(model: Fitted) -> bool:
+        return evidence.closed_by(base, model.held.residuals) >= limits.closed
+
+    leading = {judged.best.names: judged.best} if closes(judged.best) else {}
     for model, over in judged.rivals:
-        if over.odds < ENOUGH:
+        if over.odds < ENOUGH and closes(model):
             leading.setdefault(model.names, model)
     return list(leading.values())[:HYPOTHESES]
+
+
+def _said(case: Case, model: Fitted, every: list[int]) -> list[np.ndarray]:
+    """Predictions of a model, (T, C) for each experiment."""
+    return case.predicted(model.specs, model.overrides, every, case.step_of(model.specs))
+
+
+def _doubt(
+    case: Case, there: Case, model: Fitted, said: list[np.ndarray], every: list[int]
+) -> list[np.ndarray]:
+    """Change of predictions by one standard error of each parameter, (T, C, P) each.
+
+    Args:
+        case: Model and data, which tell the errors.
+        there: The same with the experiments in place of the records.
+        model: Fitted model.
+        said: Predictions of the model.
+        every: Numbers of the experiments.
+    """
+    known = sensitivities(case, model)[1]
+    columns, errors = [], iter(known.errors if known else ())
+    for index, (_, x) in enumerate(model.parts):
+        for j, error in zip(range(len(x)), errors, strict=False):
+            by = min(float(error), max(1.0, abs(x[j])))  # no further than a typical size
+            specs = model.moved(index, [v + by * (k == j) for k, v in enumerate(x)])
+            moved = there.predicted(specs, model.overrides, every, there.step_of(specs))
+            columns.append([a - b for a, b in zip(moved, said, strict=True)])
+    if not columns:
+        return [np.zeros((*each.shape, 0)) for each in said]
+    return [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
+
+
+def _worth(judged: Judged, leading: list[Fitted], tau: float) -> float:
+    """Evidence that the recordings gave over what they promised by the same count, at most 1.
+
+    Of the rivals that are to be told apart. What no model explains makes every promise too large,
+    in an experiment as in the recordings.
+    """
+    over, shares = {model.key: each for model, each in judged.rivals}, []
+    for rival in leading:
+        if rival.key not in over or rival is judged.best:
+            continue
+        pairs = zip(judged.best.whole, rival.whole, strict=True)
+        scale = judged.best.held.scale
+        hoped = sum(propose.expected(a / scale, b / scale, tau=tau) for a, b in pairs)
+        shares.append(max(math.log(max(over[rival.key].odds, 1.0)), FEW) / max(hoped, FEW))
+    return min([1.0, *shares])
 
 
 def _floors(case: Case, forward: Forward, best: Fitted) -> np.ndarray:

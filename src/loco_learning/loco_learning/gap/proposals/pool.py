@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.signal import correlate
 
 from loco_control.exceptions import DivergedError, LocoError, NameUnknownError, ParameterError
 from loco_sim.plant.model import Model
@@ -15,9 +16,10 @@ from ...runs.experiment import Experiment
 from ...runs.log import Log
 from ...runs.rollout import rollout
 from ..prediction import running
-from ..recordings.record import Record
+from ..recordings.record import Record, bridged
 from .excitation import joints_of, library
 
+SAME = 0.98  # cosine from which on two motions are the same: noise and smoothing are less (taste)
 SHRINK, TRIES = 0.7, 6  # of a motion that is beyond a limit
 
 
@@ -42,6 +44,44 @@ def alike(
     ways = {robot.fixed_base for robot in robots}
     found = [e for e in experiments if _with(model, e).plant.fixed_base in ways]
     return found or list(experiments)
+
+
+def same_motion(experiment: Record, given: Record) -> bool:
+    """Whether a recording holds the motion that an experiment commands, at any time.
+
+    What robots that are led along their motion were told is not there: where no kind of command is
+    common, measured positions are compared.
+    """
+    kinds = [kind for kind in experiment.command if kind in given.command]
+    if kinds:
+        sides = [(r.t, r.command[kinds[0]], r.driven) for r in (experiment, given)]
+    else:
+        sides = [(r.t, bridged(r.signals["q"]), r.joints) for r in (experiment, given)]
+    if set(sides[0][2]) != set(sides[1][2]):
+        return False
+    order = [sides[1][2].index(name) for name in sides[0][2]]
+    dt = max(experiment.dt, given.dt)
+    a = _even(*sides[0][:2], dt)
+    b = _even(sides[1][0], sides[1][1][:, order], dt)
+    short, long = sorted((a, b), key=len)
+    return 2 * len(short) > len(a) and _likeness(short, long) > SAME
+
+
+def _even(t: np.ndarray, values: np.ndarray, dt: float) -> np.ndarray:
+    """Columns on an even axis, without their means, (S, n)."""
+    axis = np.arange(t[0], t[-1] + 0.5 * dt, dt)
+    found = np.column_stack([np.interp(axis, t, column) for column in values.T])
+    return found - found.mean(axis=0)
+
+
+def _likeness(short: np.ndarray, long: np.ndarray) -> float:
+    """Largest cosine of a motion with a part of a longer one, both (S, n)."""
+    pairs = list(zip(short.T, long.T, strict=True))
+    product = sum(correlate(b, a, mode="valid", method="fft") for a, b in pairs)
+    ones = np.ones(len(short))
+    energy = sum(correlate(b**2, ones, mode="valid", method="fft") for _, b in pairs)
+    size = np.sqrt(np.square(short).sum() * np.maximum(energy, 0.0))
+    return float(np.max(product / np.maximum(size, 1e-12 + 1e-9 * np.max(size))))
 
 
 def choose(experiments: Sequence[Experiment], name: str) -> Experiment:

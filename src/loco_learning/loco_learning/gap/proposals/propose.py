@@ -42,6 +42,7 @@ def rank(
     probabilities: Sequence[float] | None = None,
     sensitivities: Mapping[str, Sequence[np.ndarray]] | None = None,
     tau: float = 1.0,
+    worth: float = 1.0,
 ) -> list[Proposal]:
     """Experiments by what they would bring, the best first.
 
@@ -53,6 +54,7 @@ def rank(
         sensitivities: Per experiment and hypothesis (T, C, P): change of the prediction for one
             standard error of each parameter.
         tau: Correlation of the residual to expect [samples].
+        worth: Share of the expected evidence that recordings gave so far.
     """
     p = np.ones(len(names)) if probabilities is None else np.asarray(probabilities, dtype=float)
     p = p / p.sum()
@@ -60,7 +62,7 @@ def rank(
     found = []
     for experiment, values in predictions.items():
         columns = sensitivities[experiment] if sensitivities else [None] * len(names)
-        power = _powers([v / floor for v in values], columns, floor, prior, tau)
+        power = _powers([v / floor for v in values], columns, floor, prior, tau / worth)
         nearest = power.min(1)
         order = np.argsort(-p, kind="stable")
         rival = int(power[order[0]].argmin())

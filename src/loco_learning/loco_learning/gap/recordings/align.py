@@ -17,10 +17,11 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
 from . import checks, lags, observe, suspect
-from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Record
-from .tracks import AXES, Track
+from .clocks import cuts, series, steady
+from .clocks.params import CUTS
+from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
+from .tracks import AXES, Track, followed, mended
 
-GAP = 4.5  # a silence this many usual periods long is a gap: nothing is known in it
 SPARSE = 1.5  # a signal with this many ticks per sample or more is not filled in between
 ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is meant to be it
 FINE_STEP = 2e-4  # a simulation in longer steps is told what they cost [s]
@@ -30,6 +31,27 @@ STEPS = (
 )
 MOSTLY = 0.5  # share of the ticks that have a reading from which on the others lost theirs
 EVEN = 1e-3  # stamps this close to the axis, in periods, are on it
+
+
+def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> list[Record]:
+    """Align the signals of one file: a record for each stretch between steps back of its clock.
+
+    Args:
+        name: Name of the record; several are numbered.
+        tracks: Signals of the robot's joints, feet and axes.
+        robot: Robot that was measured.
+        about: Further arguments of `record`: rate, role, overrides, notes, units to trust, step.
+
+    Raises:
+        ParameterError: The data cannot be what they are said to be.
+    """
+    tracks = mended(tracks, about.pop("mend", ()))
+    made: list[str] = []
+    tracks = followed(tracks, robot, made)
+    pieces, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES)
+    about["notes"] = (*about.get("notes", ()), *made, *notes)
+    names = [f"{name} part {i}" for i in range(1, len(pieces) + 1)] if len(pieces) > 1 else [name]
+    return [record(n, piece, robot, **about) for n, piece in zip(names, pieces, strict=True)]
 
 
 def record(
@@ -42,6 +64,7 @@ def record(
     notes: Sequence[str] = (),
     trust_units: bool = False,
     simulated: float = 0.0,
+    judge: bool = True,
 ) -> Record:
     """Align the signals of one experiment.
 
@@ -59,6 +82,7 @@ def record(
         notes: Sentences about the file from reading it.
         trust_units: Do not look for wrong units.
         simulated: Physics step of the simulation that was recorded [s]; 0 where there is none.
+        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
 
     Raises:
         ParameterError: The data cannot be what they are said to be; see `checks`, `suspect`.
@@ -67,7 +91,9 @@ def record(
     if not trust_units:
         suspect.times(name, tracks)
     told = list(notes)
-    tracks = observe.steadied(checks.measured(name, tracks, told), told)
+    if not trust_units:
+        series.single(name, [track for track in tracks if not cuts.cut_rows([track])])
+    tracks = steady.steadied(checks.measured(name, tracks, told), told)
     tracks = [_ordered(name, track, told) for track in tracks]
     tracks = [observe.unwrapped(track, robot, told) for track in tracks]
     tracks = _one_sheet(tracks)
@@ -78,12 +104,13 @@ def record(
     checks.long_enough(name, axis)
     made = _fill(name, tracks, robot, axis)
     made |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
-             "stamps": observe.stamps(tracks), "simulated": simulated}  # fmt: skip
-    told += observe.notes(tracks, rate, GAP)
+             "stamps": observe.stamps(tracks), "simulated": simulated,
+             "trusted": trust_units}  # fmt: skip
+    told += observe.notes(tracks, rate, CUTS.silence)
     if simulated > FINE_STEP:
         told.append(STEPS.format(1e3 * simulated))
     result = Record(name, axis - axis[0], **made)
-    if not trust_units:
+    if judge and not trust_units:
         suspect.units(result, robot)
     made |= {"notes": (*told, *lags.notes(result)), "warnings": tuple(lags.warnings(result))}
     return Record(name, result.t, **made)
@@ -93,18 +120,26 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
     """Stamps rising, each once."""
     if np.all(np.diff(track.t) > 0.0):
         return track
-    back = -float(np.min(np.diff(track.t)))
-    if back > 0.5 * (track.t.max() - track.t.min()):
-        row = int(np.argmin(np.diff(track.t))) + 1
+    for row in cuts.cut_rows([track]):
         raise ParameterError(
-            f"{name}: the time of {track.label} jumps back by {back:g} s at row {row}: are there "
-            "several experiments in one file? Cut them with rows: [first, stop]"
+            f"{name}: the time of {track.label} jumps back by "
+            f"{track.t[row - 1] - track.t[row]:.6g} s at row {row}: are there several experiments "
+            "in one file? Cut them with rows: [first, stop]"
         )
     t, first = np.unique(track.t, return_index=True)
     odd = len(track.t) - len(t)
-    note = f"{odd} samples with the stamp of another were left out" if odd else ""
-    note = note or "samples were not in the order of their stamps and were sorted"
-    _tell(told, note)
+    if odd:
+        _tell(told, Doubt(f"{odd} samples with the stamp of another were left out"))
+    if np.any(np.diff(track.t) < 0.0):
+        late = int(np.sum(np.diff(track.t) < 0.0))
+        row = int(np.argmin(np.diff(track.t)))
+        _tell(
+            told,
+            Doubt(
+                f"samples were not in the order of their stamps and were sorted: {late} times, the "
+                f"furthest back by {track.t[row] - track.t[row + 1]:.6g} s at row {row + 1}"
+            ),
+        )
     return replace(track, t=t, x=track.x[first])
 
 
@@ -147,7 +182,7 @@ def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
         said = " and ".join(f"{k} from {a:.3f} to {b:.3f} s" for k, (a, b) in spans.items())
         raise ParameterError(
             f"{name}: angles and commands have no time in common ({said}); are their clocks the "
-            "same?"
+            "same? In a bag, clock: log at the columns of both takes the times of logging"
         )
     return start, end
 
@@ -155,7 +190,7 @@ def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
 def period(t: np.ndarray) -> float:
     """Usual time between stamps [s]: the mean without gaps."""
     step = np.diff(t)
-    usual = step[step <= GAP * np.median(step)]
+    usual = step[step <= CUTS.silence * np.median(step)]
     return float(np.mean(usual))
 
 
@@ -251,7 +286,7 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
     on = np.abs(axis - t[row]) <= EVEN * step
     share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
     value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
-    known = inside & (on | (width <= GAP * usual))
+    known = inside & (on | (width <= CUTS.silence * usual))
     return np.where(known, value, np.nan)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
-from loco_sim.robot.servo import TorqueDrive
 
 from .mapping import ROLES
 from .tracks import Track
@@ -61,7 +60,7 @@ def _no_strangers(name: str, tracks: Sequence[Track], robot: Robot) -> None:
 def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) -> None:
     """The joint has the command that its drive follows."""
     kinds = [role for role in REQUIRED[1:] if (role, joint) in seen]
-    needed = "torque" if isinstance(robot.drives.get(joint), TorqueDrive) else "position"
+    needed = getattr(robot.drives.get(joint), "command", "position")
     if f"command_{needed}" not in kinds:
         raise ParameterError(
             f"{name}: role command_{needed} of joint {joint} is missing, which robot "
@@ -80,6 +79,11 @@ def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]
         bad = ~np.isfinite(track.x) | ~np.isfinite(track.t)
         if len(track.x) and not bad.any():
             kept.append(track)
+            if track.empty:
+                told.append(
+                    f"{track.label}: {len(track.x)} readings, each on its own stamp; "
+                    f"{track.empty} empty cells are none"
+                )
         elif bad.all() and track.role not in REQUIRED:
             told.append(f"{track.label} has no values and counts as not measured")
         elif bad.all():
@@ -87,8 +91,9 @@ def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]
             raise ParameterError(f"{name}: {track.label} has {what} ({track.source})")
         else:
             row = int(np.argmax(bad))
+            what = "values" if np.isfinite(track.t[row]) else "stamps"
             raise ParameterError(
-                f"{name}: {track.label} has {int(bad.sum())} values of {len(bad)} that are NaN or "
+                f"{name}: {track.label} has {int(bad.sum())} {what} of {len(bad)} that are NaN or "
                 f"infinite, the first in row {row} ({track.source}); leave those rows out"
             )
     return kept

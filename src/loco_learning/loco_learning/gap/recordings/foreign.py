@@ -1,28 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of others in binary form: ``.pt`` of torch (PACE) and ``.parquet`` (LeRobot).
 
-A ``.pt`` is a zip of tensors and a pickle that says where each lies. The pickle is read with
-only those names in reach that describe a tensor, so nothing in it can run, and without torch.
+A ``.pt`` is a zip of tensors and a pickle that says where each lies. No unpickler reads it: its
+few commands that describe tensors are followed here, each once, without torch; any other is an
+error. A ``.parquet`` is read by pyarrow in a process whose memory and time are bounded.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import importlib
+import importlib.util
 import io
-import json
-import pickle
-import zipfile
-from collections import OrderedDict
+import pickletools
+import resource
 from collections.abc import Iterable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from loco_control import packed
 from loco_control.exceptions import MissingPackageError, ParameterError
-from loco_control.reading import read_bytes
+from loco_control.reading import read_bytes, read_json, understood
 
-MOST = 2**28  # numbers of a tensor, and bytes of the pickle
+from ...jobs.process import spawn
+
+MOST_COLUMNS = 10_000  # of one file
 STORAGES = {
     "FloatStorage": "<f4", "DoubleStorage": "<f8", "HalfStorage": "<f2", "LongStorage": "<i8",
     "IntStorage": "<i4", "ShortStorage": "<i2", "CharStorage": "i1", "ByteStorage": "u1",
@@ -30,6 +36,22 @@ STORAGES = {
 }  # fmt: skip
 INFO = Path("meta") / "info.json"
 EPISODE = "episode_index"
+
+_TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
+_VALUES = {
+    "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT", "BINUNICODE", "SHORT_BINUNICODE",
+    "NONE", "NEWTRUE", "NEWFALSE",
+}  # fmt: skip
+_CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
+_REBUILD = "torch._utils _rebuild_tensor_v2"
+_ORDERED = "collections OrderedDict"
+
+_READER_MEMORY = 2 * 2**30  # address space of the process that reads parquet, beside the file's
+_READER_TIME = 20  # processor time for one file, and as many seconds for each 100 MB of it [s]
+
+
+class _Name(str):
+    """Module and name of a class or function, which is not looked up."""
 
 
 class _Storage(NamedTuple):
@@ -39,41 +61,107 @@ class _Storage(NamedTuple):
     kind: str
 
 
-class _Reader(pickle.Unpickler):
-    """A pickle of tensors; any other name in it is an error."""
+class _Tensors:
+    """Follows the commands of a pickle of tensors; the work is that of its length.
 
-    def __init__(self, data: bytes, files: zipfile.ZipFile, root: str):
-        super().__init__(io.BytesIO(data))
+    Args:
+        files: Contents of the zip, by name.
+        root: Folder in it.
+    """
+
+    def __init__(self, files: dict[str, bytes], root: str):
         self._files, self._root = files, root
+        self._stack: list[Any] = []
+        self._marks: list[int] = []
+        self._memo: dict[int, Any] = {}
 
-    def find_class(self, module: str, name: str) -> Any:
-        """One of the few names that a tensor needs."""
-        if (module, name) == ("collections", "OrderedDict"):
-            return OrderedDict
-        if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):
-            return self._tensor
-        if module == "torch" and name in STORAGES:
-            return STORAGES[name]
-        raise pickle.UnpicklingError(f"it asks for {module}.{name}, which is no tensor")
+    def read(self, commands: bytes) -> Any:
+        """The value that a pickle makes.
 
-    def persistent_load(self, pid: Any) -> _Storage:
-        """Place of the numbers of a tensor."""
-        tag, kind, key, *_ = pid
-        if tag != "storage" or kind not in STORAGES.values():
-            raise pickle.UnpicklingError("its numbers are of a kind that is not known")
-        return _Storage(str(key), kind)
+        Raises:
+            ValueError: It has a command that no dictionary of tensors needs.
+        """
+        for code, given, _ in pickletools.genops(commands):
+            if code.name == "STOP":
+                return self._stack.pop()
+            self._follow(code.name, given)
+        raise ValueError("it does not end")
+
+    def _follow(self, command: str, given: Any) -> None:
+        stack = self._stack
+        if command in _VALUES:
+            stack.append(_CONSTANTS.get(command, given))
+        elif command in _TUPLES:
+            stack.append(tuple(self._last(_TUPLES[command])))
+        elif command == "TUPLE":
+            stack.append(tuple(self._marked()))
+        elif command in ("EMPTY_DICT", "EMPTY_LIST"):
+            stack.append({} if command == "EMPTY_DICT" else [])
+        elif command == "MARK":
+            self._marks.append(len(stack))
+        elif command in ("BINPUT", "LONG_BINPUT", "MEMOIZE"):
+            self._memo[len(self._memo) if given is None else given] = stack[-1]
+        elif command in ("BINGET", "LONG_BINGET"):
+            stack.append(self._memo[given])
+        elif command in ("APPEND", "APPENDS"):
+            items = self._last(1) if command == "APPEND" else self._marked()
+            stack[-1].extend(items)
+        elif command in ("SETITEM", "SETITEMS"):
+            items = self._last(2) if command == "SETITEM" else self._marked()
+            if not all(isinstance(key, str) for key in items[::2]):  # others may take long to hash
+                raise ValueError("a key is no text")
+            stack[-1].update(zip(items[::2], items[1::2], strict=True))
+        elif command not in ("PROTO", "FRAME"):
+            self._call(command, given)
+
+    def _call(self, command: str, given: Any) -> None:
+        """A command that names, or calls, something of Python."""
+        stack = self._stack
+        if command == "GLOBAL":
+            stack.append(_Name(given))
+        elif command == "STACK_GLOBAL":
+            stack.append(_Name(" ".join(map(str, self._last(2)))))
+        elif command == "BINPERSID":
+            stack.append(_storage(stack.pop()))
+        elif command == "BUILD":  # attributes of a dictionary, which are no columns
+            stack.pop()
+        elif command == "REDUCE":
+            function, values = self._last(2)
+            if function == _ORDERED and values == ():
+                stack.append({})
+            elif function == _REBUILD:
+                stack.append(self._tensor(*values))
+            else:
+                raise ValueError(f"it asks for {str(function)[:80]!r}, which is no tensor")
+        else:
+            raise ValueError(f"it has the command {command}, which no dictionary of tensors needs")
+
+    def _last(self, count: int) -> list[Any]:
+        if count > len(self._stack):
+            raise ValueError("it takes more values than there are")
+        at = len(self._stack) - count
+        values, self._stack[at:] = self._stack[at:], []
+        return values
+
+    def _marked(self) -> list[Any]:
+        return self._last(len(self._stack) - self._marks.pop())
 
     def _tensor(self, storage: Any, offset: int, shape: Any, strides: Any, *_: Any) -> np.ndarray:
-        shape, strides = tuple(map(int, shape)), tuple(map(int, strides))
-        name = f"{self._root}/data/{storage.key}"
-        if self._files.getinfo(name).file_size > 8 * MOST or np.prod(shape, dtype=float) > MOST:
-            raise ValueError(f"a tensor has the shape {shape}, more than {MOST} numbers")
-        flat = np.frombuffer(self._files.read(name), storage.kind)
+        flat = np.frombuffer(self._files[f"{self._root}/data/{storage.key}"], storage.kind)
         last = offset + sum((n - 1) * s for n, s in zip(shape, strides, strict=True))
         if min((offset, *shape, *strides)) < 0 or (0 not in shape and last >= len(flat)):
             raise ValueError(f"a tensor of shape {shape} reaches beyond its {len(flat)} numbers")
         step = tuple(s * flat.itemsize for s in strides)
-        return np.lib.stride_tricks.as_strided(flat[offset:], shape, step).copy()
+        return np.lib.stride_tricks.as_strided(flat[offset:], shape, step, writeable=False)
+
+
+def _storage(place: Any) -> _Storage:
+    """Place of the numbers of a tensor."""
+    tag, kind, key, *_ = place
+    module, _, name = str(kind).partition(" ")
+    if tag != "storage" or module != "torch" or name not in STORAGES:
+        raise ValueError("its numbers are of a kind that is not known")
+    return _Storage(str(key), STORAGES[name])
 
 
 def torch_columns(path: Path) -> dict[str, np.ndarray]:
@@ -85,20 +173,18 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
     """
     data = read_bytes(path, "recording")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as files:
-            inside = next(name for name in files.namelist() if name.endswith("/data.pkl"))
-            if files.getinfo(inside).file_size > MOST:
-                raise ValueError("its pickle is too large")
-            root = inside.rpartition("/")[0]
-            found = _Reader(files.read(inside), files, root).load()
-    except Exception as error:  # noqa: BLE001  (a pickle that is broken raises anything)
+        files = packed.unzip(data)
+        inside = next(name for name in files if name.endswith("/data.pkl"))
+        found = _Tensors(files, inside.rpartition("/")[0]).read(files[inside])
+        if not isinstance(found, dict):
+            raise ValueError("it must hold a dictionary of tensors by name")
+        columns = {k: v for k, v in found.items() if isinstance(v, np.ndarray) and v.ndim}
+        packed.check_room(sum(8 * values.size for values in columns.values()), len(data))
+    except Exception as error:  # noqa: BLE001  (commands of another order raise anything)
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise ParameterError(
             f"{path.name} is no file of tensors that torch.save wrote: {why}"
         ) from None
-    if not isinstance(found, dict):
-        raise ParameterError(f"{path.name} must hold a dictionary of tensors by name")
-    columns = {str(k): v for k, v in found.items() if isinstance(v, np.ndarray) and v.ndim}
     return spread(path, columns)
 
 
@@ -111,6 +197,9 @@ def spread(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if len({len(values) for values in columns.values()}) > 1:
         sizes = ", ".join(f"{name} {len(values)}" for name, values in columns.items())
         raise ParameterError(f"{path.name}: its columns have different lengths ({sizes})")
+    count = sum(values.shape[1] if values.ndim > 1 else 1 for values in columns.values())
+    if count > MOST_COLUMNS:
+        raise ParameterError(f"{path.name} has {count} columns, at most {MOST_COLUMNS} are read")
     found: dict[str, np.ndarray] = {}
     for name, values in columns.items():
         if values.ndim > 2:
@@ -130,28 +219,97 @@ def parquet_columns(path: Path) -> dict[str, np.ndarray]:
         ParameterError: It is not a parquet file, or lists differ in length.
     """
     data = read_bytes(path, "recording")
-    try:
-        pq = importlib.import_module("pyarrow.parquet")
-    except ModuleNotFoundError:
+    if importlib.util.find_spec("pyarrow") is None:
         raise MissingPackageError(
-            f"{path.name} needs pyarrow, which comes with `pip install 'loco-gap[lerobot]'`"
+            f"{path.name} needs pyarrow, which comes with `./loco install lerobot`"
         ) from None
-    try:
-        table = pq.read_table(io.BytesIO(data))
-        lists = {name: table.column(name).to_pylist() for name in table.column_names}
-    except Exception as error:  # noqa: BLE001  (the reader of a broken file raises anything)
-        why = " ".join(str(error).split())[:120]
-        raise ParameterError(f"{path.name} is not a parquet file: {why}") from None
-    columns = {}
-    for name, values in lists.items():
-        try:
-            columns[name] = np.array([np.nan if v is None else v for v in values], dtype=float)
-        except (TypeError, ValueError):
-            if values and isinstance(values[0], list):
-                raise ParameterError(
-                    f"{path.name}: lists of {name} differ in length, or hold no numbers"
-                ) from None
+    columns = _asked(data)
+    if isinstance(columns, str):
+        raise ParameterError(f"{path.name} is not a parquet file of numbers: {columns}")
     return _named(path, spread(path, columns))
+
+
+def _asked(data: bytes) -> dict[str, np.ndarray] | str:
+    """Answer of the process that reads parquet files: columns, or what is wrong."""
+    pipe = _reader()
+    try:
+        pipe.send_bytes(data)
+        return pipe.recv()
+    except (EOFError, OSError):
+        _reader.cache_clear()
+        return "reading it ends the process that reads it, or takes too long"
+
+
+@functools.cache
+def _reader() -> Connection:
+    """Our end of the pipe to a process that reads files until we are gone."""
+    return spawn(_read_files)[1]
+
+
+def _read_files(pipe: Connection) -> None:
+    """Read the files that come through a pipe; memory and time of each are bounded."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            data = pipe.recv_bytes()
+            used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+            _limit(resource.RLIMIT_CPU, used + _READER_TIME * (1 + len(data) / 1e8))
+            _limit(resource.RLIMIT_AS, _READER_MEMORY + packed.room(len(data)) + 2 * len(data))
+            pipe.send(_read_parquet(data))
+
+
+def _limit(what: int, most: float) -> None:
+    """Limit what this process may use, if nobody has limited it to less."""
+    _, hard = resource.getrlimit(what)
+    wanted = int(most) + 1
+    resource.setrlimit(what, (wanted if hard == -1 else min(wanted, hard), hard))
+
+
+def _read_parquet(data: bytes) -> dict[str, np.ndarray] | str:
+    """Columns (T,) or (T, n) of a parquet file; else what is wrong, in one line."""
+    try:
+        arrow = _arrow()
+        arrow.set_memory_pool(arrow.system_memory_pool())  # others reserve without need
+        file, columns, filled = _arrow(".parquet").ParquetFile(io.BytesIO(data)), {}, 0
+        for field in file.schema_arrow:
+            inside = _inside(field.type)
+            if _is_number(inside or field.type):
+                column = file.read([field.name], use_threads=False).column(field.name)
+                filled += 8 * len(column) if inside is None else column.nbytes
+                packed.check_room(filled, len(data))
+                columns[field.name] = _values(field.name, column.combine_chunks(), inside)
+    except Exception as error:  # noqa: BLE001  (the reader of a broken file raises anything)
+        return " ".join(str(error).split())[:120] or type(error).__name__
+    return columns
+
+
+def _arrow(part: str = "") -> Any:
+    """A module of pyarrow, which only those who read its files have."""
+    return importlib.import_module(f"pyarrow{part}")
+
+
+def _inside(kind: Any) -> Any:
+    """Kind of the values of a list of them; None for other kinds."""
+    types = _arrow(".types")
+    lists = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+    return kind.value_type if lists else None
+
+
+def _is_number(kind: Any) -> bool:
+    types = _arrow(".types")
+    return types.is_boolean(kind) or types.is_integer(kind) or types.is_floating(kind)
+
+
+def _values(name: str, column: Any, inside: Any) -> np.ndarray:
+    """A column of numbers (T,), or of lists of as many numbers each (T, n); NaN where none is."""
+    compute = _arrow(".compute")
+    flat = column if inside is None else compute.list_flatten(column)
+    numbers = flat.cast(_arrow().float64(), safe=False).to_numpy(zero_copy_only=False)
+    if inside is None:
+        return numbers
+    sizes = compute.unique(compute.list_value_length(column))
+    if len(sizes) != 1 or not sizes[0].is_valid:
+        raise ValueError(f"lists of {name} differ in length")
+    return numbers.reshape(len(column), -1)
 
 
 def _named(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -159,17 +317,21 @@ def _named(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     info = next((p / INFO for p in path.parents[:4] if (p / INFO).is_file()), None)
     if info is None:
         return columns
-    try:
-        features = json.loads(read_bytes(info, "description"))["features"]
-        named = {feature: _flat(entry.get("names")) for feature, entry in features.items()}
-    except (ValueError, TypeError, KeyError, AttributeError):
-        raise ParameterError(f"{info} does not describe features as LeRobot does") from None
+    features = _features(info)
+    named = {feature: _flat(entry.get("names")) for feature, entry in features.items()}
     known = {
         f"{feature}[{i}]": f"{feature}[{name}]"
         for feature, names in named.items()
         for i, name in enumerate(names)
     }
     return {known.get(name, name): values for name, values in columns.items()}
+
+
+@understood("description of a LeRobot dataset")
+def _features(info: Path) -> dict[str, dict[str, Any]]:
+    """Features of a LeRobot dataset."""
+    features = read_json(info, "description")["features"]
+    return {str(feature): dict(entry) for feature, entry in features.items()}
 
 
 def _flat(names: Any) -> list[str]:

@@ -33,6 +33,7 @@ class TableSource:
         self._tables: dict[str, tables.Table] = {"": self._table}
         self._times: dict[tuple[str, str], np.ndarray] = {}
         self.header = self._table.header
+        self.notes: list[str] = []
         episode = self.header.get(EPISODE)
         self.name = _stem(path) if episode is None else f"episode {episode}"
 
@@ -62,13 +63,14 @@ class TableSource:
         return np.arange(len(table)) / self._mapping.time_rate
 
 
-def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
+def load(path: str | Path, robot: Robot, mapping: Mapping, judge: bool = True) -> list[Record]:
     """Records of a table, or of the mapped files of a folder.
 
     Args:
         path: File, or folder with the files that the mapping names.
         robot: Robot that was measured.
         mapping: Roles and units of the columns.
+        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
 
     Raises:
         MissingFileError: There is no such file, or none fits the mapping.
@@ -87,38 +89,45 @@ def load(path: str | Path, robot: Robot, mapping: Mapping) -> list[Record]:
         record
         for p in sorted(found)
         for table in tables.episodes(tables.read(p, mapping.samples))
-        for record in records(TableSource(p, mapping, table), robot, mapping, p.name)
+        for record in records(TableSource(p, mapping, table), robot, mapping, p.name, judge)
     ]
     if not made:
         raise ParameterError(f"no record of {mapping.path} fits {path}; see its 'records'")
     return made
 
 
-def records(source: tracks.Source, robot: Robot, mapping: Mapping, file: str) -> list[Record]:
-    """Records of a file or bag, one for each rule that fits.
+def records(
+    source: tracks.Source, robot: Robot, mapping: Mapping, file: str, judge: bool = True
+) -> list[Record]:
+    """Records of a file or bag, one for each rule that fits and cut of its clock.
 
     Args:
         source: File or bag that holds the columns.
         robot: Robot that was measured.
         mapping: Roles and units of the columns.
         file: Name that the rules' patterns are held against.
+        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
 
     Raises:
         LocoError: The mapping does not fit the columns, or these are not of use.
     """
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
-    return [
-        align.record(
+    found: list[Record] = []
+    for i, rule in enumerate(rules):
+        first, *others = align.records(
             title(rule, source, i, len(rules)),
             tracks.locked(tracks.from_source(source, mapping, rule, robot), mapping.locked, robot),
             robot,
             rate=mapping.rate,
             role=rule.role,
             overrides=overrides(mapping, rule, source.header),
+            notes=source.notes,
             trust_units=mapping.trust_units,
-        ).rested(-rule.rest)
-        for i, rule in enumerate(rules)
-    ]
+            mend=mapping.mend,
+            judge=judge,
+        )
+        found += [first.rested(-rule.rest), *others]  # what follows a cut did not begin at rest
+    return found
 
 
 def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:

@@ -54,12 +54,14 @@ ROLES: dict[str, tuple[tuple[str, ...], str]] = {
 PLACES = ("joint", "axis", "foot")
 SOURCES = ("column", "file", "topic", "time")
 BETWEEN = ("hold", "line")
+CLOCKS = ("stamp", "log", "receive")  # the last two are one: when the recorder received it
 LONGEST_REST = 60.0  # [s], each second of which is simulated (taste)
-_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between")
+_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between", "clock",
+           "missing")  # fmt: skip
 _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
 _KEYS = (
     *("format", "description", "files", "samples", "time", "rate", "columns", "header"),
-    *("overrides", "records", "namespace", "base_pose", "trust_units", "locked"),
+    *("overrides", "records", "namespace", "base_pose", "trust_units", "locked", "mend", "missing"),
 )
 
 
@@ -78,7 +80,9 @@ class Column:
         file: Other file of the same folder that has the column.
         topic: Topic that has the field, in a bag.
         time: Column of the times of this column, if it has its own.
+        clock: Clock of a topic's messages, one of `CLOCKS`; empty: stamps if they have some.
         between: Course between samples, one of `BETWEEN`: held, or straight to the next sample.
+        missing: Raw value that stands for no reading; None where every value is one.
     """
 
     column: str
@@ -92,6 +96,29 @@ class Column:
     topic: str = ""
     time: str = ""
     between: str = "hold"
+    clock: str = ""
+    missing: float | None = None
+
+
+@dataclass(frozen=True)
+class Mend:
+    """A change of the signals of a role and joint on top of what was read, whatever the source.
+
+    Attributes:
+        role: Role of the signals, one of `ROLES`.
+        place: Joint, axis or foot; empty where the role has none, or for all.
+        gain: Multiplies the values: sign and scale and size of the unit.
+        offset: Added last, in the SI unit of the role.
+        period: Period at which the values wrap, in their unit; 0 where they do not.
+        other: Joint that the signals are of instead; empty for the same.
+    """
+
+    role: str
+    place: str = ""
+    gain: float = 1.0
+    offset: float = 0.0
+    period: float = 0.0
+    other: str = ""
 
 
 @dataclass(frozen=True)
@@ -150,6 +177,8 @@ class Mapping:
     base_pose: bool = False
     trust_units: bool = False
     locked: dict[str, float] = field(default_factory=dict)
+    mend: tuple[Mend, ...] = ()
+    missing: float | None = None
 
 
 @understood("whole mapping")
@@ -206,10 +235,12 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
         namespace=str(values.get("namespace") or ""),
         base_pose=_yes(values, "base_pose"),
         trust_units=_yes(values, "trust_units"),
+        mend=tuple(_mend(m, i) for i, m in enumerate(_list(values, "mend"))),
         locked={
             str(joint): units.number(at, f"locked.{joint}")
             for joint, at in _keys(values.get("locked") or {}, None, "locked").items()
         },
+        missing=_missing(values, "missing"),
     )
 
 
@@ -249,6 +280,12 @@ def _column(value: Any, index: int) -> Column:
         raise ParameterError(
             f"between of column {name!r} must be {' or '.join(BETWEEN)}, of a command"
         )
+    clock = str(value.get("clock", ""))
+    if "clock" in value and (clock not in CLOCKS or "topic" not in value):
+        raise ParameterError(
+            f"clock of column {name!r} must be {', '.join(CLOCKS[:-1])} or {CLOCKS[-1]}, of a "
+            f"topic in a bag; got {clock!r}"
+        )
     scale = units.number(value.get("scale", 1.0), f"scale of column {name!r}")
     size = 1.0
     if "unit" in value and role != UNUSED:
@@ -262,7 +299,32 @@ def _column(value: Any, index: int) -> Column:
         offset=units.number(value.get("offset", 0.0), f"offset of column {name!r}"),
         wrap=wrap,
         between=between,
+        clock=clock,
+        missing=_missing(value, f"missing of column {name!r}"),
         **{key: str(value.get(key, "")) for key in ("file", "topic", "time")},
+    )
+
+
+def _mend(value: Any, index: int) -> Mend:
+    where = f"mend[{index}]"
+    value = _keys(value, ("role", *PLACES, "is", "sign", "scale", "unit", "offset", "wrap"), where)
+    role = str(value.get("role"))
+    if role not in ROLES:
+        raise NameUnknownError(f"role in {where}", role, ROLES)
+    kind = ROLES[role][1]
+    sign = value.get("sign", 1)
+    if sign not in (1, -1):
+        raise ParameterError(f"sign in {where} must be 1 or -1, got {shown(sign)}")
+    if "is" in value and kind != "joint":
+        raise ParameterError(f"{where}: is names another joint, and {role} is of no joint")
+    size = _unit(value["unit"], ROLES[role][0], where, "scale" in value) if "unit" in value else 1.0
+    return Mend(
+        role,
+        str(value.get(kind, "")) if kind else "",
+        sign * size * units.number(value.get("scale", 1.0), f"scale in {where}"),
+        units.number(value.get("offset", 0.0), f"offset in {where}"),
+        _positive(value.get("wrap", 0.0), f"wrap in {where}"),
+        str(value.get("is", "")),
     )
 
 
@@ -340,6 +402,11 @@ def _list(values: dict[str, Any], key: str) -> list:
     if not isinstance(found, list):
         raise ParameterError(f"{key} must be a list, got {found!r}")
     return found
+
+
+def _missing(values: dict[str, Any], what: str) -> float | None:
+    """The value that stands for no reading, if one does."""
+    return units.number(values["missing"], what) if "missing" in values else None
 
 
 def _yes(values: dict[str, Any], key: str) -> bool:

@@ -11,17 +11,14 @@ import numpy as np
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
-from .tracks import Track
+from .record import Doubt
+from .tracks import GIVEN, Track
 
-GIVEN = ("supply", "enable", "stance")  # roles that the robot is given beside commands
 TURN = 2.0 * np.pi
 STUCK = 5  # samples in a row at the largest value that are no chance
 CLIPPED = 0.01  # share of samples at the largest value from which a signal counts as clipped
 FINEST = 1e-5  # share of a signal's range below which steps are rounding
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
-PARTS = 8  # of a record that each have a reading which came at once
-ON_LINE, EVEN = 0.25, 0.01  # periods off a clock that are nothing; that need no clock
-SURE = 3.0  # deviations of a gain, or twice those of a fair coin, that are no chance (theory)
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
 
@@ -37,91 +34,9 @@ def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
         return track
     if track.role == "command_position" and np.ptp(track.x) > 1.05 * TURN:
         return track  # a command may well step by a turn
-    told.append(f"{track.label} was wrapped: {int(jump.sum())} jumps of a turn were undone")
+    turns = f"{int(jump.sum())} jumps of a turn were undone"
+    told.append(Doubt(f"{track.label} was wrapped: {turns}"))
     return replace(track, x=np.unwrap(track.x))
-
-
-def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
-    """Measured signals with the stamps of the even clock that they were read by.
-
-    A log may stamp a reading when it arrives, late by whatever the way took. The earliest stamps
-    then lie on a line over the count of readings, the lower edge of their hull (Moon, Skelly and
-    Towsley 1999), and the others above it. Stamps that lie along no such line, as where readings
-    are lost, stay; so do those along which the motion is as smooth as along the line: somebody who
-    reads unevenly and stamps at once has right stamps.
-
-    Args:
-        tracks: Signals in the order of their stamps.
-        told: Takes a sentence for each clock.
-    """
-    clocks: dict[bytes, list[Track]] = {}
-    for track in tracks:
-        if not track.role.startswith("command_") and track.role not in GIVEN:
-            clocks.setdefault(track.t.tobytes(), []).append(track)
-    found = {}
-    for stamps, some in clocks.items():
-        even = _clock(some[0].t)
-        if even is not None and _smoother(some, even):
-            found[stamps] = even
-            late = 1e3 * (some[0].t - even)
-            told.append(
-                f"{', '.join(dict.fromkeys(t.role for t in some))}: stamps are up to "
-                f"{late.max():.2f} ms late, {late.mean():.2f} ms on average, on readings "
-                f"{1e3 * (even[1] - even[0]):.4g} ms apart, and were put back"
-            )
-    measured = {id(track) for some in clocks.values() for track in some}
-    return [
-        replace(track, t=found[track.t.tobytes()])
-        if id(track) in measured and track.t.tobytes() in found
-        else track
-        for track in tracks
-    ]
-
-
-def _clock(t: np.ndarray) -> np.ndarray | None:
-    """Even times below all stamps, or None where stamps lie along none or on it."""
-    count = np.arange(len(t), dtype=float)
-    if len(t) < PARTS * STUCK or np.any(np.diff(t) < 0.0) or not t[-1] > t[0]:
-        return None  # `align` says what is wrong with them
-    hull: list[int] = []
-    for k in range(len(t)):
-        while len(hull) > 1 and (t[hull[-1]] - t[hull[-2]]) * (k - hull[-1]) >= (
-            t[k] - t[hull[-1]]
-        ) * (hull[-1] - hull[-2]):
-            hull.pop()
-        hull.append(k)
-    edge = max(1, int(np.searchsorted(hull, 0.5 * (len(t) - 1))))
-    a, b = hull[edge - 1], hull[edge]
-    period = (t[b] - t[a]) / (b - a)
-    meant = 1.0 / (10.0 * round(0.1 / period)) if 0.0 < period < 0.1 else period
-    if abs(meant - period) * len(t) < ON_LINE * period:
-        period = meant
-    even = period * count + np.min(t - period * count)
-    late = t - even
-    least = [part.min() for part in np.array_split(late, PARTS)]
-    if max(least) > ON_LINE * period or np.ptp(late) < EVEN * period:
-        return None
-    return even
-
-
-def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
-    """Readings are nearer to the line between their neighbours in even times than in stamps.
-
-    They are so more often, or by more: a joint that mostly rests tells by the little that it moves.
-    """
-    t, gain, spread, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
-    span = t[2:] - t[:-2]
-    share = np.where(span > 0.0, (t[1:-1] - t[:-2]) / np.where(span > 0.0, span, 1.0), 0.5)
-    for track in tracks:
-        x, rise = track.x, track.x[2:] - track.x[:-2]
-        off = [np.square(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
-        size = float(np.mean(off))
-        wins += int(np.sum(off[1] < off[0]))
-        count += int(np.sum(off[1] != off[0]))
-        if size > 0.0:
-            gain += float(np.sum(off[0] - off[1])) / size
-            spread += float(np.sum(np.square(off[0] - off[1]))) / size**2
-    return gain > SURE * np.sqrt(spread) or wins - 0.5 * count > SURE * np.sqrt(count)
 
 
 def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
@@ -192,8 +107,10 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     if len(pauses) and not all(track.role.startswith("command_") for track in tracks):
         worst = pauses[np.argmax(step[pauses])]
         found.append(
-            f"{who}: {len(pauses)} pauses, the longest of {step[worst]:.3f} s at "
-            f"{t[worst] - t[0]:.2f} s; nothing is known there"
+            Doubt(
+                f"{who}: {len(pauses)} pauses, the longest of {step[worst]:.3f} s at "
+                f"{t[worst] - t[0]:.2f} s; nothing is known there"
+            )
         )
     low, high = np.percentile(step, [5.0, 95.0])
     if high - low > 0.05 * usual:
@@ -235,8 +152,6 @@ def _saturated(track: Track) -> list[str]:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]])))
         longest = np.max(edges[1::2] - edges[::2])
         if np.mean(at) > CLIPPED and longest >= STUCK and abs(limit) > 0.5 * size:
-            found.append(
-                f"{track.label} is at its {what} value {limit:.4g} for {100.0 * np.mean(at):.1f} % "
-                "of the time: cut off there?"
-            )
+            share = f"for {100.0 * np.mean(at):.1f} % of the time: cut off there?"
+            found.append(Doubt(f"{track.label} is at its {what} value {limit:.4g} {share}"))
     return found

@@ -22,6 +22,10 @@ INPUTS = ("supply", "enable")
 FIT, HELD_OUT = "fit", "held-out"
 
 
+class Doubt(str):
+    """A note of reading on something that can itself look like a gap: it stands before a name."""
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Commands and measured signals of one experiment.
@@ -42,7 +46,8 @@ class Record:
         stance: Stance of each foot, (T,): 1 while its leg is under gains of stance and 0 under
             those of swing; a foot that is not listed always stands.
         overrides: Values of robot.yaml known for this record, e.g. the drive's gain of the run.
-        notes: Findings of reading and aligning, a sentence each.
+        notes: Findings of reading and aligning, a sentence each; those that can look like a gap
+            are of type `Doubt`.
         resolution: Quantisation step per signal and joint (or axis) [unit of the signal]; 0 where
             none was seen, left out where the signal hardly changes.
         role: `FIT`, or `HELD_OUT` for a record that is only judged on.
@@ -53,8 +58,10 @@ class Record:
             samples that are missing, and the longest silence [s], as they were recorded.
         simulated: Physics step of the simulation that was recorded [s]; 0 of a machine, and where
             nothing tells.
-        guessed: Flags of values of joint signals that lie between two readings where one was
-            lost, as `signals`: to start from, not to be compared with.
+        guessed: Flags of values of joint signals that nobody measured, as `signals`: between two
+            readings where one was lost, and of a rest before the record. To start from, not to
+            be compared with.
+        trusted: The user says that all units are right as they are.
     """
 
     name: str
@@ -75,6 +82,7 @@ class Record:
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
     simulated: float = 0.0
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
+    trusted: bool = False
 
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
@@ -96,6 +104,10 @@ class Record:
     def step(self, signal: str) -> float:
         """Largest quantisation step of a signal."""
         return max((step for (of, _), step in self.resolution.items() if of == signal), default=0.0)
+
+    def step_of(self, signal: str, name: str) -> float:
+        """Quantisation step of a channel; the largest of its signal where nothing tells it."""
+        return self.resolution.get((signal, name), self.step(signal))
 
     def _width(self, signal: str) -> int:
         if signal in JOINT_SIGNALS:
@@ -130,7 +142,7 @@ class Record:
         return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
 
     def read_of(self, robot: Robot, signal: str) -> np.ndarray:
-        """The same as `joints_of` with NaN where a reading was lost, too."""
+        """The same as `joints_of` with NaN where nobody measured, too."""
         if signal not in self.guessed:
             return self.joints_of(robot, signal)
         read = np.where(self.guessed[signal], np.nan, self.signals[signal])
@@ -185,7 +197,7 @@ class Record:
         """The record with a rest before it: first command, first positions, and no speed.
 
         Every model then settles under the first command, whatever it has in it, in place of a
-        start from the first samples.
+        start from the first samples. Nothing is compared there: the rest is for the model alone.
 
         Args:
             seconds: Length of the rest.
@@ -200,6 +212,10 @@ class Record:
         signals = {k: before(v) for k, v in self.signals.items()}
         for kind, values in signals.items():
             values[:count] = 0.0 if kind == "dq" else values[count] if kind == "q" else np.nan
+        guessed = {k: np.zeros(signals[k].shape, dtype=bool) for k in ("q", "dq") if k in signals}
+        guessed |= {k: before(v) for k, v in self.guessed.items()}
+        for flags in guessed.values():
+            flags[:count] = True
         return replace(
             self,
             t=self.dt * np.arange(count + len(self.t)),
@@ -207,7 +223,7 @@ class Record:
             signals=signals,
             inputs={k: before(v) for k, v in self.inputs.items()},
             stance={k: before(v) for k, v in self.stance.items()},
-            guessed={k: before(v) for k, v in self.guessed.items()},
+            guessed=guessed,
         )
 
     def between(self, start: float, end: float, name: str | None = None) -> Record:
@@ -252,3 +268,9 @@ def bridged(values: np.ndarray) -> np.ndarray:
         if seen.any():
             out[:, k] = np.interp(rows, rows[seen], column[seen])
     return out.reshape(values.shape)
+
+
+def coarsest(records: Sequence[Record], signal: str, name: str) -> float:
+    """Quantisation step of a channel in some records; that of its signal where none tells it."""
+    known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
+    return max(known or [r.step(signal) for r in records])

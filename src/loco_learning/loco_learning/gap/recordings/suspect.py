@@ -7,15 +7,20 @@ limits lie between.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
+from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
 from .lags import rates
 from .record import Record
 from .tracks import Track
+from .units import TURN
 
 DEGREE = 180.0 / np.pi
 SLOWEST, FASTEST = 4.0, 2e4  # rates that are believed [Hz]
@@ -34,6 +39,13 @@ RATIOS = {
     1e-3: "the time is in s and read as ms (or q in mrad)",
     1e6: "the time is in us",
     1e9: "the time is in ns",
+}
+# Role, key and value of the line that mends it, where it is the one of a column.
+MEND = {
+    RATIOS[DEGREE]: ("dq", UNIT, "deg/s"),
+    RATIOS[1.0 / DEGREE]: ("q", UNIT, "deg"),
+    RATIOS[60.0 / (2.0 * np.pi)]: ("dq", UNIT, "rpm"),
+    RATIOS[1.0 / (2.0 * np.pi)]: ("dq", UNIT, "rev/s"),
 }
 
 
@@ -61,23 +73,29 @@ def times(name: str, tracks: list[Track]) -> None:
 
 
 def units(record: Record, robot: Robot) -> None:
-    """All comparisons.
+    """Refuse a record in which something is probably in a wrong unit.
 
     Raises:
         ParameterError: A unit is probably wrong; the message says which.
     """
+    for finding in findings(record, robot):
+        raise ParameterError(f"{record.name}: {finding.says}{BELIEVE}")
+
+
+def findings(record: Record, robot: Robot) -> Iterator[Finding]:
+    """All comparisons of signals with each other and with the limits of the robot."""
     description = Description(robot.urdf)
     types = description.joint_types()
     for joint in record.joints:
         turning = types.get(joint) != "prismatic"
-        _velocity(record, joint, turning)
+        yield from _velocity(record, joint, turning)
         if turning:
-            _command(record, joint, description)
-            _limits(record, joint, description)
-    _torque(record, robot)
-    _unsigned(record)
-    _imu(record)
-    _inputs(record)
+            yield from _command(record, joint, description)
+            yield from _limits(record, joint, description)
+    yield from _torque(record, robot)
+    yield from _unsigned(record)
+    yield from _imu(record)
+    yield from _inputs(record)
 
 
 def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
@@ -86,8 +104,24 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
     return record.signals[signal][:, record.joints.index(joint)]
 
 
-def _raise(record: Record, text: str) -> None:
-    raise ParameterError(f"{record.name}: {text}{BELIEVE}")
+def _of_both(record: Record, joint: str, says: str) -> Finding:
+    """A finding that positions are in degrees, and their commands if these are as large."""
+    q, command = _of(record, "q", joint), record.command.get("position")
+    roles = ["q"]
+    if command is not None and joint in record.driven:
+        told = command[:, record.driven.index(joint)]
+        if np.nanstd(told) > np.nanstd(q) / RATIO_FAR:
+            roles.append("command_position")
+    mends = tuple(Change(MAPPING, UNIT, "deg", role, joint) for role in roles)
+    return Finding("unit", (joint,), says, mends)
+
+
+def _of_unit(
+    says: str, joint: str = "", role: str = "", key: str = UNIT, value: Any = ""
+) -> Finding:
+    """A finding with the line that mends it, if one is known."""
+    mends = (Change(MAPPING, key, value, role, joint),) if value else ()
+    return Finding("unit", (joint,) if joint else (), says, mends)
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -109,7 +143,7 @@ def _smooth(x: np.ndarray, width: int) -> np.ndarray:
     return x[: count * width].reshape(count, width).mean(axis=1)
 
 
-def _velocity(record: Record, joint: str, turning: bool) -> None:
+def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     """Measured velocity against the derivative of the measured position."""
     dq, q = _of(record, "dq", joint), _of(record, "q", joint)
     if dq is None or q is None:
@@ -120,16 +154,18 @@ def _velocity(record: Record, joint: str, turning: bool) -> None:
         return
     for known, meaning in RATIOS.items():
         if abs(np.log(abs(ratio) / known)) < RATIO_NEAR and (turning or known in (1e3, 1e-3)):
-            _raise(record, f"dq of {joint} is {abs(ratio):.3g} times the derivative of q: "
-                           f"probably {meaning}")  # fmt: skip
+            yield _of_unit(f"dq of {joint} is {abs(ratio):.3g} times the derivative of q: "
+                           f"probably {meaning}", joint, *MEND.get(meaning, ()))  # fmt: skip
+            return
     if ratio < 0.0:
-        _raise(record, f"dq of {joint} has the opposite sign of the derivative of q: sign of one")
-    if not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
-        _raise(record, f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong unit or "
-                       "scale of one, or of the time")  # fmt: skip
+        yield _of_unit(f"dq of {joint} has the opposite sign of the derivative of q: sign of one",
+                       joint, "dq", SIGN, -1)  # fmt: skip
+    elif not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
+        yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong unit or "
+                       "scale of one, or of the time", joint, "dq", SCALE, 1.0 / ratio)  # fmt: skip
 
 
-def _command(record: Record, joint: str, description: Description) -> None:
+def _command(record: Record, joint: str, description: Description) -> Iterator[Finding]:
     """Commanded against measured angle: one in degrees."""
     command, q = record.command.get("position"), _of(record, "q", joint)
     if command is None or q is None or joint not in record.driven:
@@ -140,9 +176,9 @@ def _command(record: Record, joint: str, description: Description) -> None:
         return
     large, values = ("command_position", command) if spread[0] > spread[1] else ("q", q)
     if _beyond(values, joint, description):
-        _raise(record, f"{large} of {joint} spans {np.nanmax(values) - np.nanmin(values):.3g} rad, "
+        yield _of_unit(f"{large} of {joint} spans {np.nanmax(values) - np.nanmin(values):.3g} rad, "
                        f"{max(spread) / min(spread):.0f} times the other: probably {large} is in "
-                       "deg")  # fmt: skip
+                       "deg", joint, large, UNIT, "deg")  # fmt: skip
 
 
 def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
@@ -154,40 +190,50 @@ def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
     return bool(np.nanmax(values) > high + room or np.nanmin(values) < low - room)
 
 
-def _limits(record: Record, joint: str, description: Description) -> None:
+def _limits(record: Record, joint: str, description: Description) -> Iterator[Finding]:
     """Angles against the limits of the joint: all of them in degrees."""
     q = _of(record, "q", joint)
     low, high = description.limits(joint)
     if q is None or not np.isfinite(high - low) or not _beyond(q, joint, description):
         return
+    count = round(float(np.nanmedian(q)) / TURN)
+    if count and not _beyond(q - TURN * count, joint, description):
+        offset = Change(MAPPING, OFFSET, -TURN * count, "q", joint)
+        says = f"q of {joint} is {count} turns beyond its limits of {low:.3g} and {high:.3g}"
+        yield Finding("turns", (joint,), says, (offset,))
+        return
     spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} rad, its limits " \
             f"are {low:.3g} and {high:.3g}"  # fmt: skip
     if not _beyond(q / DEGREE, joint, description):
-        _raise(record, f"{spans}: probably q is in deg")
-    _raise(record, f"{spans}: a wrong unit or scale")
+        yield _of_both(record, joint, f"{spans}: probably q is in deg")
+    else:
+        yield _of_unit(f"{spans}: a wrong unit or scale", joint)
 
 
-def _torque(record: Record, robot: Robot) -> None:
-    """Measured torque against its command and against the limit of the joint."""
+def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
+    """Torques against the limit of the joint, and the measured one against its command."""
     torque = record.command.get("torque")
     for joint in record.joints:
-        tau = _of(record, "tau", joint)
-        if tau is not None and torque is not None and joint in record.driven:
-            ratio, alike = slope(torque[:, record.driven.index(joint)], tau)
-            if alike > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
-                what = "in mN·m" if abs(np.log(ratio / 1e3)) < 0.3 else "a current in A"
-                _raise(record, f"tau of {joint} is {ratio:.3g} times command_torque: probably "
-                               f"{what}, not N·m")  # fmt: skip
+        tau, told = _of(record, "tau", joint), None
+        if torque is not None and joint in record.driven:
+            told = torque[:, record.driven.index(joint)]
         limit = robot.effort[robot.joints.index(joint)]
-        if tau is not None and np.isfinite(limit) and limit > 0.0:
-            _size(record, "tau", joint, tau, limit)
-    for i, joint in enumerate(record.driven if torque is not None else ()):
-        limit = robot.effort[robot.joints.index(joint)]
-        if np.isfinite(limit) and limit > 0.0:
-            _size(record, "command_torque", joint, torque[:, i], 4.0 * limit)
+        limit = limit if limit > 0.0 else np.inf
+        large = [] if told is None else list(_size("command_torque", joint, told, limit, 4.0))
+        large += [] if tau is None else list(_size("tau", joint, tau, limit))
+        yield from large
+        if tau is None or told is None or large:
+            continue
+        ratio, alike = slope(told, tau)
+        if alike > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
+            milli = abs(np.log(ratio / 1e3)) < 0.3
+            mend = (UNIT, "mN m") if milli else (SCALE, float(1.0 / ratio))
+            yield _of_unit(f"tau of {joint} is {ratio:.3g} times command_torque: probably "
+                           f"{'in mN·m' if milli else 'a current in A'}, not N·m", joint,
+                           "tau", *mend)  # fmt: skip
 
 
-def _unsigned(record: Record) -> None:
+def _unsigned(record: Record) -> Iterator[Finding]:
     """Measured torque against what asks for it: a size without its sign.
 
     A joint that is loaded to one side has torque of one sign, too, but then what asks for it
@@ -208,48 +254,53 @@ def _unsigned(record: Record) -> None:
         size = slope(np.abs(asked), np.abs(tau))[1]
         if ways > BOTH_WAYS and size > 0.7 and size > signed + 0.3:
             what = "command_torque" if kind == "torque" else "command minus q"
-            _raise(record, f"tau of {joint} has one sign only, and follows the size of {what} "
+            yield _of_unit(f"tau of {joint} has one sign only, and follows the size of {what} "
                            f"(correlation {size:.2f}) but not its sign ({signed:.2f}): probably "
-                           "tau is unsigned")  # fmt: skip
+                           "tau is unsigned", joint)  # fmt: skip
 
 
-def _size(record: Record, what: str, joint: str, values: np.ndarray, limit: float) -> None:
+def _size(
+    what: str, joint: str, values: np.ndarray, limit: float, beyond: float = 1.0
+) -> Iterator[Finding]:
+    """Torques many times the limit of a joint; a command may ask for so many times more."""
     known = np.abs(values[np.isfinite(values)])
     usual = float(np.percentile(known, 99.0)) if len(known) else 0.0
-    if usual > 5.0 * limit:
-        unit = "mN·m" if usual > 100.0 * limit else "A or in counts"
-        _raise(record, f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the "
-                       f"joint: probably it is in {unit}, not N·m")  # fmt: skip
+    if usual > 5.0 * beyond * limit:
+        milli = usual > 100.0 * limit
+        unit = "mN·m" if milli else "A or in counts"
+        yield _of_unit(f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the "
+                       f"joint: probably it is in {unit}, not N·m", joint, what, UNIT,
+                       "mN m" if milli else "")  # fmt: skip
 
 
-def _imu(record: Record) -> None:
+def _imu(record: Record) -> Iterator[Finding]:
     gyro, acceleration = record.signals.get("gyro"), record.signals.get("acceleration")
     if gyro is not None:
         size = np.linalg.norm(gyro, axis=1)
         size = size[np.isfinite(size)]
         if len(size) and np.percentile(size, 90.0) > 35.0:
-            _raise(record, f"gyro reaches {np.percentile(size, 90.0):.3g} rad/s: probably deg/s")
+            yield _of_unit(f"gyro reaches {np.percentile(size, 90.0):.3g} rad/s: probably deg/s",
+                           "", "gyro", UNIT, "deg/s")  # fmt: skip
     if acceleration is not None:
         size = np.linalg.norm(acceleration, axis=1)
         size = size[np.isfinite(size)]
         usual = float(np.median(size)) if len(size) else 9.8
         for low, high, unit in ((0.75, 1.3, "g"), (750.0, 1300.0, "mg")):
             if low < usual < high:
-                _raise(
-                    record, f"acceleration is {usual:.3g} m/s² most of the time: probably {unit}"
-                )
+                says = f"acceleration is {usual:.3g} m/s² most of the time: probably {unit}"
+                yield _of_unit(says, "", "acceleration", UNIT, unit)
     for role in ("orientation", "base_orientation"):
         q = record.signals.get(role)
         if q is not None and np.nanmedian(np.abs(q[:, 0])) > 0.9:
-            _raise(record, f"{role} has its largest part in x, a robot on its back: probably the "
+            yield _of_unit(f"{role} has its largest part in x, a robot on its back: probably the "
                            "order is w, x, y, z")  # fmt: skip
 
 
-def _inputs(record: Record) -> None:
+def _inputs(record: Record) -> Iterator[Finding]:
     supply, enable = record.inputs.get("supply"), record.inputs.get("enable")
     usual = 1.0 if supply is None else float(np.median(supply))
     if not 0.3 <= usual <= 2.5:
-        _raise(record, f"supply is {usual:.3g} most of the time, not near 1: probably in V, to be "
+        yield _of_unit(f"supply is {usual:.3g} most of the time, not near 1: probably in V, to be "
                        "divided by the nominal voltage (unit: V, scale: 1/12)")  # fmt: skip
     if enable is not None and not np.all((enable == 0.0) | (enable == 1.0)):
-        _raise(record, f"enable must be 0 or 1, it has {np.min(enable):g} to {np.max(enable):g}")
+        yield _of_unit(f"enable must be 0 or 1, it has {np.min(enable):g} to {np.max(enable):g}")

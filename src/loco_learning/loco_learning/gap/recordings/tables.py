@@ -17,7 +17,6 @@ from loco_control.reading import parse_csv, parse_json, read_text, understood
 from . import foreign
 
 KINDS = (".csv", ".txt", ".tsv", ".json", ".jsonl", ".pt", ".parquet")
-TEXTS = ("type",)  # columns of words that logs of SAGE have
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 
 
@@ -29,11 +28,13 @@ class Table:
         path: File that it was read from.
         columns: Numbers by name, all of one length; NaN for an empty field.
         header: Other fields of a JSON log.
+        texts: Why a column of a CSV file holds no numbers, by name; it is no one's until mapped.
     """
 
     path: Path
     columns: dict[str, np.ndarray]
     header: dict[str, Any] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -43,7 +44,11 @@ class Table:
 
         Raises:
             NameUnknownError: The file has no such column.
+            ParameterError: It does not hold numbers.
         """
+        for text in (name, name.split("[")[0]):
+            if text in self.texts:
+                raise ParameterError(self.texts[text])
         if name not in self.columns:
             raise NameUnknownError(f"column in {self.path.name}", name, self.columns)
         return self.columns[name]
@@ -58,7 +63,8 @@ def episodes(table: Table) -> list[Table]:
     for number in np.unique(numbers[np.isfinite(numbers)]):
         rows = numbers == number
         columns = {name: values[rows] for name, values in table.columns.items()}
-        found.append(Table(table.path, columns, {**table.header, foreign.EPISODE: int(number)}))
+        header = {**table.header, foreign.EPISODE: int(number)}
+        found.append(Table(table.path, columns, header, table.texts))
     return found
 
 
@@ -95,7 +101,7 @@ def read(path: str | Path, samples: str = "") -> Table:
         ]
         table = _from_json(path, rows, samples)
     else:
-        table = Table(path, _from_csv(path, text))
+        table = _from_csv(path, text)
     if not table.columns or not len(table):
         raise ParameterError(f"{path.name} has no samples")
     return table
@@ -106,7 +112,7 @@ def _kind(path: Path) -> str:
     return Path(name).suffix
 
 
-def _from_csv(path: Path, text: str) -> dict[str, np.ndarray]:
+def _from_csv(path: Path, text: str) -> Table:
     """Columns under a header line; empty columns without a name are left out."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
@@ -121,14 +127,18 @@ def _from_csv(path: Path, text: str) -> dict[str, np.ndarray]:
         )
     cells = list(zip(*_padded(path, rows, len(names)), strict=True))
     found: dict[str, np.ndarray] = {}
+    texts: dict[str, str] = {}
     for name, values in zip(names, cells, strict=False):
-        if name in found:
+        if name in found or name in texts:
             raise ParameterError(f"{path.name} has two columns named {name!r}")
-        if name and any(value.lstrip().startswith("[") for value in values[:1]):
-            found |= _lists(path, name, values)
-        elif name and name not in TEXTS:
-            found[name] = _numbers(path, name, values, separator == ";")
-    return found
+        try:
+            if name and any(value.lstrip().startswith("[") for value in values[:1]):
+                found |= _lists(path, name, values)
+            elif name:
+                found[name] = _numbers(path, name, values, separator == ";")
+        except ParameterError as error:
+            texts[name] = str(error)
+    return Table(path, found, texts=texts)
 
 
 def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -14,9 +15,13 @@ from loco_sim.robot.robot import Robot, joint_index
 from loco_sim.robot.servo import TorqueDrive
 
 from . import units
-from .mapping import ROLES, UNUSED, Column, Mapping, Rule
+from .units import periodic
+from .mapping import ROLES, UNUSED, Column, Mapping, Mend, Rule
+from .record import JOINT_SIGNALS, Doubt
 
 JOINT, NAMED = "{joint}", ("column", "topic", "file")
+COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that a follower has too
+GIVEN = ("supply", "enable", "stance")  # roles that the robot is given beside commands
 
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
@@ -39,6 +44,7 @@ class Track:
         x: Values in the SI unit of the role, (K,).
         source: Column or topic, for messages.
         line: A command that runs straight from sample to sample.
+        empty: Cells of a table that hold no reading of it.
     """
 
     role: str
@@ -47,6 +53,7 @@ class Track:
     x: np.ndarray
     source: str
     line: bool = False
+    empty: int = 0
 
     @property
     def label(self) -> str:
@@ -59,6 +66,7 @@ class Source(Protocol):
 
     name: str
     header: dict
+    notes: list[str]
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
         """Stamps [s] and raw values of a column, each (K,)."""
@@ -77,15 +85,49 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
     for column in of_joints(mapping, robot):
         _check_place(column, types)
         t, raw = source.series(column)
+        gone = np.full(len(raw), False) if column.missing is None else raw == column.missing
+        raw = np.where(gone, np.nan, raw)
         x = values(column, raw, mapping.trust_units)
         if not column.file and not column.topic:
-            t, x = t[slice(*rule.rows)], x[slice(*rule.rows)]
-        inside = (t >= rule.start) & (t <= rule.end)
+            t, x, gone = (part[slice(*rule.rows)] for part in (t, x, gone))
+        empty = np.isnan(x) & (gone | (not column.topic))
+        if gone.any():
+            label = f"{column.role} of {column.place}".removesuffix(" of ")
+            source.notes.append(_left_out(label, gone, column.missing))
+        if not empty.all():  # else it was not measured
+            t, x = t[~empty], x[~empty]
+        inside = (t >= rule.start) & (t <= rule.end) | ~np.isfinite(t)
         if column.role != UNUSED:
             label = f"column {column.column!r}"
             line = column.between == "line"
-            found.append(Track(column.role, column.place, t[inside], x[inside], label, line))
+            some = int((empty & ~gone).sum()) % max(len(empty), 1)
+            found.append(Track(column.role, column.place, t[inside], x[inside], label, line, some))
     return found
+
+
+def _left_out(label: str, gone: np.ndarray, value: float | None) -> Doubt:
+    count = f"{int(gone.sum()):,} of {len(gone):,} readings"
+    return Doubt(f"{label}: {count} are {value:g}, which the mapping calls missing: left out")
+
+
+def without(found: list[Track], value: float | None, notes: list[str]) -> list[Track]:
+    """Tracks without the readings whose position is a value that stands for none.
+
+    Speeds and torques of the same joint and stamp came from the same publisher and go, too.
+
+    Args:
+        found: Tracks of a bag.
+        value: Position that stands for no reading; None leaves all.
+        notes: Takes a sentence for each joint.
+    """
+    gone = {k.place: k.t[k.x == value] for k in found if k.role == "q" and value is not None}
+    made = []
+    for track in found:
+        rows = np.isin(track.t, gone.get(track.place, ())) & (track.role in JOINT_SIGNALS)
+        if rows.any() and track.role == "q":
+            notes.append(_left_out(track.label, rows, value))
+        made.append(replace(track, t=track.t[~rows], x=track.x[~rows]) if rows.any() else track)
+    return made
 
 
 def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
@@ -130,6 +172,50 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
     return made
 
 
+def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
+    """Tracks with what a mapping says on top of what was read, one line after the other.
+
+    Raises:
+        ParameterError: A line is of a signal that is not there.
+    """
+    made, renamed = list(found), dict[int, str]()
+    for mend in mends:
+        mine = [i for i, k in enumerate(made) if k.role == mend.role
+                and mend.place in ("", k.place)]  # fmt: skip
+        if not mine:
+            raise ParameterError(
+                f"mend: there is no {mend.role} of {mend.place or 'any place'}; there are "
+                f"{', '.join(dict.fromkeys(k.label for k in made)) or 'no signals'}"
+            )
+        for i in mine:
+            x = made[i].x
+            x = periodic(x, mend.period) if mend.period else x
+            made[i] = replace(made[i], x=mend.gain * x + mend.offset)
+            if mend.other:
+                renamed[i] = mend.other
+    return [replace(k, place=renamed.get(i, k.place)) for i, k in enumerate(made)]
+
+
+def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Track]:
+    """Tracks with those of joints that follow another one and that nobody recorded.
+
+    Args:
+        found: Tracks of the file.
+        robot: Robot that was measured.
+        notes: Takes a sentence for each such joint.
+    """
+    made = list(found)
+    for joint, (leader, factor, offset) in robot.followers.items():
+        there = {track.role for track in found if track.place == joint}
+        led = [t for t in found if t.place == leader and t.role in COUPLED and t.role not in there]
+        for track in led:
+            shift = offset if track.role in COUPLED[:2] else 0.0
+            made.append(replace(track, place=joint, x=factor * track.x + shift))
+        if "q" in {track.role for track in led}:
+            notes.append(f"{joint} was not recorded: made from {leader}, which it follows")
+    return made
+
+
 def _check_place(column: Column, types: dict[str, str]) -> None:
     kind = ROLES[column.role][1]
     if kind == "axis" and column.place not in AXES[column.role]:
@@ -164,9 +250,7 @@ def values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
         )
     x = raw * column.gain
     if column.wrap == "2pi":
-        known = np.isfinite(x)
-        x = x.copy()
-        x[known] = np.unwrap(x[known])
+        x = periodic(x, units.TURN)
     return x + column.offset
 
 

@@ -9,6 +9,8 @@ import operator
 import re
 from typing import Any
 
+import numpy as np
+
 from loco_control.exceptions import NameUnknownError, ParameterError
 
 TURN = 2.0 * math.pi
@@ -127,3 +129,11 @@ def _evaluate(node: ast.AST) -> float:
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         return _OPERATORS[type(node.op)](_evaluate(node.left), _evaluate(node.right))
     raise ValueError("not a number")
+
+
+def periodic(x: np.ndarray, period: float) -> np.ndarray:
+    """Values without jumps of a period between neighbours, (K,)."""
+    known = np.isfinite(x)
+    x = x.copy()
+    x[known] = np.unwrap(x[known], period=period)
+    return x

@@ -110,9 +110,9 @@ def by_channel(residuals: Sequence[np.ndarray]) -> list[float]:
 
 
 def closed(before: float, after: float, floor: float = 1.0) -> float:
-    """Share of the reducible gap that is closed, 1 = down to the floor, below 0 = worse.
+    """Share of the rms above noise that is closed, 1 = down to the floor, below 0 = worse.
 
-    ``1 - (after² - floor²) / (before² - floor²)``; 0 when there was no gap to close.
+    ``1 - sqrt((after² - floor²) / (before² - floor²))``; 0 when there was no gap to close.
 
     Args:
         before: Whitened rms of the model as it came [floors].
@@ -122,7 +122,7 @@ def closed(before: float, after: float, floor: float = 1.0) -> float:
     gap = before**2 - floor**2
     if not gap > 1e-9:
         return 0.0
-    return 1.0 - max(after**2 - floor**2, 0.0) / gap
+    return 1.0 - math.sqrt(max(after**2 - floor**2, 0.0) / gap)
 
 
 def excess(residuals: Sequence[np.ndarray]) -> float:
@@ -136,7 +136,9 @@ def excess(residuals: Sequence[np.ndarray]) -> float:
 
 
 def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> float:
-    """Share of the excess of one model that another one closes; 0 when there was none.
+    """Share of the rms above noise of one model that another one closes; 0 when there was none.
+
+    The one measure of what is closed, whoever asks: the root of `excess`.
 
     Args:
         before: Whitened residual per record, (T, C), NaN = not measured.
@@ -144,7 +146,7 @@ def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> floa
     """
     gap = excess(before)
     count = sum(int(np.isfinite(r).sum()) for r in before)
-    return 1.0 - excess(after) / gap if gap > 1e-9 * count else 0.0
+    return 1.0 - math.sqrt(excess(after) / gap) if gap > 1e-9 * count else 0.0
 
 
 def score(residuals: Sequence[np.ndarray]) -> Score:

@@ -4,6 +4,10 @@
 Differences of order k remove what a polynomial of degree k - 1 describes over k + 1
 samples and keep white noise, whose variance they multiply by ``binomial(2k, k)``. The
 smallest estimate over several orders is the one least disturbed by motion.
+
+Of readings that are multiples of a step, a median of differences is a multiple of the step
+too, and as much as a third off. Uniform dither as wide as the step makes the differences
+continuous; its variance, which is known, is taken off again.
 """
 
 from __future__ import annotations
@@ -14,6 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 
 ORDERS = (2, 3, 4, 5, 6)
+FEWEST = 8  # differences of an order that say something
+SEED = 7_290_418_553  # of dither; small seeds draw simulated noise, which dither must not repeat
+DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # of a channel's own deviation: no floor is set below it
 EFFORT = 0.02  # the same of a torque: on robots it is an estimate from current or pressure
@@ -38,8 +45,9 @@ def floor(
         (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `least`.
     """
     columns = [[record[:, c] for record in measured] for c in range(measured[0].shape[1])]
-    noise = np.array([white(column) for column in columns])
-    steps = np.asarray(resolution, dtype=float) / math.sqrt(12.0)
+    rounding = np.broadcast_to(np.asarray(resolution, dtype=float), len(columns))
+    noise = np.array([white(c, step) for c, step in zip(columns, rounding, strict=True)])
+    steps = rounding / math.sqrt(12.0)
     spread = np.array([_deviation(column) for column in columns])
     return np.maximum(np.maximum(noise, steps), least(spread, signals))
 
@@ -60,20 +68,43 @@ def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
     return np.maximum(np.maximum(own, alike), np.finfo(float).tiny ** 0.5)
 
 
-def white(columns: Sequence[np.ndarray]) -> float:
+def white(
+    columns: Sequence[np.ndarray],
+    step: float = 0.0,
+    orders: Sequence[int] = ORDERS,
+    fewest: int = FEWEST,
+) -> float:
     """Deviation of the white noise in one channel's records, 0 when too few samples.
 
     Args:
         columns: (T,) per record, NaN where nothing was measured; samples are taken as
             evenly spaced between gaps.
+        step: Quantisation step of the readings; the deviation includes that of rounding.
+        orders: Orders of differences, of which the smallest deviation counts.
+        fewest: Differences that an order needs.
     """
-    estimates = []
-    for order in ORDERS:
-        values = np.concatenate([_differences(column, order) for column in columns])
-        if len(values) >= 8:
-            gain = math.sqrt(math.comb(2 * order, order))
-            estimates.append(TO_DEVIATION * float(np.median(np.abs(values))) / gain)
-    return min(estimates, default=0.0)
+    dithered = [_dithered(column, step) for column in columns]
+    found = []
+    for order in orders:
+        values = [_differences(column, order) for column in dithered]
+        if sum(map(len, values)) >= fewest:
+            found.append(_white(np.concatenate(values).ravel(), order, step))
+    return min(found, default=0.0)
+
+
+def _white(values: np.ndarray, order: int, step: float) -> float:
+    """Deviation by differences of an order, without that of dither."""
+    variance = (TO_DEVIATION * float(np.median(np.abs(values)))) ** 2 / math.comb(2 * order, order)
+    return math.sqrt(max(0.0, variance - step**2 / 12.0))
+
+
+def _dithered(column: np.ndarray, step: float) -> np.ndarray:
+    """A record with each draw of dither, (T, draws); as it is, (T, 1), without a step."""
+    if step == 0.0:
+        return column[:, None]
+    # The same draws for each record: the estimate does not depend on the order of records.
+    dither = np.random.default_rng(SEED).uniform(-0.5, 0.5, (len(column), DITHERS))
+    return column[:, None] + step * dither
 
 
 def total(noise: np.ndarray, numeric: np.ndarray | float = 0.0) -> np.ndarray:
@@ -81,12 +112,12 @@ def total(noise: np.ndarray, numeric: np.ndarray | float = 0.0) -> np.ndarray:
     return np.sqrt(np.square(noise) + np.square(numeric))
 
 
-def _differences(column: np.ndarray, order: int) -> np.ndarray:
-    """Differences of an order over neighbouring samples, none across a gap."""
-    index = np.flatnonzero(np.isfinite(column))
+def _differences(columns: np.ndarray, order: int) -> np.ndarray:
+    """Differences of an order over neighbours in a (T, k) record, none across a gap: (D, k)."""
+    index = np.flatnonzero(np.isfinite(columns[:, 0]))
     if len(index) <= order:
-        return np.empty(0)
-    values = np.diff(column[index], order)
+        return np.empty((0, columns.shape[1]))
+    values = np.diff(columns[index], order, axis=0)
     stride = np.median(np.diff(index))  # more than 1 when measured more rarely than the axis
     return values[index[order:] - index[:-order] <= 1.5 * stride * order]
 

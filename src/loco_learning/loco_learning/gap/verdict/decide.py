@@ -45,15 +45,16 @@ class Limits(Params):
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     worse: float = parameter(3.0, "rms over the best model's beyond which it is no rival", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
-    closed: float = parameter(0.3, "smallest share of the gap that an effect closes", high=1.0)
+    # Shares that are closed are those of the rms above noise (`evidence.closed_by`).
+    closed: float = parameter(0.163, "smallest share of the gap that an effect closes", high=1.0)
     # No model of hardware follows a large gap down to noise (taste).
     most: float = parameter(
         0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
         high=1.0,
     )  # fmt: skip
     large: float = parameter(
-        0.5, "share of the rms above noise that established effects must close to be named while "
-        "more is missing", low=0.0, high=1.0
+        0.5, "share of the gap that established effects must close to be named while more is "
+        "missing", low=0.0, high=1.0
     )  # fmt: skip
     aside: float = parameter(
         0.1, "share of the whole gap that may be in channels that the model leaves alone", high=1.0
@@ -175,7 +176,7 @@ def decide(
     """
     residuals = whole or (before.residuals, after.residuals)
     if not (has_gap(residuals[0], limits) if gap is None else gap):
-        text = f"The model explains the data: {before.rms:.2f} times the noise floor."
+        text = f"The model explains the data: {before.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
     rulings = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
@@ -225,18 +226,27 @@ def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
             found.append(f"{where} is {kind}, which is not physical")
         if e in open_ends:
             found.append(f"{where} has no interval: the data do not determine it")
-        if e.absent is not None and e.spread > limits.spread * abs(e.value - e.absent):
+        if e.absent is not None and e.spread > limits.spread * _size(e, candidate.estimates):
             found.append(f"{where} differs by {e.spread:.2g} between parts of the data")
     return tuple(found)
+
+
+def _size(one: Estimate, estimates: Sequence[Estimate]) -> float:
+    """Largest way from nothing of the strengths in its unit: a part of a vector may be 0."""
+    alike = (e for e in estimates if e.absent is not None and e.unit == one.unit)
+    return max(abs(e.value - e.absent) for e in alike)
 
 
 def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
     """Those without an interval, where they keep an effect from having a size.
 
+    A stop that is harder than can be seen has a size at least: its interval has no upper end.
+
     A force along one axis of a bolted joint has two components that do nothing; a stop that is
     hardly touched has a damping that nobody sees. Its strength is what must be known.
     """
-    unsure = [e for e in estimates if not (math.isfinite(e.low) and math.isfinite(e.high))]
+    open_ends = [e for e in estimates if not (math.isfinite(e.low) and math.isfinite(e.high))]
+    unsure = [e for e in open_ends if e.absent is None or e.low <= e.absent <= e.high]
     known = any(e.absent is not None and e not in unsure for e in estimates)
     return [] if known else unsure
 
@@ -331,9 +341,8 @@ def large(
         after: Score of the selected model on it.
         limits: Conditions for a name.
     """
-    least = 1.0 - (1.0 - limits.large) ** 2
     pairs = whole, (before.residuals, after.residuals)
-    return all(evidence.closed_by(*pair) >= least for pair in pairs)
+    return all(evidence.closed_by(*pair) >= limits.large for pair in pairs)
 
 
 def _overall(rulings: Sequence[Ruling], adequate: bool, much: bool) -> str:
@@ -373,6 +382,8 @@ def _summary(
         beside = " and ".join(_names(rulings, UNKNOWN))
         return f"With {names} {gap}, but only beside {beside}, which the data do not establish."
     best = " and ".join(filter(None, [names, *groups]))
+    if not after < before:
+        return f"No known effect explains the gap of {before:.3g} noise floors, or lowers it."
     part = f"{best} would close part of it, to" if best else "the best try leaves"
     return f"No known effect explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
 

@@ -50,12 +50,12 @@ from .rivals import (
     trifle,
 )
 from .sensitivity import sensitivities
-from .traded import LeftOut, Nominal, little_off, strayed
+from .traded import LeftOut, Nominal, crowded, little_off, strayed
 
 BENT = 1.0  # deviations of a value of the robot from which on effects change what it does (taste)
 INSTEAD = 2  # rivals that may take the place of a model that does not stand
 LEADING = 4  # models of which the simplest that nobody beats is selected
-LEAST_SHARE = 0.02  # of the gap that one effect more must close
+LEAST_SHARE = 0.02  # of the energy above noise that one effect more must close (battery)
 LOOK_ALIKES = 2  # of those that were not fitted yet are tried, however many others were
 LITTLE_BESIDE = 0.1  # of the largest size in a family: below, a joint is not in it (taste)
 LESS, NEARLY = 0.4, 1.5  # or below this, if so many times its interval reaches nothing (taste)
@@ -146,6 +146,10 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
             f"{found.given.held.rms:.2f} noise floors before, {base.held.rms:.2f} after."
         )
         judged = replace(judged, decision=replace(judged.decision, evidence=text))
+    together = crowded(case, judged.after)
+    if together and judged.decision.verdict == NAMED:
+        text = f"{judged.decision.evidence} More is missing: {together}."
+        judged = replace(judged, decision=replace(judged.decision, verdict=MORE, evidence=text))
     alarms = (
         *judged.decision.alarms,
         *nominal.alarms(judged.after, limits),
@@ -230,7 +234,7 @@ class _Judgement:
         best, lost = self._pruned(best, limits)
         estimates, known = sensitivities(self.case, best, doubtful=True)
         narrower = self._narrowed(best, estimates)
-        if narrower and not self.beats(best, narrower, limits):
+        if narrower and not self._needs(best, narrower, limits):
             return self._judged(narrower, limits)
         swaps = [self._swaps(best, i, without) for i, without in enumerate(lost)]
         rest = self._finished([m for each in swaps for m in each])
@@ -271,7 +275,7 @@ class _Judgement:
         """A model without effects that it can do without, and what it is without each left."""
         while True:
             lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
-            idle = [m for m in lost if m.parts and not self.beats(best, m, limits)]
+            idle = [m for m in lost if m.parts and not self._needs(best, m, limits)]
             if not idle:
                 return best, lost
             best = min(idle, key=lambda m: (self.search.energy(m), m.key))
@@ -294,9 +298,29 @@ class _Judgement:
         """A model is more probable; one with more effects also explains visibly more."""
         if self._odds(a, b).odds <= limits.odds and ratio(b, a) <= sharp(limits, a).worse:
             return False
-        more = self._closed(a) - self._closed(b)
-        plain = self._explains(b, limits) and more <= LEAST_SHARE
-        return len(a.parts) <= len(b.parts) or not plain
+        return len(a.parts) <= len(b.parts) or not self._plain(a, b, limits)
+
+    def _needs(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
+        """A model needs what a smaller one lacks: that is worse on held-out data beyond chance.
+
+        Where the smaller one leaves nothing above the floor, chance is what the odds say.
+        """
+        if self.beats(a, b, limits):
+            return True
+        return not self._settled(b, limits) and self._gain(a, b)[0].low > 0.0
+
+    def _plain(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
+        """A model with fewer effects leaves nothing above the floor, and next to no more."""
+        base, more, less = (
+            evidence.excess(self._weighed(self.found.base, m)[1].residuals)
+            for m in (self.found.base, a, b)
+        )
+        return self._settled(b, limits) and less - more <= LEAST_SHARE * base
+
+    def _settled(self, model: Fitted, limits: Limits) -> bool:
+        """A model leaves nothing above the floor, or above the accuracy that is asked for."""
+        nothing = limits.replace(most=1.0, aside=0.0)
+        return adequate(self.found.base.whole, model.whole, nothing, self.enough)
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
         """Models fitted with their own step error; the better of before and after.

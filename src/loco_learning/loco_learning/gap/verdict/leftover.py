@@ -38,7 +38,7 @@ def adequate(
     limits: Limits,
     enough: np.ndarray | None = None,
 ) -> bool:
-    """In every channel of every record the model is near the floor or most of the gap closed.
+    """In every channel of every record the model is near the floor or most of the rms closed.
 
     What was left alone is another matter: a small part of the whole gap may be there, if it is
     not loud by itself.

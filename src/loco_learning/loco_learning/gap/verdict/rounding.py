@@ -43,7 +43,7 @@ def steps(records: Sequence[Record], robot: Robot) -> dict[str, float]:
         step = min(known, default=0.0)  # one record with finer readings tells the sensor's step
         if joint in robot.hall or not step > COARSER * declared(robot, joint):
             continue
-        if step > VISIBLE * noise.white([r.joints_of(robot, "q")[:, j] for r in records]):
+        if step > VISIBLE * noise.white([r.read_of(robot, "q")[:, j] for r in records], step):
             found[joint] = step
     return found
 

@@ -21,7 +21,7 @@ from loco_sim.robot.robot import Robot
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..prediction.nominal import parted, torques
+from ..prediction.nominal import torques
 from ..statistics import identify
 
 SCALE_STEP = 0.1  # on the logarithm of a scale
@@ -112,4 +112,4 @@ def _forceful(hypothesis: Hypothesis, index: int) -> bool:
 
 def _with(case: Case, model: Fitted) -> Robot:
     """The robot with the nominal values that were refitted."""
-    return case.forward.given(parted(model.settled)[0])
+    return case.forward.given(model.settled)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from loco_sim.effects.base import EFFECTS
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..statistics import identify, robust
+from ..statistics import identify, profile, robust
 from . import doubt
 from .candidates import Estimate
 
@@ -21,6 +21,7 @@ STRENGTH_STEP, LOG_STEP = (
     0.05,
     0.1,
 )  # of a strength, and on the logarithm of a shape or nominal value
+STRAIGHT = 0.3  # half of an interval over the size from which on derivatives may err (taste)
 NORMAL = 1.96  # standard errors of a 95 % interval
 UNLIKELY = 1e-3  # probability below which parts of the data want other values
 
@@ -54,10 +55,12 @@ def sensitivities(
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
     with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, doubts, groups)
     found, start = {}, 0
-    for hypothesis, x in model.parts:
+    for i, (hypothesis, x) in enumerate(model.parts):
         rows = slice(start, start + len(x))
         each = half[rows], spread[rows], with_shapes[rows]
-        found[hypothesis.key] = estimates(hypothesis, x, *each)
+        alone = known.errors_alone[rows]
+        ends = _profiled(kept, model, i, here, half[rows], alone) if doubtful else {}
+        found[hypothesis.key] = estimates(hypothesis, x, *each, ends)
         start += len(x)
     return found, known
 
@@ -86,6 +89,7 @@ def estimates(
     half: np.ndarray,
     spread: np.ndarray,
     with_shapes: np.ndarray,
+    ends: Mapping[int, tuple[float, float]] | None = None,
 ) -> tuple[Estimate, ...]:
     """Parameters of one effect with 95 % intervals, in their units.
 
@@ -95,16 +99,59 @@ def estimates(
         half: Half of their 95 % intervals.
         spread: Their deviation between parts of the data.
         with_shapes: Half of the intervals with all shapes as they are.
+        ends: Both ends of the interval of some coordinates, where simulations told them.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     found = []
     columns = hypothesis.coordinates, x, half, spread, with_shapes
-    for c, at, far, wide, sure in zip(*columns, strict=True):
-        ends = sorted(_unbounded(c, at + side * far) for side in (-1.0, 1.0))
+    for j, (c, at, far, wide, sure) in enumerate(zip(*columns, strict=True)):
+        both = (ends or {}).get(j, (at - far, at + far))
+        if both[0] > 0.0 or both[1] < 0.0:  # nothing is outside, whatever derivatives say
+            sure = min(sure, abs(at) - 1e-12) if j in (ends or {}) else sure
+        both = sorted(_unbounded(c, end) for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
         size = (0.0, sign, abs(wide * c.size), abs(sure * c.size)) if c.strength else (None,)
-        found.append(Estimate(c.label, c.value(at), *ends, c.unit, c.low, c.high, *size))
+        found.append(Estimate(c.label, c.value(at), *both, c.unit, c.low, c.high, *size))
     return tuple(found)
+
+
+def _profiled(
+    case: Case,
+    model: Fitted,
+    index: int,
+    here: Sequence[np.ndarray],
+    half: np.ndarray,
+    alone: np.ndarray,
+) -> dict[int, tuple[float, float]]:
+    """Ends of the intervals of an effect's strengths where derivatives may not tell them.
+
+    Args:
+        case: Model and data, values of the robot as they are.
+        model: Fitted model.
+        index: Number of the effect.
+        here: Residuals of the model, (T, C) each.
+        half: Half of the intervals by derivatives.
+        alone: Standard errors if all else were known.
+    """
+    hypothesis, x = model.parts[index]
+    smooth = EFFECTS[hypothesis.effect].identity.smooth
+    weight, left = identify.weights(model.score), np.nan_to_num(identify.flat(here))
+    found = {}
+    for j in hypothesis.strengths:
+        at, far = x[j], float(half[j])
+        usable = np.isfinite([far, alone[j]]).all() and at != 0.0
+        if not usable or (smooth and far <= STRAIGHT * abs(at)):
+            continue
+
+        def cost(value: float, j: int = j) -> float:
+            specs = model.moved(index, [value if k == j else v for k, v in enumerate(x)])
+            there = np.nan_to_num(identify.flat(case.whitened(specs, model.settled)))
+            return 0.5 * float(weight @ (np.square(there) - np.square(left)))
+
+        c = hypothesis.coordinates[j]
+        promised = 0.5 * (far / float(alone[j])) ** 2
+        found[j] = profile.ends(cost, at, far, promised, c.one_sided)
+    return found
 
 
 def halves(whole: Sequence[np.ndarray]) -> np.ndarray:

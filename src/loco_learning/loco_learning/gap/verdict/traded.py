@@ -11,13 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import bdtr, ndtr
 
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..prediction.loose import NEAR
+from ..prediction.loose import MOST, NEAR
 from ..statistics.identify import Identifiability
 from .decide import Limits
+from .leftover import RARE
 from .sensitivity import sensitivities
 
 TOLD = 3  # values that are a little off and told by name
@@ -113,13 +118,67 @@ def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
     """Values that nobody knows exactly and that went further than believable, a sentence each."""
     if case.loose is None:
         return ()
+    together = crowded(case, model)
+    on = _names(case, on_bounds(case, model)) if together else ()
     known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
-    return tuple(
+    alone = tuple(
         f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {limits.strained:g} "
         "deviations of what is known of it"
         for name, at, spread in known
-        if abs(model.loose.get(name, at) - at) > limits.strained * spread
+        if name not in on and abs(model.loose.get(name, at) - at) > limits.strained * spread
     )
+    return ((together,) if together else ()) + alone
+
+
+def crowded(case: Case, model: Fitted) -> str:
+    """A sentence where more values lie on their bounds than chance would put there, else empty.
+
+    Each is beyond its largest deviation in one robot of eighty. Of many, most are taken for what
+    the model lacks.
+    """
+    on = on_bounds(case, model)
+    count, beyond = int(np.sum(on)), 2.0 * ndtr(-MOST)
+    if not count or 1.0 - bdtr(count - 1, len(on), beyond) >= RARE:
+        return ""
+    return (
+        f"{count} of {len(on)} values on their bound: the model lacks something that these "
+        f"imitate ({_few(_names(case, on))})"
+    )
+
+
+def on_bounds(case: Case, model: Fitted) -> np.ndarray:
+    """Flags of the values that a model has as far off as they may be, (V,)."""
+    if case.loose is None or not model.loose:
+        return np.zeros(0, dtype=bool)
+    return case.loose.bound(case.loose.deviations(model.loose))
+
+
+def put_right(case: Case, model: Fitted) -> dict[str, Any]:
+    """Values of the robot that a model has and the data establish, by dotted name.
+
+    What lies on its bound imitates something, and what chance explains is not known: both stay as
+    they were.
+    """
+    near = case.loose
+    if near is None or not model.loose:
+        return model.settled
+    by, score = near.deviations(model.loose), model.score
+    weight = [1.0 / (tau * score.scale**2) for tau in score.tau]
+    stays = near.bound(by)
+    stays |= near.idle(np.where(stays, 0.0, by), model.whole, weight)
+    return {**model.overrides, **{n: model.loose[n] for n in _names(case, ~stays)}}
+
+
+def _names(case: Case, flags: np.ndarray) -> list[str]:
+    """Names of values that are flagged, (V,)."""
+    near = case.loose
+    return [name for name, k in zip(near.names, near.of, strict=True) if flags[k]]
+
+
+def _few(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    more = [f"{len(names) - TOLD} more"] if len(names) > TOLD else []
+    return ", ".join([*names[:TOLD], *more])
 
 
 def little_off(case: Case, model: Fitted) -> list[str]:

@@ -13,7 +13,7 @@ from loco_control.params import parameter
 
 from ... import lazy
 from .. import rows
-from ..chain import JointEffect, MotorEffect, TorqueEffect
+from ..chain import DriveEffect, JointEffect, MotorEffect
 from ..identity import Identity, LookAlike, Prior
 from ..readings import Layout, Measuring
 
@@ -26,7 +26,7 @@ _DC_MOTOR = (
 
 
 @dataclass
-class ActuatorLag(TorqueEffect, name="actuator_lag"):
+class ActuatorLag(DriveEffect, name="actuator_lag"):
     """Torque follows what the drive wants with a first-order lag, solved exactly."""
 
     time: float = parameter(0.0, "time constant", "s", low=0.0, high=1.0)
@@ -45,7 +45,7 @@ class ActuatorLag(TorqueEffect, name="actuator_lag"):
             LookAlike("series_elasticity", "hold still and load the joint: a lag gives no way"),
             LookAlike("armature", "torque off: inertia stays, a lag is gone"),
         ),
-        touches=("torque",),
+        touches=("drive",),
     )  # fmt: skip
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
@@ -77,7 +77,7 @@ class TorqueLimit(MotorEffect, name="torque_limit"):
             LookAlike("supply_sag", "one joint alone: the supply holds"),
             LookAlike("spring_saturation", "torque off: the spring still saturates"),
         ),
-        touches=("torque",),
+        touches=("drive",),
         smooth=False,
     )  # fmt: skip
 
@@ -105,7 +105,7 @@ class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
             LookAlike("viscous_friction", "small fast motions: the line is out of reach"),
             LookAlike("supply_sag", "one joint alone at full speed: the supply holds"),
         ),
-        touches=("torque",),
+        touches=("drive",),
         smooth=False,
     )
 
@@ -132,7 +132,7 @@ class SupplySag(MotorEffect, name="supply_sag"):
             LookAlike("torque_constant_error", "load the other joints: a constant does not care"),
             LookAlike("torque_limit", "small torques: the supply sags there too"),
         ),
-        touches=("torque",),
+        touches=("drive",),
     )
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
@@ -161,7 +161,7 @@ class TorqueConstantError(MotorEffect, name="torque_constant_error"):
             LookAlike("supply_sag", "load the other joints"),
             LookAlike("armature", "hold a known weight: inertia does not weigh"),
         ),
-        touches=("torque",),
+        touches=("drive",),
         passive=False,
     )
 
@@ -170,7 +170,7 @@ class TorqueConstantError(MotorEffect, name="torque_constant_error"):
 
 
 @dataclass
-class Backlash(TorqueEffect, name="backlash"):
+class Backlash(DriveEffect, name="backlash"):
     """Play between motor and joint: no torque while the motor crosses it.
 
     The motor is a rotor that only its torque moves while it is free; it lands without
@@ -193,7 +193,7 @@ class Backlash(TorqueEffect, name="backlash"):
             LookAlike("actuation_delay", "a bias torque that never reverses: play is gone"),
             LookAlike("hysteresis", "open the loop and turn the joint by hand: play is free"),
         ),
-        touches=("torque",),
+        touches=("drive",),
         smooth=False,
     )
 
@@ -202,7 +202,7 @@ class Backlash(TorqueEffect, name="backlash"):
 
 
 @dataclass
-class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
+class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
     """A spring between motor and joint; the drive and its sensor see the motor.
 
     The motor's equation is solved implicitly, so a stiff spring is no problem to it; the
@@ -230,7 +230,7 @@ class SeriesElasticity(Measuring, TorqueEffect, name="series_elasticity"):
             LookAlike("trunk_flex", "fix the trunk: the joints alone still give way"),
             LookAlike("torque_constant_error", "ring the joint: a spring adds a resonance"),
         ),
-        touches=("command", "torque", "q", "dq"),
+        touches=("command", "drive", "q", "dq"),
     )
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:

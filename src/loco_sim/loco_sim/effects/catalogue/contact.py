@@ -336,8 +336,8 @@ class Slope(Measuring, Effect, name="slope"):
     The world's frame is that of the ground, x ahead on it.
     """
 
-    pitch: float = parameter(0.0, "uphill ahead", "rad", low=-1.0, high=1.0)
-    roll: float = parameter(0.0, "left side higher", "rad", low=-1.0, high=1.0)
+    pitch: float = parameter(0.0, "uphill ahead", "rad", low=-3.2, high=3.2)
+    roll: float = parameter(0.0, "left side higher", "rad", low=-3.2, high=3.2)
     lasting = True
 
     identity = Identity(

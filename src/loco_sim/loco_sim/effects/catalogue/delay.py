@@ -14,7 +14,7 @@ from loco_control.params import parameter
 
 from .. import rows
 from ..base import Effect
-from ..chain import TorqueEffect
+from ..chain import DriveEffect
 from ..identity import Identity, LookAlike, Prior
 
 
@@ -73,7 +73,7 @@ class CommandDelay(Effect, name="command_delay"):
 
 
 @dataclass
-class ActuationDelay(TorqueEffect, name="actuation_delay"):
+class ActuationDelay(DriveEffect, name="actuation_delay"):
     """Joint torques act late, by a whole number of physics steps.
 
     When it begins, the torque of that moment is held until the late ones arrive.
@@ -94,7 +94,7 @@ class ActuationDelay(TorqueEffect, name="actuation_delay"):
             LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
             LookAlike("backlash", "a bias torque that never reverses: play is gone"),
         ),
-        touches=("torque",),
+        touches=("drive",),
         passive=False,
         smooth=False,
         whole_steps="delay",

@@ -15,9 +15,11 @@ import numpy as np
 
 from loco_control.params import parameter
 
-from ..chain import BrakeEffect
+from .. import rows
+from ..chain import BrakeEffect, TorqueEffect
 from ..identity import Identity, LookAlike, Prior
 from ..offers import Hints, Offer, at_most
+from ..places import eligible, outward
 
 _TOUCHES = ("brake",)
 
@@ -29,7 +31,7 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
     torque: float = parameter(0.0, "friction torque", "N·m", low=0.0, high=200.0)
 
     identity = Identity(
-        site="actuator",
+        site="friction",
         equation="|tau_f| <= torque, against dq; = torque while the joint moves",
         priors={"torque": Prior(0.005, 0.05, 2.0)},
         source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
@@ -58,7 +60,7 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
     velocity: float = parameter(0.1, "at this speed 37 % of it is left", "rad/s", 1e-4, 100.0)
 
     identity = Identity(
-        site="actuator",
+        site="friction",
         equation="|tau_f| <= torque exp(-(dq / velocity)^2), against dq",
         priors={"torque": Prior(0.005, 0.05, 2.0), "velocity": Prior(0.01, 0.1, 1.0)},
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, A survey of models, analysis "
@@ -101,7 +103,7 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
     damping: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0, high=1000.0)
 
     identity = Identity(
-        site="actuator",
+        site="friction",
         equation="tau_f = -damping dq",
         priors={"damping": Prior(0.001, 0.05, 5.0)},
         source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
@@ -124,13 +126,14 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
 
 @dataclass
 class LoadFriction(BrakeEffect, name="load_friction"):
-    """Dry friction of a gear in proportion to the torque that passes through it."""
+    """Dry friction of a gear in proportion to the torque of its drive."""
 
     share: float = parameter(0.0, "friction torque per torque", "-", low=0.0, high=0.95)
+    among = "driven"
 
     identity = Identity(
-        site="actuator",
-        equation="|tau_f| <= share |tau|, against dq",
+        site="friction",
+        equation="|tau_f| <= share |tau_drive|, against dq",
         priors={"share": Prior(0.02, 0.1, 0.4)},
         source="Duclusaud, Passault, Padois, Ly 2024, Extended friction models for the physics "
         "simulation of servo actuators, arXiv 2410.08650 (model M3)",
@@ -146,3 +149,74 @@ class LoadFriction(BrakeEffect, name="load_friction"):
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return 0.0, 0.0, 0.0, 0.0, self.share
+
+
+@dataclass
+class AsymmetricFriction(BrakeEffect, name="asymmetric_friction"):
+    """Dry friction that differs by the direction of motion, as of worm gears and lip seals."""
+
+    forward: float = parameter(0.0, "friction torque where dq > 0", "N·m", low=0.0, high=200.0)
+    backward: float = parameter(0.0, "friction torque where dq < 0", "N·m", low=0.0, high=200.0)
+    among = "driven"
+
+    identity = Identity(
+        site="friction",
+        equation="|tau_f| <= forward where dq > 0, backward where dq < 0, against dq",
+        priors={"forward": Prior(0.005, 0.05, 2.0), "backward": Prior(0.005, 0.05, 2.0)},
+        strengths=("forward", "backward"),
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, A survey of models, analysis "
+        "tools and compensation methods for the control of machines with friction, "
+        "Automatica 30(7)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "both ways at one speed: dry friction is the same"),
+            LookAlike("torque_bias", "hold still without a load: a bias pulls on, friction holds"),
+        ),
+        touches=_TOUCHES,
+        kind="friction",
+        smooth=False,
+        untried="dry friction that is the same both ways is a case of it and would lose its name; "
+        "coulomb_friction with torque_bias moves as it does",
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.forward, 0.0, 0.0, 0.0, 0.0, self.backward - self.forward
+
+
+@dataclass
+class CoupledFriction(TorqueEffect, name="coupled_friction"):
+    """Friction of a part that turns with a joint and the next one outwards: both feel it.
+
+    It follows the sum of their speeds, as in a wrist where the motor of one axis sits behind the
+    other. Dry friction gives a little before it slides (`hysteresis`).
+    """
+
+    torque: float = parameter(0.0, "dry friction torque", "N·m", low=0.0, high=200.0)
+    damping: float = parameter(0.0, "viscous damping", "N·m·s/rad", low=0.0, high=1000.0)
+    stroke: float = parameter(0.01, "way on which 63 % of it builds up", "rad", 1e-4, 3.0)
+    law, among, shared = rows.COUPLED, "followed", True
+
+    identity = Identity(
+        site="friction",
+        equation="w = dq + dq_next; stroke dz/dt = w - |w| z; both joints: tau <- tau - torque z "
+        "- damping w",
+        priors={"torque": Prior(0.005, 0.05, 2.0), "damping": Prior(0.001, 0.05, 5.0)},
+        strengths=("torque", "damping"),
+        source="Gautier, Vandanjon, Presse 1994, Identification of inertial and drive gain "
+        "parameters of robots, IEEE Conf. Decision and Control (coupled wrist)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "move one of the two joints alone: the other is pulled"),
+            LookAlike("viscous_friction", "move one of the two joints alone: the other is pulled"),
+        ),
+        touches=("torque",),
+        kind="friction",
+    )
+
+    @classmethod
+    def places(cls, robot: Any) -> list[str]:
+        return [robot.joints[j] for j in eligible(robot, cls.among)]
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.torque, self.stroke, self.damping, outward(world.robot)[joints]
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        return float(0.5 * self.torque * self.stroke * np.sum(self.memory[:, 0] ** 2))

@@ -130,7 +130,10 @@ class SensorBias(LinearSensor, name="sensor_bias"):
 
 @dataclass
 class SensorGain(LinearSensor, name="sensor_gain"):
-    """Sensors are off in proportion; positions about the joint's rest, with their velocity."""
+    """Sensors are off in proportion; those of positions about their own zero, with their velocity.
+
+    One whose zero is elsewhere has a `sensor_bias` as well.
+    """
 
     q: float = parameter(0.0, "joint position and velocity", "-", low=-0.9, high=2.0)
     tau: float = parameter(0.0, "joint torque", "-", low=-0.9, high=2.0)
@@ -142,7 +145,7 @@ class SensorGain(LinearSensor, name="sensor_gain"):
     identity = Identity(
         site="sensor",
         kind="sensor error",
-        equation="y <- y + error y; q <- q + error (q - q_rest)",
+        equation="y <- y + error y, q as well",
         priors={
             "q": Prior(-0.1, 0.0, 0.1),
             "tau": Prior(-0.3, 0.0, 0.3),
@@ -156,13 +159,13 @@ class SensorGain(LinearSensor, name="sensor_gain"):
             LookAlike("stiffness_error", "joint to known angles by hand: the spring is off duty"),
             LookAlike("torque_constant_error", "motion: a torque sensor moves nothing"),
             LookAlike("sensor_nonlinearity", "small and large angles: a gain is the same"),
+            LookAlike("sensor_bias", "two angles far apart: a bias is the same at both"),
         ),
         touches=("q", "dq", "tau", "grf", "angular_velocity", "linear_acceleration"),
     )
 
     def lines(self, at: Layout, factor: np.ndarray, extra: np.ndarray) -> None:
         factor[at["q"]][self._joints] += self.q
-        extra[at["q"]][self._joints] = -self.q * self._rest
         factor[at["dq"]][self._joints] += self.q
         factor[at["tau"]][self._joints] += self.tau
         factor[at["grf"]] += self.grf

@@ -119,7 +119,7 @@ on to the same end."""
 
 def reinforce_ppo(p: ArgumentParser) -> None:
     """Options of `loco reinforce ppo`."""
-    p.description += "\n\nNeeds `pip install '.[ppo]'`: stable-baselines3, and PyTorch with it."
+    p.description += "\n\nNeeds `./loco install ppo`: stable-baselines3, and PyTorch with it."
     _episodes(p)
 
 

@@ -14,11 +14,12 @@ MORE = """
   loco gap DIR --add BAG...     search again with more recordings
   loco gap --live --robot R     the same with two robots that run, over topics
   loco gap check BAG... --robot R   before a search: what these recordings can tell
+  loco gap mapping FILE         draft the mapping of a table or bag, with reasons
   loco gap next DIR             write the experiment that would tell most as a file
   loco gap experiments ROBOT    write experiments that excite a robot, as files
   loco gap battery              many hidden effects: how often the name is right
 
-Verdicts: named, ambiguous, unknown, no gap."""
+Verdicts: named, ambiguous, unknown, no gap; set-up, where units, signs or names have to be mended first."""
 
 
 def add_out(p: ArgumentParser, text: str) -> None:
@@ -50,7 +51,7 @@ def search(p: ArgumentParser) -> None:
     p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="a setting of the search (repeatable), e.g. accuracy=0.1: an error below a "
                    "tenth of a signal's deviation counts as explained")  # fmt: skip
-    p.add_argument("--seed", type=int, default=0, help="seed of everything drawn (default 0)")
+    p.add_argument("--seed", type=int, help="seed of everything drawn (default 0)")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--live", action="store_true",
                    help="no bag: run a surrogate robot and a model, over topics")  # fmt: skip
@@ -64,7 +65,8 @@ def check(p: ArgumentParser) -> None:
     """Options of `loco gap check`."""
     p.description += """
 
-Half a minute instead of a search: telemetry, units, timing, which effects would show in these
+Half a minute instead of a search: the set-up (units, signs, names of joints, scales, gravity,
+masses, gains, each with the line that mends it), telemetry, timing, which effects would show in these
 recordings at which joint and from which size on, what is missing, and how long a search takes.
 Exit code 2 where a recording is refused."""
     engine(p)
@@ -74,7 +76,21 @@ Exit code 2 where a recording is refused."""
                    help="role and unit of each column, for files that are no bags")  # fmt: skip
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--json", action="store_true", help="print check.json instead of tables")
+    p.add_argument("--fix", action="store_true", help="write the lines that mend the set-up: a "
+                   "mapping.yaml, and a model.yaml, beside the page; nothing else changes")  # fmt: skip
     add_out(p, "folder of the page (default results/check_BAG)")
+
+
+def draft(p: ArgumentParser) -> None:
+    """Options of `loco gap mapping`."""
+    p.description += """
+
+Roles, joints and units are guessed from names and values; each line says why. Look at all of them:
+a guess is no measurement."""
+    p.add_argument("file", metavar="FILE", help="CSV, JSON or other table, a folder of them, or a "
+                   "bag")  # fmt: skip
+    p.add_argument("--robot", help="robot, robot.yaml or model.yaml, whose joints are looked for")
+    p.add_argument("--out", type=Path, metavar="YAML", help="file to write (default: print it)")
 
 
 def next_experiment(p: ArgumentParser) -> None:
@@ -122,7 +138,7 @@ def battery(p: ArgumentParser) -> None:
     p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
     p.add_argument("--baselines", nargs="*", metavar="NAME",
                    help="everything, sparse, cma, sysid (default: all, sysid if "
-                   "`pip install '.[battery]'` was run; none of robots that walk)")  # fmt: skip
+                   "`./loco install battery` was run; none of robots that walk)")  # fmt: skip
     p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
                    "experiment that it proposes on the robot, and look again")  # fmt: skip
     p.add_argument("--settings", type=int, default=0, metavar="N", help="ask each name again under "

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from loco_sim.engines import ENGINES
 
+from ...graph.start import StartLimits
+
 MORE = """
 
 Clocks: lockstep steps when every command has arrived and the recorder keeps up
@@ -30,8 +32,8 @@ The folder holds
   experiment.yaml  the robot stands for 5 s, or swings for 10 s if its base is bolted
   picture.png      how it stands
 
-Read from the URDF: joints, limits, masses, shapes. Guessed: what it stands on and which way
-is up, a posture with level feet and the mass over them, gains that carry the weight and are
+Read from URDF, xacro or MJCF: joints, limits, masses, shapes. Guessed: what it stands on and
+which way is up, a posture with level feet and the mass over them, gains that carry the weight and are
 stable at the physics step, limits that are missing or 0, legs for the gait generator. The
 robot is then tried in the engine for 2 s, and nothing is written unless it stands or swings.
 
@@ -55,6 +57,9 @@ def run(p: ArgumentParser) -> None:
     p.add_argument("--layout", default="composed", help="composed, processes or rollout")
     p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
     p.add_argument("--speed", type=float, default=0.0, help="lockstep: at most this x real time")
+    p.add_argument("--start-timeout", type=float, default=StartLimits.timeout, metavar="SECONDS",
+                   help="give up when nodes that start make no progress for so long "
+                        "(default 60)")  # fmt: skip
     p.add_argument("--duration", type=float, help="length [s], instead of the experiment's")
     p.add_argument("--seed", type=int, help="seed, instead of the experiment's")
     engine(p)
@@ -118,9 +123,9 @@ def robot(p: ArgumentParser) -> None:
 def robot_new(p: ArgumentParser) -> None:
     """Options of `loco robot new`."""
     p.description += NEW
-    p.add_argument("urdf", type=Path, help="URDF file, as it is in a ROS package or a download")
+    p.add_argument("urdf", type=Path, help="URDF, xacro or MJCF, as in a ROS package or a download")
     p.add_argument("--out", type=Path, metavar="DIR",
-                   help="new folder (default: the name of the URDF)")  # fmt: skip
+                   help="new folder (default: the name of the file)")  # fmt: skip
 
 
 def top(p: ArgumentParser) -> None:

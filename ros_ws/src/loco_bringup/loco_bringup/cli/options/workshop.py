@@ -17,6 +17,13 @@ def bench(p: ArgumentParser) -> None:
     p.add_argument("--layout", help="realtime: composed (default) or processes")
 
 
+def install(p: ArgumentParser) -> None:
+    """Options of `loco install`."""
+    p.description += "\n\nIn a clone `./loco install` takes the versions of its lock file."
+    p.add_argument("extra", nargs="+", help="view, rl, ppo, lerobot, cluster, dynamixel, battery, "
+                   "docs, test or ros")  # fmt: skip
+
+
 def completion(p: ArgumentParser) -> None:
     """Options of `loco completion`."""
     p.description += """

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording of any recorder as a `Bag`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..reader import Bag
+from . import ros1, sqlite
+from .packing import plain_name
+
+KINDS = {".mcap": Bag, sqlite.SUFFIX: sqlite.SqliteBag, ros1.SUFFIX: ros1.Ros1Bag}
+
+
+def suffix_of(path: Path) -> str:
+    """Ending, of `KINDS`, of a bag's files; empty where a path is no bag.
+
+    Args:
+        path: File, or folder of a bag.
+    """
+    names = [path.name] if not path.is_dir() else [file.name for file in path.iterdir()]
+    endings = {Path(plain_name(name)).suffix for name in names}
+    return next((end for end in KINDS if end in endings), "")
+
+
+def open_bag(path: str | Path) -> Bag:
+    """The bag at a path: MCAP, SQLite or ROS 1, packed or not.
+
+    Args:
+        path: Folder of a bag, or one of its files.
+
+    Raises:
+        MissingFileError: No bag lies at the path.
+        BagError: The bag is damaged.
+        MissingPackageError: It is of ROS 1, and rosbags is not installed.
+    """
+    return KINDS.get(suffix_of(Path(path)), Bag)(path)

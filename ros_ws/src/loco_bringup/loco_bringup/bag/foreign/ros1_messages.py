@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of ROS 1, in its own bags or in MCAP, are made CDR by the rosbags library."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from loco_control.exceptions import BagError, MissingPackageError
+
+ROS1 = "ros1"  # encoding of the messages of a channel of MCAP
+_HEADER = "std_msgs/msg/Header"
+
+
+def library(name: str, what: str) -> Any:
+    """A module of rosbags.
+
+    Args:
+        name: Name of the module, without that of the library.
+        what: File that needs it, for messages.
+
+    Raises:
+        MissingPackageError: rosbags is not installed.
+    """
+    try:
+        return importlib.import_module(f"rosbags.{name}")
+    except ModuleNotFoundError:
+        raise MissingPackageError(
+            f"{what} holds messages of ROS 1: reading them needs rosbags, which comes with "
+            "`./loco install ros1`; or convert the bag with `rosbags-convert`"
+        ) from None
+
+
+def kind_of(name: str) -> str:
+    """Type of ROS 2 of a type of ROS 1, ``package/msg/Type``."""
+    return name if "/msg/" in name else name.replace("/", "/msg/", 1)
+
+
+def converter(name: str, text: str, what: str) -> tuple[Callable[[bytes], bytes], str]:
+    """Function that makes CDR of the bytes of ROS 1, and the definition for ROS 2.
+
+    Args:
+        name: Type of the messages, as ROS 1 or ROS 2 writes it.
+        text: Definition of ROS 1 with all that it contains.
+        what: File, for messages.
+
+    Raises:
+        BagError: The text is no definition.
+        MissingPackageError: rosbags is not installed.
+    """
+    types, kind = library("typesys", what), kind_of(name)
+    store = types.get_typestore(types.Stores.EMPTY)
+    ours = types.get_typestore(types.Stores.ROS2_JAZZY)
+    try:
+        known = types.get_types_from_msg(text, kind)
+        for base in (_HEADER, "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+            known[base] = ours.fielddefs[base]  # a header of ROS 2 has no seq
+        store.register(known)
+        definition, _ = store.generate_msgdef(kind, ros_version=2)
+    except Exception as error:  # noqa: BLE001  (its parser raises whatever a text leads to)
+        raise BagError(f"{what}: the definition of {name} cannot be read: {error}") from None
+
+    def convert(data: bytes) -> bytes:
+        try:
+            return bytes(store.ros1_to_cdr(data, kind))
+        except Exception as error:  # noqa: BLE001  (as above)
+            raise BagError(f"{what}: {len(data)} bytes are no {name} of ROS 1: {error}") from None
+
+    return convert, definition

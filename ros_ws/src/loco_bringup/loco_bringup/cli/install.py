@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco install` in an environment without a clone's script: packages of extras, by pip.
+
+In a clone the script `loco` installs them itself, at the versions of its lock file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import re
+import subprocess
+import sys
+
+from loco_control.exceptions import MissingFileError, MissingPackageError, NameUnknownError
+
+from . import clone
+
+DISTRIBUTION = "loco-gap"
+EXTRA = re.compile(r"\s*(?:and)?\s*extra\s*==\s*['\"]([\w-]+)['\"]")
+
+
+def requirements() -> dict[str, list[str]]:
+    """Requirements of each extra, as pip takes them."""
+    found: dict[str, list[str]] = {}
+    for line in importlib.metadata.requires(DISTRIBUTION) or ():
+        for extra in EXTRA.findall(line):
+            text, _, marker = EXTRA.sub("", line).partition(";")
+            marker = marker.strip().removeprefix("(").removesuffix(")")
+            found.setdefault(extra, []).append(f"{text.strip()} ; {marker}" if marker else text)
+    return found
+
+
+def install(a: argparse.Namespace) -> int:
+    """Install what only some commands need; returns the exit code.
+
+    Raises:
+        NameUnknownError: There is no such extra.
+        MissingPackageError: The environment has no pip.
+    """
+    try:
+        return subprocess.call([clone.root() / "loco", "install", *a.extra])
+    except MissingFileError:
+        known = requirements()
+    for extra in a.extra:
+        if extra not in known:
+            raise NameUnknownError("extra", extra, known)
+    needed = [line.strip() for extra in a.extra for line in known[extra]]
+    if importlib.util.find_spec("pip") is None:
+        raise MissingPackageError(
+            "this environment has no pip: add them where it was made, such as `uvx --with` or "
+            f"`pipx inject {DISTRIBUTION}`: {', '.join(needed)}"
+        )
+    return subprocess.call([sys.executable, "-m", "pip", "install", *needed])

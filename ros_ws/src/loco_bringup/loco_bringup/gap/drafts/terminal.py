@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap mapping` at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.files import write_whole
+from loco_learning.gap.drafting.draft import of_table
+from loco_learning.gap.recordings import importing, mapping, tables
+from loco_sim.plant import model as models
+
+from ...bag.foreign.opening import open_bag, suffix_of
+from .topics import of_bag
+
+
+def show_draft(a: argparse.Namespace) -> int:
+    """Print a draft, or write it where nothing lies yet.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        LocoError: The recording cannot be read, or the file is there already.
+    """
+    if a.out and a.out.exists():
+        raise ParameterError(f"{a.out} is there already; choose another --out, or remove it")
+    joints = models.load_any(a.robot).make_robot().joints if a.robot else ()
+    text = draft(a.file, joints)
+    if a.out:
+        sys.stdout.write(f"{write_whole(a.out, text)}\n")
+    else:
+        sys.stdout.write(text)
+    return 0
+
+
+def draft(path: str | Path, joints: Sequence[str]) -> str:
+    """Text of a mapping for a recording.
+
+    Args:
+        path: Bag, table, or folder of tables, of which the first is looked at.
+        joints: Joints of the robot; empty where it is not known.
+
+    Raises:
+        LocoError: The recording cannot be read, or nothing in it says what it is.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingFileError(importing.NO_RECORDING.format(path))
+    if suffix_of(path):
+        text = of_bag(open_bag(path), joints)
+    else:
+        file = path
+        if path.is_dir():
+            file = next((p for p in sorted(path.iterdir()) if tables.is_table(p)), path)
+        if not file.is_file() or not tables.is_table(file):
+            raise ParameterError(f"{path} is no recording: neither a bag nor a table")
+        text = of_table(tables.read(file).columns, joints, file.name)
+        if path.is_dir():
+            text += f'files: "*{"".join(file.suffixes)}"\n'
+    mapping.loads(text, mapping.FILE)
+    return text

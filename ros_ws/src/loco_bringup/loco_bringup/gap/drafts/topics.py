@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Topics of a bag as lines of a draft, by the types and names of their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from loco_learning.gap.drafting import words
+from loco_learning.gap.drafting.draft import Line, written
+
+from ...bag.reader import Bag
+from ..joint_states import FIELDS
+
+ROLES = {"position": "q", "velocity": "dq", "effort": "tau"}
+COMMANDS = {"position": "command_position", "velocity": "command_velocity",
+            "effort": "command_torque"}  # fmt: skip
+POINTS = {"reference": True, "desired": True, "feedback": False, "actual": False}
+
+
+def of_bag(bag: Bag, joints: Sequence[str]) -> str:
+    """Text of a mapping for the topics of a bag.
+
+    Args:
+        bag: The recording.
+        joints: Joints of the robot; empty where it is not known.
+
+    Raises:
+        ParameterError: No topic is of a type that is read.
+    """
+    lines: list[Line] = []
+    for name, topic in sorted(bag.topics.items()):
+        reader = READERS.get(topic.type.rpartition("/")[2])
+        if reader and topic.count:
+            lines += reader(name, bag.message(name, bag.raw(name)[1][0]), joints)
+    order = {joint: row for row, joint in enumerate(joints)}
+    kept = [line for line in lines if not joints or line.joint in order]
+    return written(kept, sorted(bag.topics), joints, bag.path.name)
+
+
+def _is_command(name: str) -> str:
+    return next((word for word in words.words(name) if word in words.COMMANDS), "")
+
+
+def _joint_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    word = _is_command(name)
+    roles = COMMANDS if word else ROLES
+    why = f"JointState, “{word}” in the topic" if word else "JointState"
+    return [
+        Line(f"{field}[{joint}]", roles[field], joint, why, topic=name)
+        for field in FIELDS
+        if len(getattr(message, field)) == len(message.name)
+        for joint in message.name
+    ]
+
+
+def _array(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    said = words.guess(name)
+    word, count = _is_command(name), len(message.data)
+    role = said.role or "command_position"
+    if not word and not said.role:
+        return []
+    names = list(joints) if len(joints) == count else [f"joint_{i}" for i in range(count)]
+    why = f"“{word or said.why}” in the topic; the message names no joints: in this order?"
+    return [
+        Line(f"data[{i}]", role, joint, why, topic=name) for i, joint in enumerate(names)
+    ]
+
+
+def _trajectory_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    lists = {"position": "positions", "velocity": "velocities"}
+    return [
+        Line(
+            f"{part}.{lists[field]}[{i}]", COMMANDS[field] if command else ROLES[field], joint,
+            f"{part} of a trajectory controller", topic=name,
+        )
+        for part, command in POINTS.items()
+        if hasattr(message, part)
+        for field in lists
+        if len(getattr(getattr(message, part), lists[field])) == len(message.joint_names)
+        for i, joint in enumerate(message.joint_names)
+    ]  # fmt: skip
+
+
+READERS: dict[str, Callable[[str, Any, Sequence[str]], list[Line]]] = {
+    "JointState": _joint_state,
+    "Float64MultiArray": _array,
+    "Float32MultiArray": _array,
+    "JointTrajectoryControllerState": _trajectory_state,
+}

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Decides whether nodes that start still make progress, however slow the machine is."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from loco_control.exceptions import ParameterError
+
+from .process_info import processor_time
+
+
+@dataclass(frozen=True)
+class StartLimits:
+    """Limits on the time that the nodes of a run may take until they are ready.
+
+    Attributes:
+        timeout: Time without progress after which a start has failed, more than 0 [s]. Taste: a
+            person waits about a minute before they look for a fault.
+        busy: Share of one core that all processes together use while they import or compile.
+            Measured on two cores beside a running test suite: five processes of which four wait
+            for the fifth use 0.04 to 0.06, while they import 0.35 to 1.3.
+        longest: Total time until a start has failed also where processes are busy, in multiples
+            of `timeout`. Taste: it ends nodes that compute for ever.
+        window: Time over which the use of the processor is measured, at most a quarter of
+            `timeout` [s]. Taste.
+    """
+
+    timeout: float = 60.0
+    busy: float = 0.15
+    longest: float = 10.0
+    window: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.timeout < math.inf:
+            raise ParameterError(
+                f"start timeout must be a finite number of seconds above 0, got {self.timeout:g}"
+            )
+
+
+@dataclass
+class StartMonitor:
+    """Time since the last progress of nodes that start.
+
+    Progress is an event of a node, a change of what a node waits for, or processor time that is
+    used for imports and compilation.
+
+    Args:
+        limits: Limits on that time.
+        pids: Function that returns the ids of all processes.
+        clock: Function that returns the time [s].
+        used: Function that returns the processor time of a process so far [s].
+    """
+
+    limits: StartLimits
+    pids: Callable[[], Iterable[int]]
+    clock: Callable[[], float] = time.monotonic
+    used: Callable[[int], float] = processor_time
+
+    def __post_init__(self) -> None:
+        self._begin = self._progress = self._sampled = self.clock()
+        self._total = self._use()
+
+    def advance(self) -> None:
+        """Note that a node has made progress."""
+        self._progress = self.clock()
+
+    def failure(self) -> str:
+        """Reason why the start has failed, "" as long as it may still succeed."""
+        time_now = self.clock()
+        if time_now - self._sampled >= min(self.limits.window, self.limits.timeout / 4.0):
+            total = self._use()
+            if total - self._total > self.limits.busy * (time_now - self._sampled):
+                self._progress = time_now
+            self._sampled, self._total = time_now, total
+        if time_now - self._progress > self.limits.timeout:
+            return f"not ready: no progress for {self.limits.timeout:g} s"
+        if time_now - self._begin > self.limits.longest * self.limits.timeout:
+            return f"not ready after {time_now - self._begin:.0f} s, though its processes are busy"
+        return ""
+
+    def _use(self) -> float:
+        return sum(self.used(pid) for pid in self.pids())

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Packed files of others: what they may fill once unpacked is bounded by their own size.
+
+Nothing is unpickled, and no size that a file states is believed before the bytes are there.
+Errors are those of the parsers; `reading` makes one of ours of them.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+FREE = 64 * 2**20  # bytes that any file may fill: a log of constants packs a thousandfold
+RATIO = 100  # bytes that each byte of a larger file may fill
+MOST_BYTES = 2**30  # bytes of a file, as it is and unpacked
+_MEMBERS = 100_000  # files in a zip
+_KINDS = "biufcUS"  # of NumPy's types: numbers, truth values and texts
+
+
+def room(size: int) -> int:
+    """Most bytes that a packed file of this size [bytes] may fill once it is unpacked."""
+    return min(MOST_BYTES, max(FREE, RATIO * size))
+
+
+def check_room(filled: int, size: int) -> None:
+    """Refuse what fills more than `room`.
+
+    Args:
+        filled: Size once unpacked [bytes].
+        size: Size of the file [bytes].
+
+    Raises:
+        ValueError: The contents fill more.
+    """
+    if filled > room(size):
+        raise ValueError(
+            f"unpacked it has {filled} bytes, at most {room(size)} are unpacked of {size}"
+        )
+
+
+def unzip(data: bytes) -> dict[str, bytes]:
+    """Contents of each file in a zip, by name.
+
+    Raises:
+        ValueError: It fills more than `room`, or is packed by another method than deflation.
+        zipfile.BadZipFile: It is no zip, or a check sum is wrong.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as files:
+        members = files.infolist()
+        check_room(sum(member.file_size for member in members), len(data))
+        if len(members) > _MEMBERS:
+            raise ValueError(f"it holds {len(members)} files, at most {_MEMBERS} are read")
+        for member in members:
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError("it is packed by another method than deflation")
+        return {member.filename: files.read(member) for member in members}
+
+
+def array(data: bytes) -> np.ndarray:
+    """Array of the bytes of a ``.npy`` file.
+
+    Raises:
+        ValueError: It is none, holds other things than numbers and texts, or has another length
+            than its shape needs.
+    """
+    import numpy as np  # the command line imports this module, and NumPy takes long
+
+    file = io.BytesIO(data)
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"its arrays are of version {version}, read are 1.0 and 2.0")
+    head = (np.lib.format.read_array_header_1_0 if version == (1, 0)
+            else np.lib.format.read_array_header_2_0)  # fmt: skip
+    shape, by_columns, kind = head(file)
+    if kind.kind not in _KINDS or not kind.itemsize:
+        raise ValueError(f"an array holds {kind}, read are numbers and texts")
+    count, rest = 1, len(data) - file.tell()
+    for number in shape:
+        count *= number
+    if min(shape, default=0) < 0 or count * kind.itemsize != rest:
+        raise ValueError(f"an array of shape {shape} has {rest} bytes")
+    flat = np.frombuffer(data[file.tell() :], kind).copy()
+    return flat.reshape(shape, order="F" if by_columns else "C")

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A draft of ``mapping.yaml`` with the reason of each line; the user corrects and keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..recordings import units
+from . import words
+
+RATES = (5.0, 5e3)  # of logs [Hz], between which a unit of time is believed (taste)
+TURNING = 7.0  # [rad], beyond which angles are rather degrees: a turn and a little (taste)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A column of the draft.
+
+    Attributes:
+        column: Name of the column, or path of a field.
+        role: Role of the values.
+        joint: Joint of the values.
+        why: Reason in words.
+        unit: Unit; empty is the SI unit.
+        topic: Topic in a bag.
+        scale: Scale that the user has to fill in; empty where none is needed.
+    """
+
+    column: str
+    role: str
+    joint: str
+    why: str
+    unit: str = ""
+    topic: str = ""
+    scale: str = ""
+
+    @property
+    def text(self) -> str:
+        """Line of the file."""
+        topic = f"topic: {_quoted(self.topic)}, " if self.topic else ""
+        unit = f", unit: {self.unit}" if self.unit else ""
+        scale = f", scale: {self.scale}" if self.scale else ""
+        return (
+            f"  - {{{topic}column: {_quoted(self.column)}, role: {self.role}, "
+            f"joint: {_quoted(self.joint)}{unit}{scale}}}  # {self.why}"
+        )
+
+
+def of_table(
+    columns: Mapping[str, np.ndarray], joints: Sequence[str], file: str = "recording"
+) -> str:
+    """Text of a mapping for the columns of a table.
+
+    Args:
+        columns: Values by name.
+        joints: Joints of the robot; empty where it is not known.
+        file: Name of the file, for messages.
+
+    Raises:
+        ParameterError: No column has a name that says a role.
+    """
+    time, head = _time(columns)
+    lines = []
+    for name, values in columns.items():
+        if name != time:
+            lines += _column(name, values, joints)
+    return written(lines, [name for name in columns if name != time], joints, file, head)
+
+
+def written(
+    lines: Sequence[Line],
+    names: Sequence[str],
+    joints: Sequence[str],
+    file: str,
+    head: Sequence[str] = (),
+) -> str:
+    """Text of a mapping of lines, of which the first for a role of a joint is taken.
+
+    Args:
+        lines: Columns in the order of the file.
+        names: All columns or topics of the file.
+        joints: Joints of the robot; empty where it is not known.
+        file: Name of the file, for messages.
+        head: Lines before the columns.
+
+    Raises:
+        ParameterError: There is no line.
+    """
+    first: dict[tuple[str, str], Line] = {}
+    for line in lines:
+        first.setdefault((line.role, line.joint), line)
+    if not first:
+        raise ParameterError(
+            f"{file}: no name says what is measured or commanded; it has "
+            f"{', '.join(names) or 'nothing'}. Write a mapping by hand (docs/gap_import.md)"
+        )
+    others = [line for line in lines if line not in first.values()]
+    used = {line.column for line in lines} | {line.topic for line in lines}
+    text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",
+            *head, "columns:", *(line.text for line in first.values())]  # fmt: skip
+    text += [f"# The same again, left out: {line.text.strip(' -')}" for line in others]
+    left = [name for name in names if name not in used]
+    text += [f"# Not used: {', '.join(left)}"] if left else []
+    return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
+
+
+def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
+    """Roles that a search needs and no line has, in words."""
+    wanted = joints or sorted({joint for _, joint in found})
+    lacks = [f"q of {joint}" for joint in wanted if ("q", joint) not in found]
+    told = {joint for role, joint in found if role.startswith("command_")}
+    return lacks + [f"a command of {joint}" for joint in wanted if joint not in told]
+
+
+def _column(name: str, values: np.ndarray, joints: Sequence[str]) -> list[Line]:
+    said = words.guess(name, joints)
+    joint, why = said.joint, said.why
+    stem, bracket, index = name.partition("[")
+    number = index.rstrip("]")
+    if not joint and bracket and number.isdigit():
+        row = int(number)
+        joint = joints[row] if row < len(joints) else "" if joints else f"joint_{row}"
+        why += f", number {row} of the joints: in this order?"
+    if not joint and len(joints) == 1:
+        joint, why = joints[0], f"{why}, the only joint"
+    if not said.role or not joint:
+        return []
+    unit, reason = _unit(said.role, said.unit, values)
+    scaled = units.dimension(unit) in ("current", "counts") if unit else False
+    reason += "; scale: N·m per A, from the data sheet" if scaled else ""
+    return [Line(name, said.role, joint, why + reason, unit, scale="1.0" if scaled else "")]
+
+
+def _unit(role: str, unit: str, values: np.ndarray) -> tuple[str, str]:
+    """Unit of a column, and the reason in words."""
+    if unit:
+        return unit, f"; {unit} by its name"
+    known = values[np.isfinite(values)]
+    most = float(np.max(np.abs(known), initial=0.0))
+    if role in ("q", "command_position") and most > TURNING:
+        return "deg", f"; deg, as it reaches {most:.4g}: rev, counts?"
+    return "", ""
+
+
+def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
+    """Name of the column of times, empty where there is none, and the lines for it."""
+    for name, values in columns.items():
+        unit, known = words.time_unit(name), values[np.isfinite(values)]
+        if unit is None or len(known) < 3 or np.mean(np.diff(known) >= 0.0) < 0.9:
+            continue
+        step = float(np.median(np.diff(known)))
+        fits = [u for u in ("s", "ms", "us", "ns")
+                if step > 0.0 and RATES[0] <= 1.0 / (step * units.factor(u)) <= RATES[1]]  # fmt: skip
+        chosen = unit or (fits or ["s"])[0]
+        rate = 1.0 / (step * units.factor(chosen)) if step > 0.0 else 0.0
+        why = f"rises by {step:.6g}, {rate:.4g} Hz"
+        return name, [f"time: {{column: {_quoted(name)}, unit: {chosen}}}  # {why}"]
+    return "", ["time: {rate: 100}  # no column of times: say the rate of the log in Hz"]
+
+
+def _quoted(text: str) -> str:
+    """Text as YAML reads it back."""
+    plain = text.replace("_", "a").isalnum() and not text[:1].isdigit()
+    reserved = text.lower() in ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return text if plain and not reserved else f'"{escaped}"'

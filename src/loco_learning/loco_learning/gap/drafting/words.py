@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Words in names of columns and topics, and what they say of a signal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+COMMANDS = frozenset(
+    "cmd cmds command commands commanded target targets goal goals desired des ref reference "
+    "setpoint setpoints sp action actions demand demanded".split()
+)
+MEASURED = frozenset("meas measured actual act state states feedback fb present observation".split())
+QUANTITIES = {
+    "position": "pos position positions angle angles q theta phi encoder enc",
+    "velocity": "vel velocity velocities dq qd qdot speed speeds omega",
+    "torque": "tau torque torques effort efforts trq force forces load",
+    "current": "current currents cur amps",
+}
+ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
+UNITS = {
+    "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "mm": "mm",
+    "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A",
+}  # fmt: skip
+TIMES = {
+    "t": "", "time": "", "timestamp": "", "stamp": "", "times": "", "clock": "", "s": "s",
+    "sec": "s", "secs": "s", "seconds": "s", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns",
+}  # fmt: skip
+NOISE = frozenset("joint joints topic data value values dof motor name header robot the of".split())
+_OF_WORD = {word: kind for kind, text in QUANTITIES.items() for word in text.split()}
+_SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Meaning of a name.
+
+    Attributes:
+        role: Role of a mapping; empty where the name says none.
+        unit: Unit that the name says; empty where it says none.
+        joint: Joint whose name it has, or what is left of the name.
+        why: Words that said it.
+    """
+
+    role: str
+    unit: str
+    joint: str
+    why: str
+
+
+def words(name: str) -> list[str]:
+    """Words of a name in small letters: of ``/arm/kneePos_deg`` arm, knee, pos, deg."""
+    return [word.lower() for word in _SPLIT.findall(name)]
+
+
+def guess(name: str, joints: Sequence[str] = ()) -> Guess:
+    """Role, unit and joint that a name says.
+
+    Args:
+        name: Name of a column, with its topic.
+        joints: Joints of the robot; where none is given, the rest of the name stands for one.
+    """
+    joint = joint_in(name, joints)
+    own = words(joint) if joint else []
+    rest = _without(words(name), own)
+    commanded = next((w for w in rest if w in COMMANDS), "")
+    of = next((w for w in reversed(rest) if w in _OF_WORD), "")
+    unit = next((UNITS[w] for w in rest if w in UNITS), "")
+    kind = _OF_WORD.get(of, "position" if commanded else "")
+    if not kind:
+        return Guess("", unit, joint, "")
+    role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
+    unit = unit or ("A" if kind == "current" else "")
+    if not joint and not joints:
+        said = {commanded, of, *COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD}
+        joint = "_".join(word for word in rest if word not in said)
+    return Guess(role, unit, joint, " and ".join(f"“{w}”" for w in (commanded, of) if w))
+
+
+def joint_in(name: str, joints: Sequence[str]) -> str:
+    """The joint whose words stand in a name, the longest of several; empty where none does."""
+    mine = words(name)
+    fitting = [j for j in joints if words(j) and _contains(mine, words(j))]
+    return max(fitting, key=lambda joint: len(words(joint)), default="")
+
+
+def time_unit(name: str) -> str | None:
+    """Unit of a time that a name says, empty where it says a time alone; None of no time."""
+    said = [TIMES.get(word) for word in words(name)]
+    if not said or None in said[-1:]:
+        return None
+    return next((unit for unit in said if unit), "")
+
+
+def _contains(whole: Sequence[str], part: Sequence[str]) -> bool:
+    size = len(part)
+    return any(list(whole[i : i + size]) == list(part) for i in range(len(whole) - size + 1))
+
+
+def _without(whole: Iterable[str], part: Sequence[str]) -> list[str]:
+    left = list(whole)
+    for word in part:
+        left.remove(word)
+    return left

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Records are cut where their clock was set back, and where angles and commands paused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..record import Doubt
+from ..tracks import Track
+from .params import CUTS
+
+
+def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Track]], list[str]]:
+    """The tracks, cut where a model cannot follow them, and a sentence for each cut and loss.
+
+    Args:
+        name: Name of the record, for messages.
+        tracks: Signals in the order that they were written.
+        least: Readings of an angle that make a part; shorter ones are left out.
+
+    Raises:
+        ParameterError: The clock of some signals was set back, that of others was not.
+    """
+    pieces, notes = _set_back(name, tracks)
+    for piece in pieces:
+        notes += _pauses(piece)
+    pieces = [part for piece in pieces for part in _between_pauses(piece)]
+    sizes = [max((len(k.t) for k in part if k.role == "q"), default=0) for part in pieces]
+    brief = [size < least for size in sizes]
+    if all(brief):
+        return pieces, notes
+    notes += [
+        Doubt(f"part {i} has {size} readings, fewer than {least}, and was left out")
+        for i, size in enumerate(sizes, 1)
+        if size < least
+    ]
+    return [part for part, short in zip(pieces, brief, strict=True) if not short], notes
+
+
+def _set_back(name: str, tracks: Sequence[Track]) -> tuple[list[list[Track]], list[str]]:
+    """The tracks, cut where their clock was set back, and a sentence for each cut.
+
+    A reading that was delivered late is put between its neighbours later; one stretch of motion
+    between the readings of another would be a third motion that nobody made.
+
+    Raises:
+        ParameterError: The clock of some signals was set back, that of others was not.
+    """
+    clocks: dict[bytes, list[Track]] = {}
+    for track in tracks:
+        clocks.setdefault(track.t.tobytes(), []).append(track)
+    cuts = {stamps: cut_rows(some) for stamps, some in clocks.items()}
+    first = max(cuts, key=lambda stamps: len(cuts[stamps]), default=b"")
+    if not cuts.get(first):
+        return [list(tracks)], []
+    t, label = clocks[first][0].t, clocks[first][0].label
+    jumps = [(t[row - 1], t[row]) for row in cuts[first]]
+    words = [
+        f"the time of {label} jumps back by {high - low:.6g} s at row {row}"
+        for row, (high, low) in zip(cuts[first], jumps, strict=True)
+    ]
+    found: list[list[Track]] = [[] for _ in range(len(jumps) + 1)]
+    for track in tracks:
+        rows = cuts[track.t.tobytes()] or _between(track.t, jumps)
+        if len(rows) != len(jumps):
+            raise ParameterError(
+                f"{name}: {words[0]}, that of {track.label} does not: are there several "
+                "experiments in one file, or clocks of two machines? Cut them with rows: "
+                "[first, stop], or leave the stretch out with from and to"
+            )
+        for part, start, stop in zip(found, [0, *rows], [*rows, len(track.t)], strict=True):
+            part.append(replace(track, t=track.t[start:stop], x=track.x[start:stop]))
+    return found, [Doubt(f"{text}: cut there") for text in words]
+
+
+def _pauses(tracks: Sequence[Track]) -> list[str]:
+    """A sentence for each pause of angles and commands."""
+    first = next((k for k in tracks if k.role == "q"), None)
+    found = []
+    for start, stop in pauses(tracks):
+        row = int(np.sum(first.t <= start)) if first else 0
+        found.append(
+            Doubt(
+                f"angles and commands pause for {stop - start:.6g} s at row {row} of {first.label}: "
+                "cut there, as nobody knows what was commanded"
+            )
+        )
+    return found
+
+
+def _between_pauses(tracks: Sequence[Track]) -> list[list[Track]]:
+    edges = [0.5 * (start + stop) for start, stop in pauses(tracks)]
+    parts: list[list[Track]] = []
+    for low, high in zip([-np.inf, *edges], [*edges, np.inf], strict=True):
+        kept = [(k, (k.t > low) & (k.t <= high) | ~np.isfinite(k.t)) for k in tracks]
+        parts.append([replace(k, t=k.t[rows], x=k.x[rows]) for k, rows in kept])
+    return parts if edges else [list(tracks)]
+
+
+def pauses(tracks: Sequence[Track]) -> list[tuple[float, float]]:
+    """Times [s] between which no angle was read and no command given, rising.
+
+    A signal that is silent for as long as it usually is does not pause.
+    """
+    clocks = {k.t.tobytes(): k.t for k in tracks if k.role == "q" or k.role.startswith("command_")}
+    common, longest = [(-np.inf, np.inf)], CUTS.pause
+    for t in clocks.values():
+        stamps = np.unique(t[np.isfinite(t)])
+        step = np.diff(stamps)
+        if len(step) < CUTS.run:
+            return []
+        longest = max(longest, CUTS.silence * float(np.median(step)))
+        rows = np.flatnonzero(step > longest)
+        silent = list(zip(stamps[rows].tolist(), stamps[rows + 1].tolist(), strict=True))
+        common = [(max(a, c), min(b, d)) for a, b in common for c, d in silent]
+        common = [(start, stop) for start, stop in common if stop > start]
+    return [(start, stop) for start, stop in common if longest < stop - start < np.inf]
+
+
+def cut_rows(tracks: Sequence[Track]) -> list[int]:
+    """Rows at which the common clock of some tracks was set back, rising.
+
+    Readings that fit better where their stamps put them were delivered late and make no cut.
+    """
+    t = tracks[0].t
+    if len(t) < CUTS.run or not np.all(np.isfinite(t)):
+        return []
+    moving = [k.x for k in tracks if np.all(np.isfinite(k.x)) and np.ptp(k.x) > 0.0]
+    usual, found, start = float(np.median(np.abs(np.diff(t)))), [], 0
+    for row in np.flatnonzero(np.diff(t) < 0.0) + 1:
+        latest = float(t[start:row].max())
+        if t[row] >= latest or t[row - 1] - t[row] <= CUTS.late * usual:
+            continue
+        ahead = np.flatnonzero(t[row:] > latest)
+        stop = row + int(ahead[0]) if len(ahead) else len(t)
+        behind = start + np.flatnonzero(t[start:row] >= t[row])
+        if stop - row < CUTS.run:
+            cut = _misfit(t[start:], [x[start:] for x in moving], row - start, stop - start)
+        else:
+            rows = np.arange(max(int(behind[0]) - 1, start), min(stop + 1, len(t)))
+            order = rows[np.argsort(t[rows], kind="stable")]
+            longer = [_way(x[order]) / max(_way(x[rows]), 1e-12 * np.ptp(x)) for x in moving]
+            cut = sum(longer) >= len(longer)
+        if cut:
+            found.append(int(row))
+            start = int(row)
+    return found
+
+
+def _way(x: np.ndarray) -> float:
+    return float(np.sum(np.abs(np.diff(x))))
+
+
+def _misfit(t: np.ndarray, values: Sequence[np.ndarray], row: int, stop: int) -> bool:
+    """The few rows from `row` to `stop` are far from the lines between their stamps' neighbours."""
+    others = np.delete(np.arange(len(t)), np.arange(row, stop))
+    others = others[np.argsort(t[others], kind="stable")]
+    for x in values:
+        line = np.interp(t[row:stop], t[others], x[others])
+        size = np.percentile(np.abs(x[1:-1] - 0.5 * (x[2:] + x[:-2])), 95.0)
+        if np.max(np.abs(x[row:stop] - line)) > CUTS.misfit * max(size, 1e-9 * np.ptp(x)):
+            return True
+    return False
+
+
+def _between(t: np.ndarray, jumps: Sequence[tuple[float, float]]) -> list[int]:
+    """Rows of slow stamps, which never fell, at the jumps of a faster clock; none if of another."""
+    found, start = [], 0
+    for high, low in jumps:
+        row = start + int(np.searchsorted(t[start:], low))
+        if np.sum((t[start:] >= low) & (t[start:] <= high)) > 1:
+            return []
+        found.append(row)
+        start = row
+    return found

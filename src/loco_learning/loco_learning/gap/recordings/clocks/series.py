@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two motions in one signal: a second publisher on its topic, or readings that failed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from loco_control.exceptions import ParameterError
+
+from ..tracks import Track
+from .params import SERIES
+
+
+def single(name: str, tracks: Sequence[Track]) -> None:
+    """Each measured position is one motion.
+
+    Args:
+        name: Name of the record, for messages.
+        tracks: Signals of the robot.
+
+    Raises:
+        ParameterError: Readings of a position go to and fro between two motions. Which of them is
+            the joint's is for the user to say.
+    """
+    for track in tracks:
+        if track.role != "q" or not np.all(np.isfinite(track.x)):
+            continue
+        order = np.argsort(track.t, kind="stable")
+        second = other_motion(track.x[order])
+        if second is not None and not _as_fast(track, order, second, tracks):
+            raise ParameterError(f"{name}: {track.label}: {_words(track, order, second)}")
+
+
+def _as_fast(
+    track: Track, order: np.ndarray, second: np.ndarray, tracks: Sequence[Track]
+) -> bool:
+    """True where the measured velocity is what the jumps take: the joint itself goes to and fro."""
+    speeds = [s for s in tracks if s.role == "dq" and s.place == track.place and len(s.t) > 1]
+    if not speeds:
+        return False
+    x, t = track.x[order], track.t[order]
+    rows = np.flatnonzero(second[1:] != second[:-1])
+    needed = np.abs(x[rows + 1] - x[rows]) / np.maximum(t[rows + 1] - t[rows], 1e-9)
+    sorted_ = np.argsort(speeds[0].t, kind="stable")
+    measured = np.abs(np.interp(t[rows], speeds[0].t[sorted_], speeds[0].x[sorted_]))
+    return bool(np.nanmedian(measured) > SERIES.own * np.median(needed))
+
+
+def _words(track: Track, order: np.ndarray, second: np.ndarray) -> str:
+    x, t = track.x[order], track.t[order]
+    rate = 1.0 / max(float(np.median(np.diff(t[second]))), 1e-9)
+    still = float(np.ptp(x[second])) == 0.0
+    value = f"{x[second][0]:.6g}"
+    told = f"{int(second.sum()):,} of {len(x):,} readings are "
+    told += f"{value if still else 'of a second motion'}, at {rate:.3g} Hz, "
+    if still:
+        return told + (
+            "between those of a motion: a second publisher, such as a joint_state_publisher, or "
+            f"readings that failed? missing: {value} in the mapping leaves them out, "
+            "trust_units: true keeps them"
+        )
+    return told + (
+        "between those of another: two publishers of the same joints? Record the topic of the "
+        "drives alone; trust_units: true keeps them"
+    )
+
+
+def other_motion(x: np.ndarray) -> np.ndarray | None:
+    """Flags of the readings, (K,), of a second motion that is mixed into one; None where none is.
+
+    It stands at one value, or is the smaller of two that move.
+
+    Args:
+        x: Readings in the order of their stamps, (K,).
+    """
+    span, jump = float(np.ptp(x)) if len(x) else 0.0, np.diff(x)
+    large = np.abs(jump) > SERIES.apart * span
+    back = np.flatnonzero((jump[:-1] * jump[1:] < 0.0) & large[:-1] & large[1:])
+    if 2 * len(back) < SERIES.changes:
+        return None
+    finest = span * float(np.min(np.diff(np.unique(np.round(x / span, 9)))))
+    least = max(SERIES.apart * span, SERIES.steps * finest)
+    still = _standing(x, back, least)
+    return _moving(x, least) if still is None else still
+
+
+def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | None:
+    """Flags of the readings of the value that returns most often where the way turns back."""
+    near = np.unique(np.concatenate([back, back + 1, back + 2]))
+    values, counts = np.unique(x[near], return_counts=True)
+    flags = x == values[np.argmax(counts)]
+    others = np.flatnonzero(~flags)
+    if not _mixed(flags) or len(others) < SERIES.changes:
+        return None
+    line = np.interp(np.flatnonzero(flags), others, x[others])
+    off = float(np.median(np.abs(x[flags] - line)))
+    rest = x[others]
+    usual = float(np.median(np.abs(rest[1:-1] - 0.5 * (rest[2:] + rest[:-2]))))
+    return flags if off > max(least, SERIES.shorter * usual) else None
+
+
+def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
+    """Flags of the smaller of two motions, each a short path, with long ways between them."""
+    each = np.abs(np.diff(x))
+    labels, far = _labels(x, int(np.argmax(each)))
+    changed = labels[1:] != labels[:-1]
+    if not _mixed(labels) or float(np.median(far[1:][changed])) < least:
+        return None
+    within = sum(float(np.sum(np.abs(np.diff(x[labels == side])))) for side in (False, True))
+    ways, inside = float(np.sum(each[changed])), within - float(np.sum(each[~changed]))
+    return labels == (np.mean(labels) < 0.5) if ways > SERIES.shorter * inside else None
+
+
+def _mixed(flags: np.ndarray) -> bool:
+    """Readings go to and fro often, mostly with one alone: no motion rests for a reading."""
+    changed = flags[1:] != flags[:-1]
+    alone = int(np.sum(changed[:-1] & changed[1:]))
+    return bool(changed.sum() >= SERIES.changes and 4 * alone >= changed.sum())
+
+
+def _labels(x: np.ndarray, start: int) -> tuple[np.ndarray, np.ndarray]:
+    """The motion whose last reading is nearer, for each, and how far both are apart there, (K,).
+
+    It begins at a jump between both and goes on in both directions.
+    """
+    labels, far = np.zeros(len(x), dtype=bool), np.zeros(len(x))
+    labels[start + 1] = True
+    for rows in (range(start + 2, len(x)), range(start - 1, -1, -1)):
+        last = [float(x[start]), float(x[start + 1])]
+        for row in rows:
+            value = float(x[row])
+            side = abs(value - last[1]) < abs(value - last[0])
+            labels[row], far[row] = side, abs(last[1] - last[0])
+            last[side] = value
+    return labels, far

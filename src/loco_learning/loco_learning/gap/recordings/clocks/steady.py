@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps of arrival are put back on the even clock that signals were read or commanded by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..record import Doubt
+from ..tracks import GIVEN, Track
+from .params import LINES
+
+
+def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
+    """Signals with the stamps of the even clock that they were read, or commanded, by.
+
+    A log may stamp a reading when it arrives, late by whatever the way took. The earliest stamps
+    then lie on a line over the count of readings, the lower edge of their hull (Moon, Skelly and
+    Towsley 1999), and the others above it. Stamps that lie along no such line, as where readings
+    are lost, stay; so do those along which the motion is as smooth as along the line: somebody who
+    reads unevenly and stamps at once has right stamps.
+
+    Args:
+        tracks: Signals in the order of their stamps.
+        told: Takes a sentence for each clock.
+    """
+    clocks: dict[tuple[bytes, bool], list[Track]] = {}
+    for track in tracks:
+        if track.role not in GIVEN:
+            clocks.setdefault(_clock_of(track), []).append(track)
+    lines = {stamps: even_clock(some[0].t) for (stamps, _), some in clocks.items()}
+    moved = {}
+    for key, some in clocks.items():
+        even = lines[key[0]]
+        if even is not None and _smoother(some, even):
+            moved[key] = even
+            late = 1e3 * (some[0].t - even)
+            told.append(
+                Doubt(
+                    f"{', '.join(dict.fromkeys(t.role for t in some))}: stamps are up to "
+                    f"{late.max():.2f} ms late, {late.mean():.2f} ms on average, on readings "
+                    f"{1e3 * (even[1] - even[0]):.4g} ms apart, and were put back"
+                )
+            )
+    return [replace(k, t=moved[_clock_of(k)]) if _clock_of(k) in moved else k for k in tracks]
+
+
+def _clock_of(track: Track) -> tuple[bytes, bool]:
+    """Stamps, and whether they are those of a command: it may be given when a reading comes."""
+    return track.t.tobytes(), track.role.startswith("command_") or track.role in GIVEN
+
+
+def even_clock(t: np.ndarray) -> np.ndarray | None:
+    """Even times [s] below all stamps, or None where stamps lie along no line or on one."""
+    count = np.arange(len(t), dtype=float)
+    if len(t) < LINES.fewest or np.any(np.diff(t) < 0.0) or not t[-1] > t[0]:
+        return None  # `align` says what is wrong with them
+    period = _period(t)
+    late = t - period * count
+    round_one, (slope, error) = _round_period(period), _slope(late)
+    if abs(round_one - period - slope) < error:
+        late, period = t - round_one * count, round_one
+    late -= np.min(late)
+    least = [part.min() for part in np.array_split(late, LINES.parts)]
+    if max(least) > LINES.on_line * period or np.ptp(late) < LINES.even * period:
+        return None
+    return t - late
+
+
+def _period(t: np.ndarray) -> float:
+    """Slope of the edge of the lower hull of stamps over their count, at half of the count [s]."""
+    hull: list[int] = []
+    for k in range(len(t)):
+        while len(hull) > 1 and (t[hull[-1]] - t[hull[-2]]) * (k - hull[-1]) >= (
+            t[k] - t[hull[-1]]
+        ) * (hull[-1] - hull[-2]):
+            hull.pop()
+        hull.append(k)
+    edge = max(1, int(np.searchsorted(hull, 0.5 * (len(t) - 1))))
+    a, b = hull[edge - 1], hull[edge]
+    return float((t[b] - t[a]) / (b - a))
+
+
+def _round_period(period: float) -> float:
+    """Period of the rate next to it that is a multiple of 10 Hz [s]; itself below 10 Hz."""
+    return 1.0 / (10.0 * round(0.1 / period)) if 0.0 < period < 0.1 else period
+
+
+def _slope(late: np.ndarray) -> tuple[float, float]:
+    """Drift of the earliest readings of the parts of a record [s], and its error, per reading."""
+    parts = np.array_split(np.arange(len(late)), LINES.parts)
+    rows = [part[np.argmin(late[part])] for part in parts]
+    at = np.array(rows, dtype=float) - np.mean(rows)
+    off = late[rows] - np.mean(late[rows])
+    slope = float(at @ off / (at @ at))
+    spread = float(np.sum(np.square(off - slope * at))) / (len(rows) - 2)
+    return slope, LINES.sure * float(np.sqrt(spread / (at @ at))) + LINES.rounding / len(late)
+
+
+def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
+    """Readings are nearer to the line between their neighbours in even times than in stamps.
+
+    They are so more often, or by more: a joint that mostly rests tells by the little that it moves.
+    """
+    t, gain, spread, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
+    span = t[2:] - t[:-2]
+    share = np.where(span > 0.0, (t[1:-1] - t[:-2]) / np.where(span > 0.0, span, 1.0), 0.5)
+    for track in tracks:
+        x, rise = track.x, track.x[2:] - track.x[:-2]
+        off = [np.square(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
+        size = float(np.mean(off))
+        wins += int(np.sum(off[1] < off[0]))
+        count += int(np.sum(off[1] != off[0]))
+        if size > 0.0:
+            gain += float(np.sum(off[0] - off[1])) / size
+            spread += float(np.sum(np.square(off[0] - off[1]))) / size**2
+    return gain > LINES.sure * np.sqrt(spread) or wins - 0.5 * count > LINES.sure * np.sqrt(count)

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Short runs of the model as it came, along recordings as they were read or as they might be.
+
+Every suspicion is put to the same test: how much less the model misses with the line that would
+mend it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from loco_control.exceptions import LocoError
+from loco_sim.bolted.loop import needs_engine
+from loco_sim.plant.model import Model
+from loco_sim.robot.robot import Robot
+
+from ..prediction.forward import Forward, ForwardParams
+from ..prediction.led import Led, possible
+from ..recordings import lags
+from ..recordings.record import Record, bridged
+from .finding import EFFECTS, MODEL, Change, Finding, mended
+from .limits import LIMITS
+
+SECONDS, MOST = 5.0, 2  # of a record that are run, records (taste: tenths of a second each run)
+WORST = 3.0  # miss of a joint that counts at most, over the deviation of what it does
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run of the model.
+
+    Attributes:
+        joints: Joints of the columns.
+        said: Position of each joint by the model, or torque that moves it as measured, per record.
+        measured: The same by the recording.
+    """
+
+    joints: tuple[str, ...]
+    said: tuple[np.ndarray, ...]
+    measured: tuple[np.ndarray, ...]
+
+    def misses(self) -> np.ndarray:
+        """Rms error of each joint over the deviation of what it does, (n,); at most `WORST`."""
+        square, size = np.zeros(len(self.joints)), np.zeros(len(self.joints))
+        for said, measured in zip(self.said, self.measured, strict=True):
+            known = np.isfinite(measured)
+            off = np.where(known, np.where(np.isfinite(said), said - measured, np.inf), 0.0)
+            mean = np.nanmean(np.where(known.any(axis=0), measured, 0.0), axis=0)
+            spread = np.nanmean(np.where(known, (measured - mean) ** 2, np.nan), axis=0)
+            usual = np.maximum(np.nan_to_num(spread), 1e-12)
+            square += np.minimum(np.sum(off**2, axis=0) / usual, WORST**2 * len(off))
+            size += known.sum(axis=0)
+        return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), WORST)
+
+    def miss(self, joints: Sequence[str] = ()) -> float:
+        """Rms of `misses` over some joints, or over all where none is named."""
+        mine = [i for i, joint in enumerate(self.joints) if not joints or joint in joints]
+        return float(np.sqrt(np.mean(self.misses()[mine] ** 2)))
+
+
+class Bench:
+    """Runs of a model along a few seconds of recordings, with changes of the set-up.
+
+    A robot that needs an engine is not run: its commands stand for what the model says, as late
+    as the motion is.
+
+    Attributes:
+        model: Robot, overrides and effects.
+        records: Parts of recordings that are run.
+        led: Torques are compared, not positions.
+    """
+
+    def __init__(self, model: Model, records: Sequence[Record], changes: Sequence[Change] = ()):
+        """Choose the parts that are run.
+
+        Args:
+            model: Robot, overrides and effects.
+            records: Recordings; the first two without an engine are run.
+            changes: Changes of the set-up that hold from the start.
+        """
+        self.model, self._all, self._changes = model, tuple(records), tuple(changes)
+        engine = [bool(needs_engine(robot_of(model, record))) for record in records]
+        chosen = [r for r, e in zip(records, engine, strict=True) if not e] or list(records)
+        self.free, self.led = all(engine), False
+        self.records = [busiest(record, SECONDS) for record in chosen[:MOST]]
+        self.robot = robot_of(model_with(model, changes), self.records[0]) if records else None
+        self._trials: dict[str, Trial | None] = {}
+        self.possible = bool(self.records) and self() is not None and bool(self().joints)
+
+    def mended(self, changes: Iterable[Change]) -> Bench:
+        """The same set-up with changes; itself without any."""
+        changes = tuple(changes)
+        return Bench(self.model, self._all, (*self._changes, *changes)) if changes else self
+
+    def __call__(self, *changes: Change) -> Trial | None:
+        """A run with changes; None where the model cannot be run so."""
+        key = repr(changes)
+        if key not in self._trials:
+            try:
+                self._trials[key] = self._run((*self._changes, *changes))
+            except (LocoError, ValueError, np.linalg.LinAlgError):
+                self._trials[key] = None
+        return self._trials[key]
+
+    def miss(self, *changes: Change) -> float:
+        """Miss of all joints with changes; infinite where the model cannot be run so."""
+        trial = self(*changes)
+        return np.inf if trial is None else trial.miss()
+
+    @property
+    def fits(self) -> bool:
+        """The model follows the recordings as well as a set-up without mistakes does."""
+        return self().miss() < LIMITS.missed
+
+    def told_records(self) -> list[Record]:
+        """The parts of recordings as they would be read with the changes so far."""
+        return [mended(record, self._changes) for record in self.records]
+
+    def told(self) -> Trial:
+        """Commanded positions in place of a run."""
+        return _commanded(self.told_records())
+
+    def torques(self) -> Trial | None:
+        """A run that is compared in the measured torques of joints; None where there are none."""
+        records = self.told_records()
+        if not all(record.has("tau") for record in records):
+            return None
+        model = model_with(self.model, self._changes)
+        forward = Forward(model, records, ForwardParams(signals=("tau",)))
+        names = tuple(channel.name for channel in forward.channels)
+        return Trial(names, tuple(forward()), tuple(forward.measured))
+
+    def settled(
+        self,
+        fault: str,
+        joints: tuple[str, ...],
+        says: str,
+        ways: Sequence[tuple[Change, ...]],
+        whole: bool = False,
+    ) -> list[Finding]:
+        """A finding if one of several sets of lines mends what it is about; none if not.
+
+        Args:
+            fault: Kind of mistake.
+            joints: Joints that it is about; empty for the whole robot.
+            says: The mistake in one sentence, with numbers.
+            ways: Sets of lines that may mend it.
+            whole: The miss of all joints counts.
+        """
+        mine = () if whole else joints
+        before = self().miss(mine)
+        trials = [(self(*way), way) for way in ways if way]
+        after = sorted((t.miss(mine), k) for k, (t, _) in enumerate(trials) if t)
+        if not after or after[0][0] > min(before / LIMITS.better, LIMITS.left):
+            return []
+        best = after[0][0]
+        alike = [trials[k][1] for miss, k in after if miss < LIMITS.alike * best + 1e-3]
+        text = f"{says}. The model misses {before:.0%} of it as it is, {best:.0%} with this mended"
+        return [Finding(fault, joints, text, alike[0], tuple(alike[1:]))]
+
+    def _run(self, changes: Sequence[Change]) -> Trial:
+        records = [mended(record, changes) for record in self.records]
+        if self.free:
+            return _commanded(records)
+        model = model_with(self.model, changes)
+        forward = Forward(model, records, ForwardParams(signals=("q",)))
+        self.led = possible(forward) and not forward.robot().springs  # which would stay by itself
+        if self.led:
+            forward = Led(model, records)
+        names = tuple(channel.name for channel in forward.channels)
+        return Trial(names, tuple(forward()), tuple(forward.measured))
+
+
+def _commanded(records: Sequence[Record]) -> Trial:
+    """Commanded positions, as late as the motion is, in place of a run."""
+    told = [r for r in records if "position" in r.command]
+    joints = tuple(j for j in told[0].driven if j in told[0].joints) if told else ()
+    said, measured = [], []
+    for record in told:
+        command = record.command["position"][:, [record.driven.index(j) for j in joints]]
+        q = record.signals["q"][:, [record.joints.index(j) for j in joints]]
+        late = [lags.lag(c, bridged(x), record.dt)[0] for c, x in zip(command.T, q.T, strict=True)]
+        shift = max(0, round(float(np.median(late)) / record.dt))
+        said.append(np.concatenate([np.repeat(command[:1], shift, axis=0), command])[: len(q)])
+        measured.append(q)
+    return Trial(joints, tuple(said), tuple(measured))
+
+
+def model_with(model: Model, changes: Sequence[Change]) -> Model:
+    """The model with changes of it."""
+    mine = [c for c in changes if c.file == MODEL]
+    values = {c.key: c.value for c in mine if c.key != EFFECTS}
+    added = [spec for c in mine if c.key == EFFECTS for spec in c.value]
+    return replace(model, overrides={**model.overrides, **values}, effects=[*model.effects, *added])
+
+
+def robot_of(model: Model, record: Record) -> Robot:
+    """The robot of a record."""
+    return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
+
+
+def busiest(record: Record, seconds: float) -> Record:
+    """The part of a recording, at most so long, in which the joints move most [s]."""
+    width = round(seconds / record.dt)
+    if width >= len(record.t) - 1:
+        return record
+    rates = np.nan_to_num(np.diff(record.signals["q"], axis=0))
+    size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
+    energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
+    first = int(np.argmax(energy[width:] - energy[:-width]))
+    return record.rows(first, first + width + 1)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model against motion: axes of the URDF, scales of joints, gravity, masses and gains."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from loco_sim.robot.description import Description
+from loco_sim.robot.servo import ImpedanceDrive
+
+from ..recordings import suspect
+from .bench import Bench
+from .commands import lines
+from .finding import EFFECTS, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
+from .limits import LIMITS
+
+POWERS = (1e-3, 0.1, 10.0, 1e3)  # of masses that are in g, or of a file of another robot
+
+
+def axis(bench: Bench) -> list[Finding]:
+    """Joints that the URDF turns the other way round, up to two of them."""
+    joints = bench().joints
+    for count in (1, 2):
+        trials = []
+        for some in itertools.combinations(joints, count):
+            way = tuple(c for joint in some for c in lines(bench, joint, SIGN, -1, ""))
+            trials.append((bench.miss(*way), some, way))
+        trials = sorted(trials, key=lambda t: t[0])[: count_alike(trials)]
+        some = tuple(dict.fromkeys(joint for _, some, _ in trials for joint in some))
+        names = (" and " if len(trials) == 1 else " or ").join(some)
+        says = (f"{names} turns the other way round in the URDF than in the recordings: weight and "
+                "coupling have the other sign")  # fmt: skip
+        found = bench.settled("axis", some, says, [way for _, _, way in trials], whole=True)
+        if found:
+            return found
+    return []
+
+
+def count_alike(trials: Sequence[tuple]) -> int:
+    """Number of trials whose miss, the first of each, is about the least."""
+    misses = sorted(trial[0] for trial in trials)
+    return sum(miss < LIMITS.alike * misses[0] + 1e-3 for miss in misses) if misses else 0
+
+
+def joint_scale(bench: Bench) -> list[Finding]:
+    """Joints whose positions and commands are both so many times those of the model."""
+    found = []
+    misses = dict(zip(bench().joints, bench().misses(), strict=True))
+    for joint in sorted(misses, key=misses.get, reverse=True)[: LIMITS.worst]:
+        if misses[joint] < LIMITS.missed or bench.led:
+            continue
+
+        def way(log_by: float, joint: str = joint) -> tuple[Change, ...]:
+            return lines(bench, joint, SCALE, float(np.exp(-log_by)), "")
+
+        by = float(np.exp(lowest(lambda x: bench.miss(*way(x)), np.log(LIMITS.scales))))
+        if 1.0 / LIMITS.both < by < LIMITS.both:
+            continue
+        units = [name for size, name in ((suspect.DEGREE, "deg"), (1e3, "mrad"))
+                 if abs(np.log(by / size)) < LIMITS.near]  # fmt: skip
+        if units:
+            ways = [lines(bench, joint, UNIT, units[0], "")]
+            says = f"q and command of {joint} are in {units[0]}"
+        else:
+            ways = [way(float(np.log(by)))]
+            says = (f"q and command of {joint} are {by:.3g} times those of the joint: a scale, "
+                    "or a reduction of the gear")  # fmt: skip
+        found += bench.settled("joint scale", (joint,), says, ways, whole=True)
+    return found
+
+
+def gravity(bench: Bench) -> list[Finding]:
+    """Gravity that pulls elsewhere than the model thinks, or that the drives carry."""
+    before = bench.miss()
+    if before < LIMITS.missed:
+        return []
+    carried = (Change(MODEL, "sim.gravity", 0.0),)
+    says = "the model misses the weight: the drives carry it themselves, or nothing weighs"
+    found = bench.settled("gravity carried", (), says, [carried], whole=True)
+    about = np.pi * np.array([-0.75, -0.5, -0.35, -0.2, 0.2, 0.35, 0.5, 0.75])
+    starts = [(0.0, 0.0), (np.pi, 0.0), *((x, 0.0) for x in about), *((0.0, x) for x in about)]
+
+    def tilted(x: Sequence[float]) -> tuple[Change, ...]:
+        spec = {"name": "slope", "pitch": round(float(x[0]), 3), "roll": round(float(x[1]), 3)}
+        return (Change(MODEL, EFFECTS, (spec,)),)
+
+    start = min(starts, key=lambda x: bench.miss(*tilted(x)))
+    near = least_squares(lambda x: bench.miss(*tilted(np.clip(x, -3.2, 3.2))), start,
+                         diff_step=0.02, max_nfev=8).x  # fmt: skip
+    near = np.clip(near, -3.2, 3.2)
+    angle = float(np.arccos(np.clip(np.cos(near[0]) * np.cos(near[1]), -1.0, 1.0)))
+    if angle < LIMITS.tilted:
+        return found
+    lies = "upside down" if angle > 0.9 * np.pi else f"inclined by {np.degrees(angle):.0f} degrees"
+    turned = f"the weight pulls elsewhere than the model has it: the base is {lies}"
+    tilt = bench.settled("gravity turned", (), turned, [tilted(near)], whole=True)
+    if not tilt or bench.miss(*carried) > LIMITS.carried * bench.miss(*tilted(near)):
+        return tilt or found
+    both = f"{says}; or {tilt[0].says}"
+    return [replace(tilt[0], fault="gravity carried", says=both, mends=carried,
+                    others=(tilted(near),))]  # fmt: skip
+
+
+def weights(bench: Bench) -> list[Finding]:
+    """Masses and inertias that are a power of ten off, or torques that are."""
+    found: list[Finding] = []
+    for by in POWERS:
+        ways = [heavier(bench, by)]
+        if bench.led:
+            ways += [tuple(c for j in bench().joints for c in torques(j, by))]
+        elif stiff(bench):
+            ways += [gained(bench, 1.0 / by)]
+        says = f"all masses are {1.0 / by:g} times too large" if by < 1.0 else \
+            f"all masses are {by:g} times too small"  # fmt: skip
+        found += bench.settled("masses", (), f"{says} for this motion, or the torques are", ways,
+                               whole=True)  # fmt: skip
+    return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
+
+
+def gains(bench: Bench) -> list[Finding]:
+    """Gains of drives that are per degree, of one joint or of all."""
+    found: list[Finding] = []
+    for joints in (stiff(bench), *((joint,) for joint in stiff(bench))):
+        for by in (suspect.DEGREE, 1.0 / suspect.DEGREE):
+            way = gained(bench, by, joints)
+            off = f"{max(by, 1.0 / by):.3g} times too {'small' if by > 1.0 else 'large'}"
+            says = f"the gains of {', '.join(joints)} are {off}: per degree, not per radian"
+            found += bench.settled("gains", tuple(joints), says, [way], whole=True)
+        if found:
+            break
+    return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
+
+
+def stiff(bench: Bench) -> tuple[str, ...]:
+    """Joints whose drives are impedances."""
+    drives = bench.robot.drives
+    return tuple(j for j in bench().joints if isinstance(drives.get(j), ImpedanceDrive))
+
+
+def gained(bench: Bench, by: float, joints: Sequence[str] = ()) -> tuple[Change, ...]:
+    """Gains of impedances multiplied, of some joints or of all."""
+    return tuple(
+        Change(MODEL, f"drives.{joint}.{key}", by * getattr(bench.robot.drives[joint], key))
+        for joint in joints or stiff(bench)
+        for key in ("kp", "kd")
+    )
+
+
+def torques(joint: str, by: float) -> tuple[Change, ...]:
+    """Commanded torque of a joint divided."""
+    return (Change(MAPPING, SCALE, 1.0 / by, "command_torque", joint),)
+
+
+def heavier(bench: Bench, by: float) -> tuple[Change, ...]:
+    """Masses of all links, with what hangs on them, multiplied; inertias follow."""
+    text = Description(bench.robot.urdf)
+    known = {link: text.mass_of(link) for link in text.links()}
+    whole = {link: sum(known[one] for one in text.below(link)) for link in known if known[link]}
+    return tuple(Change(MODEL, f"masses.{link}", by * mass) for link, mass in whole.items())
+
+
+def lowest(miss: Callable[[float], float], grid: Sequence[float]) -> float:
+    """Place of the lowest value near the best one of a rising grid, by golden sections."""
+    grid = list(grid)
+    k = int(np.argmin([miss(x) for x in grid]))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    for _ in range(LIMITS.sections):
+        a, b = high - golden * (high - low), low + golden * (high - low)
+        low, high = (low, b) if miss(a) < miss(b) else (a, high)
+    return 0.5 * (low + high)

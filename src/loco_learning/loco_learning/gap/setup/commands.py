@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Motion against what the model makes of the commands: sign, joints exchanged, scale."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from ..recordings import suspect
+from .bench import Bench, Trial
+from .finding import JOINT, MAPPING, SCALE, SIGN, Change, Finding, roles_of
+from .limits import LIMITS
+
+UNIT_NAMES = {suspect.DEGREE: "deg", 1e3: "mrad or mm", 1.0 / (2.0 * np.pi): "rev"}
+
+
+def sign(bench: Bench) -> list[Finding]:
+    """Joints that move against what the model does under their commands."""
+    trial = bench()
+    alike = np.diag(correlations(trial))
+    found = []
+    for i, joint in enumerate(trial.joints):
+        if alike[i] > -LIMITS.against:
+            continue
+        turned = [(SIGN, -1, "q"), (SIGN, -1, "command")]
+        says = (f"{joint} moves against its command: correlation {alike[i]:.2f} with what the "
+                "model does")  # fmt: skip
+        found += bench.settled("sign", (joint,), says, [lines(bench, joint, *t) for t in turned])
+    return found
+
+
+def exchanged(bench: Bench) -> list[Finding]:
+    """Pairs of joints of which each follows the command of the other."""
+    trial = bench()
+    alike = correlations(trial)
+    found = []
+    for i, j in itertools.combinations(range(len(trial.joints)), 2):
+        own, other = np.array([alike[i, i], alike[j, j]]), np.array([alike[i, j], alike[j, i]])
+        if np.any(other < LIMITS.follows) or np.any(own > other - LIMITS.apart):
+            continue
+        a, b = trial.joints[i], trial.joints[j]
+        says = (f"{a} follows the command of {b} (correlation {alike[j, i]:.2f}, with its own "
+                f"{alike[i, i]:.2f}) and {b} that of {a} ({alike[i, j]:.2f}, {alike[j, j]:.2f}): "
+                "exchanged")  # fmt: skip
+        ways = [swapped(bench, a, b, "q"), swapped(bench, a, b, "command")]
+        found += bench.settled("exchanged", (a, b), says, ways)
+    return found
+
+
+def scale(bench: Bench) -> list[Finding]:
+    """Joints that move so many times as far as the model does under their commands."""
+    found: list[Finding] = []
+    if bench.led:
+        return found  # a torque over one that is needed is a matter of torques and masses
+    for joint in bench().joints:
+        ratio, alike = max((moved(trial, joint) for trial in (bench(), bench.told())),
+                           key=lambda pair: pair[1])  # fmt: skip
+        if alike < LIMITS.follows or 1.0 / LIMITS.scale < ratio < LIMITS.scale:
+            continue
+        known = [u for size, u in UNIT_NAMES.items() for f in (size, 1.0 / size)
+                 if abs(np.log(ratio / f)) < LIMITS.near]  # fmt: skip
+        what = f"one of them in {known[0]}" if known else "a scale, or a reduction of the gear"
+        says = (f"q of {joint} moves {ratio:.3g} times as far as its command asks for "
+                f"(correlation {alike:.3f}): {what}")  # fmt: skip
+        ways = [lines(bench, joint, SCALE, 1.0 / ratio, "q"),
+                lines(bench, joint, SCALE, ratio, "command")]  # fmt: skip
+        found += bench.settled("scale", (joint,), says, ways)
+    return found
+
+
+def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Change, ...]:
+    """The same change of all columns of a joint that are measured (q), commanded, or any ("")."""
+    roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
+    mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
+    mine = [r for r in mine if "tau" not in r and "torque" not in r or key == SIGN]
+    return tuple(Change(MAPPING, key, value, role, joint) for role in mine)
+
+
+def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
+    """Columns of two joints given to each other."""
+    return tuple(
+        Change(MAPPING, JOINT, to, c.role, c.joint)
+        for joint, to in ((a, b), (b, a))
+        for c in lines(bench, joint, SIGN, 1, of)
+    )
+
+
+def correlations(trial: Trial) -> np.ndarray:
+    """Correlation of what the model says of each joint (row) with what each one measured (column).
+
+    Mean over the records; 0 where one of the two hardly changes, (n, n).
+    """
+    total, n = np.zeros((len(trial.joints),) * 2), len(trial.joints)
+    for said, measured in zip(trial.said, trial.measured, strict=True):
+        known = np.isfinite(said).all(axis=1) & np.isfinite(measured).all(axis=1)
+        if known.sum() < LIMITS.samples:
+            continue
+        both = np.hstack([said[known], measured[known]])
+        both = both - both.mean(axis=0)
+        size = np.sqrt(np.sum(both**2, axis=0))
+        usual = both / np.where(size > 1e-9, size, np.inf)
+        total += (usual.T @ usual)[:n, n:] / len(trial.said)
+    return total
+
+
+def moved(trial: Trial, joint: str) -> tuple[float, float]:
+    """Spread of a joint's measurement over that of the model's motion, and their correlation."""
+    if joint not in trial.joints:
+        return 1.0, 0.0
+    i = trial.joints.index(joint)
+    return suspect.slope(np.concatenate(trial.said)[:, i], np.concatenate(trial.measured)[:, i])

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Contents of ``gap.json`` where the set-up is wrong: nothing physical was sought."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from loco_control.params import to_dict
+from loco_sim.plant.model import Model
+
+from ...plain import plain
+from ..params import GapParams
+from ..recordings.record import HELD_OUT, Record
+from .finding import Finding
+
+SETUP = "set-up"  # the verdict
+FORMAT = 1
+EVIDENCE = (
+    "The set-up is judged before anything physical is sought, since each of these would pass for "
+    "an effect. Mend it and search again; what is right as it is, say so: --set setup=false."
+)
+
+
+def contents(
+    model: Model, records: Sequence[Record], findings: Sequence[Finding], params: GapParams
+) -> dict[str, Any]:
+    """Contents of ``gap.json`` of a set-up that has to be mended first.
+
+    Args:
+        model: Robot, overrides and effects, which are handed back as they came.
+        records: Recordings to fit and to judge on.
+        findings: Mistakes of the set-up.
+        params: Settings.
+    """
+    empty: dict[str, Any] = {
+        key: []
+        for key in ("names", "terms", "rivals", "over_settings", "ambiguous", "kinds", "notes",
+                    "not_tried", "where", "regions", "next")
+    }  # fmt: skip
+    return plain(
+        {
+            **empty,
+            "format": FORMAT,
+            "verdict": SETUP,
+            "evidence": EVIDENCE,
+            "setup": [finding.plain() for finding in findings],
+            "gap": {"before": None, "after": None, "floor": 1.0, "closed": None,
+                    "channels": [], "records": [
+                        {"name": r.name, "role": "held-out" if r.role == HELD_OUT else "fit",
+                         "before": None, "after": None} for r in records]},
+            "alarms": [f"{r.name}: {warning}" for r in records for warning in r.warnings],
+            "align": [f"{r.name}: {note}" for r in records for note in r.notes],
+            "pieces": 0.0,
+            "compared": "",
+            "nuisance": {},
+            "settings": to_dict(params),
+            "identifiability": {},
+            "correction": None,
+            "residual": None,
+            "model": {"robot": model.robot, "overrides": dict(model.overrides),
+                      "effects": list(model.effects)},
+        }
+    )  # fmt: skip

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The tests of a set-up, one after the other: each looks at what the ones before have mended."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from loco_sim.plant.model import Model
+from loco_sim.robot.description import Description
+
+from ..recordings import suspect
+from ..recordings.lags import rates
+from ..recordings.record import Record
+from . import bodies, commands, mend, signals
+from .bench import Bench, robot_of
+from .finding import Finding
+from .limits import LIMITS
+
+Test = Callable[[Bench], list[Finding]]
+TESTS: tuple[Test, ...] = (
+    *(signals.turns, commands.exchanged, commands.sign, commands.scale, signals.ahead),
+)
+LAST: tuple[Test, ...] = (signals.effort,)
+RUNS: tuple[Test, ...] = (
+    *(bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains),
+)
+
+
+def look(model: Model, records: Sequence[Record]) -> list[Finding]:
+    """Mistakes of a set-up, in the order in which they are to be mended.
+
+    Args:
+        model: Robot, overrides and effects.
+        records: Recordings.
+    """
+    found = of_signals(model, records)
+    bench = Bench(model, records, tuple(mend.changes_of(found)))
+    if not bench.possible or not all(finding.mends for finding in found):
+        return found  # nothing can be run, or nothing that would be right
+    for test in TESTS:
+        new = test(bench)
+        found += new
+        bench = bench.mended(mend.changes_of(new))
+    if not all(finding.mends for finding in found):
+        return found
+    for _ in range(0 if bench.free else LIMITS.rounds):
+        new = best(bench)
+        found += new
+        bench = bench.mended(mend.changes_of(new))
+        if not new:
+            break
+    return [*found, *(finding for test in LAST for finding in test(bench))]
+
+
+def _refuted(finding: Finding, model: Model, record: Record) -> bool:
+    """True for degrees that a range alone suggests: a joint may turn beyond its URDF's limits.
+
+    Its speed is then one that the URDF allows, and the model is no nearer to the motion in degrees.
+    """
+    roles = {change.role for change in finding.mends}
+    if finding.fault != "unit" or not roles or roles - {"q", "command_position"}:
+        return False
+    bench = Bench(model, [record])
+    if record.has("dq") or bench.free or not bench.possible:
+        return False
+    text = Description(bench.robot.urdf)
+    for joint, q in zip(record.joints, record.signals["q"].T, strict=True):
+        allowed = text.velocity(joint) or LIMITS.fastest
+        if np.nanpercentile(np.abs(rates(q, record.dt)), 99.0) > allowed:
+            return False
+    return bench.miss(*finding.mends) > min(bench.miss() / LIMITS.better, LIMITS.left)
+
+
+def best(bench: Bench) -> list[Finding]:
+    """The mistake of the robot or of a whole joint that explains most; none if the model fits.
+
+    Those that explain as much are ways to mend it, too: the recordings do not tell which.
+    """
+    new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
+    rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
+    if not rows:
+        return []
+    least, first = rows[0][0], new[rows[0][1]]
+    alike = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * least + 1e-3]
+    others = [way for finding in alike for way in (finding.mends, *finding.others)]
+    return [replace(first, others=tuple(dict.fromkeys((*first.others, *others))))]
+
+
+def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
+    """Mistakes that signals tell of each other, each once for all records.
+
+    Lines of a mapping are for all records: where some have the mistake and others do not, there
+    are none.
+    """
+    found: dict[object, dict[str, Finding]] = {}
+    for record in records:
+        robot = robot_of(model, record)
+        of_units = () if record.trusted else suspect.findings(record, robot)
+        others = (signals.wraps(record, robot), signals.base(record, robot))
+        for finding in itertools.chain(*others, of_units):
+            if _refuted(finding, model, record):
+                continue
+            key = finding.joints, finding.mends or finding.says
+            found.setdefault(key, {})[record.name] = finding
+    some = []
+    for rows in found.values():
+        names, finding = list(rows), next(iter(rows.values()))
+        says = f"{', '.join(names)}: {finding.says}"
+        every = len(names) == len(records) or finding.fault == "wrap"  # which harms no other
+        some.append(finding if every else replace(finding, says=says, mends=()))
+    return some

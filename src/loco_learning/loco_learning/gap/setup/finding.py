@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of a set-up, with the numbers that tell them and the lines that mend them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..recordings import units
+from ..recordings.record import JOINT_SIGNALS, Record
+
+MAPPING, MODEL = "mapping.yaml", "model.yaml"
+EFFECTS = "effects"  # key of a model.yaml whose value is a list of effects
+JOINT, SIGN, SCALE, UNIT, OFFSET, WRAP = "joint", "sign", "scale", "unit", "offset", "wrap"
+
+
+@dataclass(frozen=True)
+class Change:
+    """A key of a mapping's column or of a model, and the value that it should have.
+
+    Attributes:
+        file: `MAPPING` or `MODEL`.
+        key: Key of a column, or dotted name of a value of robot.yaml, or `EFFECTS`.
+        value: Value of the key.
+        role: Role of the column, for `MAPPING`.
+        joint: Joint of the column, for `MAPPING`.
+    """
+
+    file: str
+    key: str
+    value: Any = field(hash=False)
+    role: str = ""
+    joint: str = ""
+
+    def __str__(self) -> str:
+        where = f" at {self.role} of {self.joint}" if self.role else ""
+        value = f"{self.value:.6g}" if isinstance(self.value, float) else self.value
+        if self.key == EFFECTS:
+            value = yaml.safe_dump(list(value), default_flow_style=True).strip()
+        return f"{self.key}: {value}{where} in {self.file}"
+
+    @property
+    def factor(self) -> float:
+        """Factor on the values of the column; 1 for keys that do not scale."""
+        if self.key == UNIT:
+            return units.factor(self.value)
+        return float(self.value) if self.key in (SIGN, SCALE) else 1.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A mistake of a set-up.
+
+    Attributes:
+        fault: Name of the kind of mistake, such as "sign".
+        joints: Joints that it is about; empty for the whole robot.
+        says: The mistake in one sentence, with numbers.
+        mends: Lines that mend it, all of them needed.
+        others: Other sets of lines that mend it as well: these data do not tell which is right.
+        stops: Nothing physical can be told before it is mended.
+    """
+
+    fault: str
+    joints: tuple[str, ...]
+    says: str
+    mends: tuple[Change, ...] = ()
+    others: tuple[tuple[Change, ...], ...] = ()
+    stops: bool = True
+
+    def __str__(self) -> str:
+        ways = [" and ".join(map(str, some)) for some in (self.mends, *self.others) if some]
+        line = f"; say {ways[0]}" if ways else ""
+        if len(ways) > 1:
+            line += f", or {', or '.join(ways[1:])}: these recordings cannot tell which"
+        return f"{self.says}{line}"
+
+    def plain(self) -> dict[str, Any]:
+        """The finding for a JSON file."""
+        return {
+            "fault": self.fault,
+            "joints": list(self.joints),
+            "says": str(self),
+            "mends": [vars(change) for change in self.mends],
+            "others": [[vars(change) for change in some] for some in self.others],
+            "stops": self.stops,
+        }
+
+
+def roles_of(record: Record, joint: str) -> tuple[str, ...]:
+    """Roles of the columns that a record has of a joint."""
+    measured = JOINT_SIGNALS if joint in record.joints else ()
+    kinds = record.command if joint in record.driven else ()
+    roles = [role for role in measured if role in record.signals]
+    return (*roles, *(f"command_{kind}" for kind in kinds))
+
+
+def mended(record: Record, changes: Sequence[Change]) -> Record:
+    """A record as it would be read with changes of its mapping.
+
+    Args:
+        record: The record as it was read.
+        changes: Changes; those of a model are left to `model_with`.
+    """
+    signals = {key: values.copy() for key, values in record.signals.items()}
+    command = {key: values.copy() for key, values in record.command.items()}
+    resolution = dict(record.resolution)
+    moved = [c for c in changes if c.key == JOINT]
+    for c in changes:
+        if c.file != MAPPING or c.key == JOINT:
+            continue
+        values, names = _columns(record, signals, command, c.role)
+        if values is not None and c.joint in names:
+            k = names.index(c.joint)
+            if c.key == WRAP:
+                values[:, k] = units.periodic(values[:, k], c.value)
+            values[:, k] *= c.factor
+            values[:, k] += c.value if c.key == OFFSET else 0.0
+            if (c.role, c.joint) in resolution:
+                resolution[c.role, c.joint] *= abs(c.factor)
+    old = {id(v): v.copy() for v in (*signals.values(), *command.values())}
+    for c in moved:
+        values, names = _columns(record, signals, command, c.role)
+        if values is not None and {c.joint, c.value} <= set(names):
+            values[:, names.index(c.value)] = old[id(values)][:, names.index(c.joint)]
+    return replace(record, signals=signals, command=command, resolution=resolution)
+
+
+def _columns(
+    record: Record, signals: Mapping, command: Mapping, role: str
+) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """Array of a role, None without one, and the joints of its columns."""
+    if role.startswith("command_"):
+        return command.get(role.removeprefix("command_")), record.driven
+    return signals.get(role), record.joints

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals against what a joint, a drive and a base can do: jumps, whole turns, commands, effort."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ImpedanceDrive
+
+from ..recordings import lags, suspect
+from ..recordings.record import Record, bridged
+from .bench import Bench
+from .commands import moved
+from .finding import MAPPING, MODEL, OFFSET, SCALE, WRAP, Change, Finding
+from .limits import LIMITS
+
+TURN = 2.0 * np.pi
+
+
+def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
+    """Joints whose positions jump by one period, again and again, faster than they can move."""
+    text = Description(robot.urdf)
+    for i, joint in enumerate(record.joints):
+        step = np.diff(bridged(record.signals["q"][:, i]))
+        usual = float(np.percentile(np.abs(step), 90.0))
+        fastest = text.velocity(joint) or LIMITS.fastest
+        least = max(20.0 * usual, 3.0 * fastest * record.dt, 1e-9)
+        rows = np.flatnonzero(np.abs(step) > least)
+        rows = rows[np.diff(rows, prepend=-2) > 1]  # a jump between samples takes two of them
+        if len(rows) < LIMITS.jumps:
+            continue
+        sizes = np.abs([step[r : r + 2].sum() - 2.0 * np.median(step[max(r - 5, 0) : r + 7])
+                        for r in rows])  # fmt: skip
+        period = float(np.median(sizes))
+        if np.max(np.abs(sizes - period)) > 0.05 * period:
+            continue
+        parts = TURN / period
+        if abs(parts - round(parts)) < 0.03 * parts:
+            period = TURN / round(parts)
+        says = (f"q of {joint} jumps by {period:.4g} {len(rows)} times, the first at "
+                f"{record.t[rows[0]]:.2f} s: it wraps")  # fmt: skip
+        yield Finding("wrap", (joint,), says, (Change(MAPPING, WRAP, period, "q", joint),))
+
+
+def base(record: Record, robot: Robot) -> Iterator[Finding]:
+    """A base that moves although it is bolted in robot.yaml, or rests although it is free there."""
+    gyro = record.signals.get("gyro")
+    if gyro is None or not np.isfinite(gyro).any():
+        return
+    turning = float(np.nanpercentile(np.linalg.norm(gyro, axis=1), 90.0))
+    rates = [lags.rates(bridged(x), record.dt) for x in record.signals["q"].T]
+    moving = max(float(np.nanpercentile(np.abs(x), 90.0)) for x in rates)
+    if robot.fixed_base and turning > LIMITS.turning:
+        says = f"the base is bolted in robot.yaml, but its gyro turns at {turning:.2g} rad/s"
+        yield Finding("base", (), says, (Change(MODEL, "fixed_base", False),))
+    elif not robot.fixed_base and turning < LIMITS.resting and moving > LIMITS.moving:
+        says = (f"the base is free in robot.yaml, but its gyro turns at {turning:.2g} rad/s only "
+                f"while joints move at {moving:.2g} rad/s: bolted")  # fmt: skip
+        yield Finding("base", (), says, (Change(MODEL, "fixed_base", True),))
+
+
+def turns(bench: Bench) -> list[Finding]:
+    """Joints whose positions are whole turns away from their commands."""
+    trial, found = bench.told(), []
+    kinds = Description(bench.robot.urdf).joint_types()
+    for i, joint in enumerate(trial.joints):
+        off = np.concatenate(trial.measured)[:, i] - np.concatenate(trial.said)[:, i]
+        count = round(float(np.nanmedian(off)) / TURN) if np.isfinite(off).any() else 0
+        if not count or kinds.get(joint) == "prismatic":
+            continue
+        says = (f"q of {joint} is {np.nanmedian(off):.3g} rad away from its command, about "
+                f"{count} turns")  # fmt: skip
+        ways = [(Change(MAPPING, OFFSET, -TURN * count, "q", joint),),
+                (Change(MAPPING, OFFSET, TURN * count, "command_position", joint),)]  # fmt: skip
+        found += bench.settled("turns", (joint,), says, ways)
+    return found
+
+
+def ahead(bench: Bench) -> list[Finding]:
+    """Joints whose motion is ahead of their command: that was measured, too."""
+    found: list[Finding] = []
+    for joint in bench().joints if not (bench.led or bench.free) else ():
+        early, due, near, usual = _following(bench, joint)
+        late = early < -LIMITS.early * bench.records[0].dt <= due
+        same = near < LIMITS.same * usual and early <= 0.0
+        if not late and not same:
+            continue
+        says = (f"the motion of {joint} is {-1e3 * early:.3g} ms ahead of its command" if late else
+                f"q of {joint} follows its command to {near:.2%}, where the drive would leave "
+                f"{usual:.1%}")  # fmt: skip
+        says += ": the command was measured, or its clock is late; name the column of what the " \
+                "drive was told"  # fmt: skip
+        found.append(Finding("ahead", (joint,), says))
+    return found
+
+
+def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:
+    """Time of a motion behind its command and that of the model [s], distance of both from it."""
+    told, run = bench.told(), bench()
+    if joint not in told.joints:
+        return 0.0, 0.0, 1.0, 0.0
+    i, k = told.joints.index(joint), run.joints.index(joint)
+    record = bench.told_records()[0]
+    command = record.command["position"][:, record.driven.index(joint)]
+    q = bridged(record.signals["q"][:, record.joints.index(joint)])
+    rates = [lags.rates(x, record.dt) for x in (command, q, bridged(run.said[0][:, k]))]
+    behind = [lags.lag(rates[0], rate, record.dt, lags.SHARPER) for rate in rates[1:]]
+    early, due = (time if alike > lags.LAG_IS_TOLD else 0.0 for time, alike in behind)
+    size = max(float(np.std(command)), 1e-12)
+    near = float(np.sqrt(np.nanmean((told.measured[0][:, i] - command) ** 2))) / size
+    usual = float(np.sqrt(np.nanmean((run.said[0][:, k] - command) ** 2))) / size
+    return early, due, near, usual
+
+
+def effort(bench: Bench) -> list[Finding]:
+    """Joints whose effort is so many times what their drive asks for and their motion needs."""
+    found: list[Finding] = []
+    needed = bench.torques() if not (bench.led or bench.free) else None
+    for joint in needed.joints if needed else ():
+        drive = bench.robot.drives.get(joint)
+        by_motion, alike = moved(needed, joint)
+        if not isinstance(drive, ImpedanceDrive) or drive.integrates or alike < LIMITS.needed:
+            continue
+        ratio, sure = _asked(bench, joint, drive)
+        off = abs(np.log(ratio))
+        if sure < LIMITS.exact or off < np.log(LIMITS.effort):
+            continue
+        if abs(np.log(ratio / by_motion)) > 0.5 * off:
+            continue  # the motor gives another torque than its drive asks for
+        says = (f"tau of {joint} is {ratio:.3g} times what inertia, weight and drive ask for "
+                f"(correlation {sure:.3f}): a current in A, of {1.0 / ratio:.3g} N·m per A, or "
+                "raw counts? Here it is taken so")  # fmt: skip
+        way = (Change(MAPPING, SCALE, 1.0 / ratio, "tau", joint),)
+        found.append(Finding("effort", (joint,), says, way, stops=False))
+    return found
+
+
+def _asked(bench: Bench, joint: str, drive: ImpedanceDrive) -> tuple[float, float]:
+    """Effort over the torque that a drive asks for along the measured motion, and correlation."""
+    asked, tau = [], []
+    for record in bench.told_records():
+        i, k = record.driven.index(joint), record.joints.index(joint)
+        q = bridged(record.signals["q"][:, k])
+        dq = lags.rates(q, record.dt)
+        wish = record.command.get("velocity")
+        speed = drive.speed_feed * wish[:, i] if wish is not None else 0.0
+        asked.append(drive.kp * (record.command["position"][:, i] - q) + drive.kd * (speed - dq))
+        tau.append(record.signals["tau"][:, k])
+    ratio, alike = suspect.slope(np.concatenate(asked), np.concatenate(tau))
+    return max(ratio, 1e-12), alike

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Metrics in which two runs differ: beyond noise, and by more than matters.
+
+A phase is cut into blocks of whole strides, and each metric is taken over each block of both
+runs. Where both runs have the same target, blocks of the same ticks are paired: what the target
+does to a metric then cancels. A difference is *lasting* where the interval of the mean over the
+blocks excludes zero, and *passing* where single blocks stand out of the others, as after a push.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import bootstrap, t
+
+from ..runs.log import Log
+from .quantities import period
+from .registry import METRICS, SHORTEST, Metric
+
+LEAST = 6  # blocks of a phase from which on it is judged (taste: Student's t is near normal)
+CHANCE = 0.01  # that anything in a whole table is called a difference and is none (convention)
+RESAMPLES = 999  # of a bootstrap (Davison and Hinkley 1997)
+NORMAL = 1.4826  # deviation of a normal law over the median of its absolute values (theory)
+LASTING, PASSING = "lasting", "passing"
+
+
+@dataclass(frozen=True)
+class Size:
+    """Change of a metric from which on it matters, the larger of two.
+
+    Attributes:
+        least: Change in the unit of the metric.
+        share: Change over the value of the first run.
+        source: Reason for both.
+    """
+
+    least: float
+    share: float
+    source: str
+
+    def of(self, value: float) -> float:
+        """Change that matters where the first run has a value."""
+        return max(self.least, self.share * abs(value))
+
+
+TASTE = "taste: what a reader of a table would call a change"
+STEP = "resolution of a servo's encoder, 4096 steps a turn"
+WALL = "of the machine, not of the robot: never judged"
+# Units are those of `METRICS`.
+SIZES: dict[str, Size] = {
+    "distance": Size(0.005, 0.05, TASTE),
+    "speed": Size(0.005, 0.05, TASTE),
+    "forward_speed": Size(0.005, 0.05, TASTE),
+    "speed_ratio": Size(0.02, 0.05, TASTE),
+    "lateral_drift": Size(0.005, 0.05, TASTE),
+    "heading_drift": Size(0.01, 0.05, TASTE),
+    "stability": Size(0.001, 0.1, TASTE),
+    "roll_range": Size(0.005, 0.1, TASTE),
+    "pitch_range": Size(0.005, 0.1, TASTE),
+    "power": Size(0.01, 0.05, TASTE),
+    "positive_power": Size(0.01, 0.05, TASTE),
+    "cost_of_transport": Size(0.01, 0.05, TASTE),
+    "saturated_score": Size(1e-4, 0.05, TASTE),
+    "torque_max": Size(0.005, 0.05, TASTE),
+    "grf_max": Size(0.1, 0.05, TASTE),
+    "grf_snr": Size(0.02, 0.05, TASTE),
+    "duty_factor": Size(0.02, 0.05, TASTE),
+    "step_length": Size(0.002, 0.05, TASTE),
+    "step_height": Size(0.002, 0.05, TASTE),
+    "stride_frequency": Size(0.02, 0.05, TASTE),
+    "passive_range": Size(0.005, 0.05, TASTE),
+    "tracking_error": Size(2.0 * math.pi / 4096, 0.1, STEP),
+    "mse": Size(1e-5, 0.2, TASTE),
+    "mae": Size(2.0 * math.pi / 4096, 0.1, STEP),
+    "nrmse": Size(0.005, 0.1, TASTE),
+    "nrmse_author": Size(0.005, 0.1, TASTE),
+    "shape_error": Size(0.005, 0.1, TASTE),
+    "accuracy": Size(0.1, 0.1, TASTE),
+    "fmse": Size(1e-6, 0.2, TASTE),
+    "mawe": Size(2.0 * math.pi / 4096, 0.1, STEP),
+    "step_time": Size(math.inf, 0.0, WALL),
+    "prediction_frequency": Size(0.02, 0.05, TASTE),
+    "phase_lag": Size(0.02, 0.05, TASTE),
+    "limit_cycle_size": Size(0.02, 0.05, TASTE),
+}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One metric of a phase in one run beside the first.
+
+    Attributes:
+        metric: Name of the metric.
+        first: Mean over the blocks of the first run.
+        other: Mean over the blocks of the other run.
+        low: Lower end of the interval of the mean difference, other minus first; NaN where it is
+            not judged.
+        high: Upper end.
+        size: Difference from which on it matters.
+        kind: `LASTING`, `PASSING` or nothing.
+        largest: Difference in the block that stands out most; NaN where blocks are not paired.
+        at: Start of that block in the phase [s].
+    """
+
+    metric: str
+    first: float
+    other: float
+    low: float
+    high: float
+    size: float
+    kind: str
+    largest: float
+    at: float
+
+    @property
+    def judged(self) -> bool:
+        """Whether there were blocks enough."""
+        return math.isfinite(self.low)
+
+
+@dataclass(frozen=True)
+class Window:
+    """Blocks of a phase that two runs are compared in.
+
+    Attributes:
+        phase: Name of the phase.
+        ticks: Length of the phase in the shorter run [ticks].
+        length: Length of a block [ticks].
+        count: Number of blocks.
+        dt: Control period [s].
+        paired: Both runs have the same target at the same tick.
+    """
+
+    phase: str
+    ticks: int
+    length: int
+    count: int
+    dt: float
+    paired: bool
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are blocks enough to judge by."""
+        return self.count >= LEAST
+
+    @property
+    def needed(self) -> float:
+        """Length of a phase that would be enough [s]."""
+        return LEAST * self.length * self.dt
+
+
+def window(first: Log, other: Log, phase: str) -> Window:
+    """Blocks of a phase, as long as both runs have it."""
+    starts = [log.phases()[phase] for log in (first, other)]
+    ticks = min(s.stop - s.start for s in starts)
+    stride = min(period(first.cut(starts[0])), ticks)
+    length = stride * max(1, math.ceil(SHORTEST / (stride * first.dt) - 1e-9))
+    one, two = (
+        log.target[s.start : s.start + ticks] for log, s in zip((first, other), starts, strict=True)
+    )
+    paired = np.array_equal(one, two, equal_nan=True)
+    return Window(phase, ticks, length, ticks // length, first.dt, paired)
+
+
+def differences(first: Log, other: Log, phase: str, tests: int = 1) -> list[Difference]:
+    """Metrics of a phase that both runs have.
+
+    Args:
+        first: Reference.
+        other: Run that is compared with it.
+        phase: Name of a phase of both.
+        tests: Tables of which all together are right but for `CHANCE`.
+    """
+    here = window(first, other, phase)
+    chosen = [m for m in METRICS.values() if m.suits(first) and m.suits(other)]
+    rows = [(m.name, *(_blocks(m, log, here) for log in (first, other))) for m in chosen]
+    rows = [row for row in rows if np.isfinite(row[1]).any() and np.isfinite(row[2]).any()]
+    chance = CHANCE / (tests * max(1, len(rows)))
+    return [_difference(here, *row, chance) for row in rows]
+
+
+def _blocks(metric: Metric, log: Log, here: Window) -> np.ndarray:
+    """Value of a metric in each block, (N,)."""
+    starts = log.phases()[here.phase].start + here.length * np.arange(here.count)
+    return np.array([metric(log, slice(s, s + here.length)) for s in starts])
+
+
+def _difference(
+    here: Window, name: str, one: np.ndarray, two: np.ndarray, chance: float
+) -> Difference:
+    """Difference of blocks, judged with a chance of error."""
+    size, at, largest, kind = SIZES[name].of(float(np.nanmean(one))), math.nan, math.nan, ""
+    low = high = math.nan
+    if here.paired:
+        known = np.isfinite(one) & np.isfinite(two)
+        pairs = (two - one)[known]
+        samples: tuple[np.ndarray, ...] = (pairs,)
+    else:
+        samples = one[np.isfinite(one)], two[np.isfinite(two)]
+    if math.isfinite(size) and min(map(len, samples)) >= LEAST:
+        low, high = interval(samples, chance)
+        middle = 0.5 * (low + high)
+        if low * high > 0.0 and abs(middle) > size:
+            kind = LASTING
+        if here.paired:
+            most = int(np.argmax(np.abs(pairs)))
+            largest = float(pairs[most])
+            at = float(np.flatnonzero(known)[most] * here.length * here.dt)
+            if not kind and abs(largest) > max(size, outstanding(pairs, chance)):
+                kind = PASSING
+    means = (float(np.nanmean(values)) for values in (one, two))
+    return Difference(name, *means, low, high, size, kind, largest, at)
+
+
+def interval(samples: tuple[np.ndarray, ...], chance: float) -> tuple[float, float]:
+    """Interval of the mean of pairs, or of the second mean minus the first.
+
+    Few blocks, and blocks that resemble their neighbours, make a bootstrap too sure: Student's law
+    and the correlation of neighbours widen its standard error.
+
+    Args:
+        samples: Differences of pairs, (N,), or the values of both runs.
+        chance: Chance that the interval does not hold the true value.
+    """
+    paired, few = len(samples) == 1, min(map(len, samples))
+    drawn = bootstrap(
+        samples, _mean if paired else _apart, n_resamples=RESAMPLES, vectorized=True,
+        method="percentile", rng=np.random.default_rng(0),
+    )  # fmt: skip
+    middle = float((_mean if paired else _apart)(*samples))
+    wide = float(t.ppf(1.0 - 0.5 * chance, few - 1) * math.sqrt(few / (few - 1)))
+    half = wide * float(drawn.standard_error) * max(map(resemblance, samples))
+    return middle - half, middle + half
+
+
+def resemblance(values: np.ndarray) -> float:
+    """Factor by which neighbours that are alike widen the error of a mean, 1 where they are not.
+
+    The correlation of neighbours is freed of what few values make it too small by (Kendall 1954).
+    """
+    centred, count = values - np.mean(values), len(values)
+    power = float(centred @ centred)
+    if not power > 0.0:
+        return 1.0
+    rho = float(centred[1:] @ centred[:-1]) / power
+    rho = min(max(rho + (1.0 + 4.0 * rho) / count, 0.0), 0.9)
+    return math.sqrt((1.0 + rho) / (1.0 - rho))
+
+
+def _mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    return np.mean(values, axis=axis)
+
+
+def _apart(one: np.ndarray, two: np.ndarray, axis: int = -1) -> np.ndarray:
+    return np.mean(two, axis=axis) - np.mean(one, axis=axis)
+
+
+def outstanding(pairs: np.ndarray, chance: float) -> float:
+    """Difference beyond which a block is none of the others, whose scale is that of their median.
+
+    Args:
+        pairs: Difference of each block, (N,).
+        chance: Chance that any block of noise is beyond it.
+    """
+    scale = NORMAL * float(np.median(np.abs(pairs)))
+    return scale * float(t.ppf(1.0 - 0.5 * chance / len(pairs), len(pairs) - 1))
+
+
+def shared(logs: Mapping[str, Log]) -> list[str]:
+    """Phases that all runs reached, in order."""
+    first, *others = logs.values()
+    return [name for name in first.phases() if all(name in log.phases() for log in others)]

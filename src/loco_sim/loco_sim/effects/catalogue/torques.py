@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torques beside those of the model: a bias, the ripple of a gear, weight that is carried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from loco_control.params import parameter
+
+from .. import rows
+from ..base import Effect
+from ..chain import TorqueEffect
+from ..identity import Identity, LookAlike, Prior
+from ..offers import Hints, Offer, logarithmic, strength
+from .compliance import Elastic
+
+
+@dataclass
+class TorqueBias(Elastic, name="torque_bias"):
+    """A constant torque on a joint: a drive that is off by it, or a force that always pulls."""
+
+    torque: float = parameter(0.0, "torque", "N·m", -500.0, 500.0)
+    law, among = rows.WAVE, "driven"
+
+    identity = Identity(
+        site="actuator",
+        equation="tau <- tau + torque",
+        priors={"torque": Prior(-2.0, 0.0, 2.0)},
+        source="Gautier, Briot 2014, Global identification of joint drive gains and dynamic "
+        "parameters of robots, J. Dynamic Systems, Measurement and Control 136(5) (offset)",
+        look_alikes=(
+            LookAlike("slope", "turn the bench around, or level it: a bias stays"),
+            LookAlike("asymmetric_friction", "hold still without a load: friction only holds"),
+            LookAlike("com_offset", "two postures: a weight pulls by posture, a bias does not"),
+            LookAlike("joint_offset", "two gains of the drive: a bias pulls less at the higher"),
+        ),
+        touches=("torque",),
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return 0.0, 0.0, self.torque
+
+
+@dataclass
+class TorqueRipple(TorqueEffect, name="torque_ripple"):
+    """A torque that goes up and down with the angle: cogging of a motor, teeth of a gear."""
+
+    sine: float = parameter(0.0, "part that goes as the sine", "N·m", -200.0, 200.0)
+    cosine: float = parameter(0.0, "part that goes as the cosine", "N·m", -200.0, 200.0)
+    count: float = parameter(12.0, "periods in 2 pi of the joint", "-", 0.1, 1000.0)
+    law, among = rows.WAVE, "driven"
+
+    identity = Identity(
+        site="actuator",
+        equation="tau <- tau + sine sin(count q) + cosine cos(count q)",
+        priors={
+            "sine": Prior(-0.3, 0.0, 0.3),
+            "cosine": Prior(-0.3, 0.0, 0.3),
+            "count": Prior(2.0, 12.0, 100.0),
+        },
+        strengths=("sine", "cosine"),
+        source="Holtz, Springob 1996, Identification and compensation of torque ripple in "
+        "high-precision permanent magnet motor drives, IEEE Trans. Industrial Electronics 43(2)",
+        look_alikes=(
+            LookAlike("coulomb_friction", "one way at one speed: friction stays, ripple turns"),
+            LookAlike("torque_bias", "turn by half a period: ripple changes its sign"),
+        ),
+        touches=("torque",),
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """At each joint in which the residual goes up and down with the angle."""
+        free = strength(cls, "sine", 0.1), strength(cls, "cosine", 0.1)
+        return [
+            Offer(joint, (("joint", joint),), (*free, logarithmic(cls, "count", counts)))
+            for joint, counts in zip(robot.joints, hints.ripples, strict=False)
+            if counts and joint in robot.drives
+        ]
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.sine, self.count, self.cosine
+
+    def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
+        at = self.count * q[self.joints]
+        return float(np.sum(self.sine * np.cos(at) - self.cosine * np.sin(at)) / self.count)
+
+
+@dataclass
+class GravityCompensation(Effect, name="gravity_compensation"):
+    """The drives of a bolted robot carry a share of its weight by themselves.
+
+    What they give for it is in no reading of torques, as where a controller takes it off.
+    """
+
+    share: float = parameter(0.0, "share of the weight that is carried", "-", -1.0, 2.0)
+    needs, lasting = ("bolted", "drives", "turns"), True
+
+    identity = Identity(
+        site="actuator",
+        equation="tau <- tau + share g(q), g what holds the robot as the model has it",
+        priors={"share": Prior(-1.0, 0.0, 1.0)},
+        source="Siciliano, Sciavicco, Villani, Oriolo 2009, Robotics, section 8.5.1 (PD control "
+        "with gravity compensation)",
+        look_alikes=(
+            LookAlike("payload", "fast motions without load: weight goes, inertia stays"),
+            LookAlike("com_offset", "fast motions: a centre of mass moves inertia, too"),
+            LookAlike("torque_bias", "two postures: what is carried goes with the weight"),
+        ),
+        touches=("model",),
+    )
+
+    def configure(self, world: Any) -> None:
+        self.require(world.robot)
+        world.carried += self.share

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shapes of a foreign robot: those that no engine takes are left out, with a note."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from ..mesh_files import is_pointer, mesh_path, whole_stl
+from ..meshes.read import READERS, read_mesh
+from ..robot.urdf_check import SIZES, shape_problems
+from .notes import Notes
+
+THIN = 1e-3  # a side of 0 is read as this [m]
+KINDS = {"collision": "without a shape that touches", "visual": "without a shape to draw"}
+
+
+def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
+    """Find the meshes of all shapes, and take out the shapes that are none.
+
+    Args:
+        root: Element of the robot, changed in place.
+        folder: Folder of relative mesh files.
+        notes: Collects what was changed.
+    """
+    for link in root.findall("link"):
+        for kind, text in KINDS.items():
+            for shape in link.findall(kind):
+                name = link.get("name") or ""
+                _thicken(shape, name, notes)
+                reason, file = _fault(shape, folder, kind == "collision")
+                if reason:
+                    link.remove(shape)
+                    notes.add(f"{text}, as {reason}", f"{name} ({file})" if file else name)
+
+
+def _thicken(shape: ET.Element, name: str, notes: Notes) -> None:
+    """Give plates and discs of no thickness one of a millimetre."""
+    body = _body(shape)
+    for key in SIZES.get("" if body is None else body.tag, ()):
+        words = body.get(key, "").split()
+        flat = [word for word in words if _zero(word)]
+        if flat and (len(flat) < len(words) or key == "length"):
+            body.set(key, " ".join(f"{THIN:g}" if _zero(word) else word for word in words))
+            notes.add(f"a side of length 0 is read as {1e3 * THIN:g} mm", name)
+
+
+def _zero(word: str) -> bool:
+    try:
+        return float(word) == 0.0
+    except ValueError:
+        return False
+
+
+def _body(shape: ET.Element) -> ET.Element | None:
+    geometry = shape.find("geometry")
+    return None if geometry is None else next(iter(geometry), None)
+
+
+def _fault(shape: ET.Element, folder: Path, collides: bool) -> tuple[str, str]:
+    """Reason for which a shape is of no use, "" if there is none, and its mesh; finds the mesh."""
+    body = _body(shape)
+    if body is not None and body.tag == "mesh":
+        file = body.get("filename", "")
+        path = mesh_path(file, folder)
+        if path is None:
+            return "its mesh is not there", file
+        if is_pointer(path):
+            return "its mesh is a pointer of Git LFS (git lfs pull)", path.name
+        if path.suffix.lower() == ".stl" and not whole_stl(path):
+            return "its mesh file is cut off", path.name
+        if collides and path.suffix.lower() not in READERS:
+            return f"no engine reads meshes of kind {path.suffix}", path.name
+        if collides and read_mesh(path.resolve()) is None:
+            return "its mesh cannot be read", path.name
+        body.set("filename", str(path.resolve()))
+    broken = next(shape_problems(shape, "", folder, False), "")
+    return ("its size or place is none" if broken else ""), ""

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints of a foreign robot: those that no engine here has become ones that it has, with a note."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from ..bolted.tree import numbers, pose
+from ..robot.frames import set_pose, turns
+from ..robot.urdf_check import mass_of
+from .notes import Notes
+from .weight import FEATHER, robot_mass, weigh
+
+WORLDS = ("world", "map", "odom", "ground")
+SLIDE = 1.0  # travel to each side of a slide that names none [m]
+
+
+def cure(root: ET.Element, notes: Notes) -> None:
+    """Give each joint a kind and a range that it can move in.
+
+    Args:
+        root: Element of the robot, changed in place.
+        notes: Collects what was changed.
+    """
+    for joint in root.findall("joint"):
+        kind, name = joint.get("type"), joint.get("name") or ""
+        if kind == "spherical":
+            _split(root, joint)
+            notes.add("ball joints are three hinges each", name)
+        elif kind in ("floating", "planar"):
+            _free(root, joint, notes)
+        elif kind in ("revolute", "prismatic"):
+            _range(joint, notes)
+
+
+def lock(joint: ET.Element, position: float) -> None:
+    """Fix a joint at a position [rad or m]."""
+    offset, turn = pose(joint.find("origin"))
+    axis = joint.find("axis")
+    along = numbers("1 0 0" if axis is None else axis.get("xyz", ""))
+    if position and len(along) == 3 and np.linalg.norm(along) > 0.0:
+        along = along / np.linalg.norm(along)
+        if joint.get("type") == "prismatic":
+            offset = offset + turn @ along * position
+        else:
+            turn = turn @ turns(along, np.array([position]))[0]
+        origin = joint.find("origin")
+        origin = ET.SubElement(joint, "origin") if origin is None else origin
+        set_pose(origin, offset, turn)
+    joint.set("type", "fixed")
+    for extra in [*joint.findall("mimic"), *joint.findall("limit"), *joint.findall("axis")]:
+        joint.remove(extra)
+
+
+def _end(joint: ET.Element, end: str) -> str | None:
+    element = joint.find(end)
+    return None if element is None else element.get("link")
+
+
+def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
+    """A floating or planar joint under an empty root says that the robot floats; others lock."""
+    kind, name, parent = joint.get("type"), joint.get("name") or "", _end(joint, "parent")
+    link = next((e for e in root.findall("link") if e.get("name") == parent), None)
+    others = [j for j in root.findall("joint") if j is not joint]
+    alone = all(parent != _end(j, end) for j in others for end in ("parent", "child"))
+    if link is not None and alone and mass_of(link) == 0.0:
+        root.remove(link)
+        root.remove(joint)
+        notes.add(f"without the {kind} joint {name!r} to {parent!r}, as any base floats")
+        return
+    joint.set("type", "fixed")
+    notes.add(f"locked, as no drive moves a {kind} joint", name)
+
+
+def _range(joint: ET.Element, notes: Notes) -> None:
+    limit, name = joint.find("limit"), joint.get("name") or ""
+    given = {} if limit is None else limit.attrib
+    ends = {"lower", "upper"} & set(given)
+    try:
+        low, high = (float(given.get(key, 0.0)) for key in ("lower", "upper"))
+    except ValueError:
+        return
+    if ends and low == high != 0.0:
+        lock(joint, low)
+        notes.add("locked, as the limits are equal", name)
+    elif not ends or low >= high:
+        why = "name none" if not ends else "are 0" if low == high else "are crossed"
+        if joint.get("type") == "revolute":
+            joint.set("type", "continuous")
+            notes.add(f"turn without limits, as they {why}", name)
+            return
+        limit = ET.SubElement(joint, "limit") if limit is None else limit
+        limit.set("lower", str(-SLIDE))
+        limit.set("upper", str(SLIDE))
+        notes.add(f"slide ±{SLIDE:g} m, as their limits {why}", name)
+    elif len(ends) == 1:
+        notes.add(f"a limit that is not named is read as 0 ({low:g} to {high:g})", name)
+
+
+def _split(root: ET.Element, joint: ET.Element) -> None:
+    """Three hinges about x, y and z in place of a ball joint, with feathers in between."""
+    name, last = joint.get("name"), _end(joint, "child")
+    if last is None:
+        return
+    index, parts = list(root).index(joint), [joint]
+    for axis, part in (("1 0 0", "x"), ("0 1 0", "y"), ("0 0 1", "z")):
+        if part != "x":
+            parts.append(ET.Element("joint"))
+            ET.SubElement(parts[-1], "parent", link=f"{name}_{parts[-2].get('name')[-1]}")
+            ET.SubElement(parts[-1], "child", link=last)
+        hinge = parts[-1]
+        hinge.set("name", f"{name}_{part}")
+        hinge.set("type", "revolute")
+        for old in [*hinge.findall("axis"), *hinge.findall("limit")]:
+            hinge.remove(old)
+        ET.SubElement(hinge, "axis", xyz=axis)
+        ET.SubElement(hinge, "limit", lower="-1.5", upper="1.5")
+        if part != "z":
+            hinge.find("child").set("link", f"{name}_{part}")
+            root.insert(index, ET.Element("link", name=f"{name}_{part}"))
+            weigh(root[index], FEATHER * robot_mass(root))
+            index += 1
+    for hinge in parts[:0:-1]:
+        root.insert(index + 1, hinge)

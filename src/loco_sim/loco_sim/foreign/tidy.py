@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small faults of robots in the wild that have one obvious cure, cured and listed.
+
+What has none (two links of one name, a negative mass) stays as it is, for `urdf_check` to refuse.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+
+from ..bolted.tree import pose
+from ..robot.frames import set_pose
+from ..robot.urdf_check import mass_of
+from . import geometry, joints, units, weight
+from .notes import Notes
+from .read import read
+
+
+class Tidied:
+    """A URDF after its cures.
+
+    Attributes:
+        root: Element of the robot: links, joints and materials, meshes by absolute path.
+        rotors: Properties of joints that an MJCF names and no URDF can.
+    """
+
+    def __init__(self, path: Path):
+        """Read and cure a robot.
+
+        Raises:
+            ParameterError: The file is no robot that can be read.
+        """
+        self._notes = Notes()
+        self.root, self.rotors = read(path, self._notes)
+        folder = path.resolve().parent
+        self._vectors()
+        geometry.cure(self.root, folder, self._notes)
+        units.check(self.root, folder, self._notes)
+        joints.cure(self.root, self._notes)
+        weight.cure(self.root, folder, self._notes)
+
+    @property
+    def notes(self) -> list[str]:
+        """Cures, each with the names that it was applied to."""
+        return self._notes.sentences()
+
+    def _vectors(self) -> None:
+        """Commas in vectors, and numbers beyond the third."""
+        for element in self.root.iter():
+            for key in {"xyz", "rpy", "scale", "size"} & set(element.keys()):
+                words = element.get(key).replace(",", " ").split()
+                if words != element.get(key).split() or len(words) > 3:
+                    text = f"{key} {element.get(key)!r} is read as its first three numbers"
+                    self._notes.add(text)
+                    element.set(key, " ".join(words[:3]))
+
+    def mass(self) -> float:
+        """Mass of all links [kg]."""
+        return weight.robot_mass(self.root)
+
+    def link(self, name: str) -> ET.Element:
+        """Element of a link."""
+        return next(e for e in self.root.findall("link") if e.get("name") == name)
+
+    def lock(self, positions: dict[str, float], why: str) -> None:
+        """Fix joints where they are.
+
+        Args:
+            positions: Position of each joint to be fixed [rad or m], by name.
+            why: The reason, for the note.
+        """
+        for joint in self.root.findall("joint"):
+            name = joint.get("name") or ""
+            if name in positions:
+                joints.lock(joint, positions[name])
+                self._notes.add(why, name)
+
+    def float_root(self, root: str) -> None:
+        """Give the root of a floating robot a mass if it has none."""
+        link = self.link(root)
+        if mass_of(link) == 0.0:
+            weight.weigh(link, weight.FEATHER * self.mass())
+            self._notes.add("massless root weighed with a thousandth of the robot", root)
+
+    def turn_root(self, root: str, rotation: np.ndarray) -> None:
+        """Turn the frame of the root link.
+
+        Args:
+            root: Name of the root link.
+            rotation: Rotation from the old frame to the new one, (3, 3).
+        """
+        link = self.link(root)
+        places = [link.find("inertial"), *link.findall("collision"), *link.findall("visual")]
+        places += [j for j in self.root.findall("joint") if j.find("parent").get("link") == root]
+        for place in places:
+            if place is not None:
+                _turn_origin(place, rotation)
+
+
+def _turn_origin(place: ET.Element, rotation: np.ndarray) -> None:
+    origin = place.find("origin")
+    offset, turn = pose(origin)
+    if origin is None:
+        origin = ET.Element("origin")
+        place.insert(0, origin)
+    set_pose(origin, rotation @ offset, rotation @ turn)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers of a robot held against each other: are they in m, kg and kg·m²?
+
+A body of mass m whose box has the diagonal d has a moment of inertia of at most m d² / 4, and a
+density between foam and lead. A file in which most links are far beyond is in other units: that
+is told, with the likely unit. Only meshes in mm are scaled, as the rest of the file shows the size.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..robot.frames import numbers
+from ..robot.urdf_check import TENSOR, inertia_matrix, mass_of
+from .notes import Notes
+from .shapes import link_points
+
+LARGE = 10.0  # beyond this a length of a robot is not in m [m]
+BEYOND = 30.0  # times all other lengths that a mesh in mm is
+MILLI = 1e-3
+SHARE = 0.15  # moment of inertia over m d² / 4 of usual links
+IMPOSSIBLE = 3.0  # the same that no body has
+WRONG = 30.0  # the same of a single link that is told
+DENSE = 3e4  # of a box around a link: heavier than lead [kg/m³]
+BULKY = 2e4  # mass over the cube of the largest length, of a robot without shapes [kg/m³]
+FILLERS = 3  # links with the same moment about each axis, beyond what bodies have
+UNITS = {1e3: "g·m²", 1e6: "kg·mm²", 1e9: "g·mm²"}  # and how many of them are 1 kg·m²
+
+
+@dataclass(frozen=True)
+class Size:
+    """Lengths of a link by different parts of the file.
+
+    Attributes:
+        name: Name of the link.
+        mass: Mass [kg].
+        moment: Largest moment of inertia [kg·m²].
+        written: Moment about each axis as the file has it [kg·m²], NaN unless all are the same.
+        box: Sides of the box around its shapes [m], (3,); zeros without shapes.
+        joints: Largest distance of a joint on it from its origin [m].
+    """
+
+    name: str
+    mass: float
+    moment: float
+    written: float
+    box: np.ndarray
+    joints: float
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the box, at least as long as the joints are apart [m]."""
+        return max(float(np.linalg.norm(self.box)), self.joints)
+
+
+def check(root: ET.Element, folder: Path, notes: Notes) -> None:
+    """Scale meshes that are in mm, and tell of masses and inertias in other units.
+
+    Args:
+        root: Element of the robot; the scale of meshes is changed in place.
+        folder: Folder of relative mesh files.
+        notes: Collects what was found.
+    """
+    try:
+        _meshes(root, folder, notes)
+        sizes = [_size(root, link, folder) for link in root.findall("link")]
+    except (AttributeError, IndexError, StopIteration, TypeError, ValueError):
+        return  # something that is no number, which the check of the URDF names
+    sizes = [size for size in sizes if size.mass > 0.0 and np.isfinite(size.moment)]
+    grams = _masses(sizes, notes)
+    _inertias(sizes, 1e3 if grams else 1.0, notes)
+
+
+def _joint_reach(root: ET.Element, link: str) -> float:
+    """Largest distance of a joint on a link from its origin [m]."""
+    hung = [j for j in root.findall("joint") if j.find("parent").get("link") == link]
+    places = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in hung]
+    return max((float(np.linalg.norm(place)) for place in places), default=0.0)
+
+
+def _moment(link: ET.Element) -> float:
+    """Largest moment of inertia of a link [kg·m²], 0 if it has none."""
+    tensor = link.find("inertial/inertia")
+    if tensor is None:
+        return 0.0
+    return float(np.linalg.eigvalsh(inertia_matrix([float(tensor.get(k, 0.0)) for k in TENSOR]))[2])
+
+
+def _size(root: ET.Element, link: ET.Element, folder: Path) -> Size:
+    points = link_points(link, folder)
+    points = points if len(points) else link_points(link, folder, "visual")
+    box = np.ptp(points, axis=0) if len(points) else np.zeros(3)
+    name = link.get("name") or ""
+    tensor = link.find("inertial/inertia")
+    axes = {0.0} if tensor is None else {float(tensor.get(k, 0.0)) for k in ("ixx", "iyy", "izz")}
+    written = axes.pop() if len(axes) == 1 else np.nan
+    return Size(name, mass_of(link), _moment(link), written, box, _joint_reach(root, name))
+
+
+def _meshes(root: ET.Element, folder: Path, notes: Notes) -> None:
+    """Scale meshes that are far larger than all other lengths of the robot."""
+    found = [
+        (link, shape, shape.find("geometry/mesh"))
+        for link in root.findall("link")
+        for kind in ("collision", "visual")
+        for shape in link.findall(kind)
+        if shape.find("geometry/mesh") is not None
+    ]
+    lengths = [_joint_reach(root, link.get("name") or "") for link in root.findall("link")]
+    for link in root.findall("link"):
+        mass, place = mass_of(link), link.find("inertial/origin")
+        lengths.append(float(np.linalg.norm(numbers(place, "xyz", "0 0 0"))))
+        lengths.append(float(np.sqrt(abs(_moment(link)) / mass)) if mass > 0.0 else 0.0)
+    usual = max((length for length in lengths if 0.0 < length < LARGE), default=0.0)
+    long = {}
+    for _, shape, mesh in found:
+        alone = ET.Element("link")
+        alone.append(shape)
+        points = link_points(alone, folder, shape.tag)
+        long[mesh] = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    largest = max(long.values(), default=0.0)
+    if not (usual > 0.0 and largest > max(LARGE, BEYOND * usual)):
+        return
+    for link, _, mesh in found:
+        if long[mesh] > 3.0 * usual:
+            scale = [float(word) for word in mesh.get("scale", "1 1 1").split()]
+            mesh.set("scale", " ".join(f"{MILLI * value:.9g}" for value in scale))
+            notes.add(
+                f"meshes are taken to be in mm (scale {MILLI:g}), as they are up to "
+                f"{largest:.3g} m long where all else is within {usual:.2g} m",
+                link.get("name") or "",
+            )
+
+
+def _masses(sizes: list[Size], notes: Notes) -> bool:
+    """Tell of masses in g; whether they are."""
+    boxed = [size for size in sizes if size.box.min() > 0.0]
+    total = sum(size.mass for size in sizes)
+    if boxed:
+        dense = float(np.median([size.mass / size.box.prod() for size in boxed]))
+        worst = max(boxed, key=lambda size: size.mass)
+        length, limit = float(np.linalg.norm(worst.box)), DENSE
+        what = f"{worst.name} weighs {worst.mass:.4g} kg at a length of {length:.2g} m"
+    else:
+        length = max((size.joints for size in sizes), default=0.0)
+        dense, limit = (total / length**3 if length > 0.0 else 0.0), BULKY
+        what = f"the robot weighs {total:.4g} kg with joints {length:.2g} m apart"
+    if not dense > limit:
+        return False
+    notes.add(f"masses in g? {what}, {dense:.2g} kg/m³; if so, divide all masses by 1000")
+    return True
+
+
+def _inertias(sizes: list[Size], heavy: float, notes: Notes) -> None:
+    """Tell of inertias in other units, of those of single links, and of ones.
+
+    Args:
+        sizes: Links with a mass.
+        heavy: Times that masses are too large.
+        notes: Collects what was found.
+    """
+    whole = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
+    ratio = {s.name: s.moment / (s.mass / heavy * s.diagonal**2 / 4.0) for s in whole}
+    repeated = Counter(size.written for size in whole if size.written == size.written)
+    for size in whole:
+        filler = size.written == 1.0 or repeated[size.written] >= FILLERS
+        if filler and ratio[size.name] > IMPOSSIBLE:
+            text = f"an inertia of {size.written:g} kg·m² about each axis fills a gap of the file"
+            notes.add(text, size.name)
+            del ratio[size.name]
+    if not ratio:
+        return
+    middle = float(np.median(list(ratio.values())))
+    if middle > IMPOSSIBLE:
+        unit = min(UNITS, key=lambda times: abs(np.log10(middle / times / SHARE)))
+        notes.add(
+            f"inertias in {UNITS[unit]}? They are {middle:.2g} times m d²/4 of the links, of which "
+            f"no body has more than 1; if so, divide them by {unit:.0e}".replace("e+0", "e")
+        )
+        return
+    for name, value in ratio.items():
+        if value > WRONG:
+            notes.add("an inertia far beyond what a body of that size and mass can have", name)

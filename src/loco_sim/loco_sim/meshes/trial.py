@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Meshes are given to an engine in a child process first, which may end in the place of ours.
+
+A mesh of right numbers can still be one that an engine's convex hull does not survive.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from loco_control.exceptions import LocoError, ParameterError
+
+from ..mesh_files import mesh_path
+from ..robot import robot as robots
+from ..world import world
+
+SECONDS = 60  # processor time of all meshes of a robot [s]
+MEMORY = 8 * 2**30  # of the child [bytes]
+STEPS = 3  # physics steps, on the ground
+TRIED = "LOCO_MESHES_TRIED"  # environment variable, so that workers need not try again
+_COMMAND = ("-m", "loco_sim.meshes.trial")
+_LINE = "mesh trial "
+_URDF = """<robot name="trial"><link name="base"/><link name="part"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial><collision><geometry>
+<mesh filename={name} scale={scale}/></geometry></collision></link><joint name="joint"
+type="continuous"><parent link="base"/><child link="part"/><axis xyz="0 1 0"/></joint></robot>"""
+_ROBOT = {
+    "urdf": "trial.urdf", "joints": ["joint"], "fixed_base": True, "height": 0.0,
+    "drives": {"joint": {"kind": "torque"}},
+}  # fmt: skip
+
+
+def check(robot: robots.Robot, engine: str) -> None:
+    """Refuse meshes of a robot on which an engine ends, does not end, or which it refuses.
+
+    Raises:
+        ParameterError: Names the file, and what the engine did.
+    """
+    parts = _meshes(robot)
+    if not parts:
+        return
+    dates = [Path(path).stat().st_mtime_ns for path, _ in parts]
+    key = hashlib.sha256(json.dumps([engine, parts, dates]).encode()).hexdigest()[:16]
+    tried = os.environ.get(TRIED, "")
+    if key not in tried.split():
+        _try(engine, parts)
+        os.environ[TRIED] = f"{tried} {key}"
+
+
+def _meshes(robot: robots.Robot) -> list[tuple[str, str]]:
+    """Files and scales of what can collide, each once."""
+    found = set()
+    for mesh in ET.fromstring(robot.urdf).iterfind("link/collision/geometry/mesh"):
+        path = mesh_path(mesh.get("filename", ""), robot.folder)
+        if path is not None:
+            found.add((str(path.resolve()), mesh.get("scale", "1 1 1")))
+    return sorted(found)
+
+
+def _try(engine: str, parts: Sequence[tuple[str, str]]) -> None:
+    child = subprocess.run(
+        [sys.executable, *_COMMAND, json.dumps([engine, parts])],
+        env={**os.environ, "PYTHONSAFEPATH": "1"}, stdin=subprocess.DEVNULL, capture_output=True,
+        text=True, errors="replace", check=False,
+    )  # fmt: skip
+    lines = [line for line in child.stdout.splitlines() if line.startswith(_LINE)]
+    told = json.loads(lines[-1].removeprefix(_LINE)) if lines else {}
+    if child.returncode == 0 and "error" not in told:
+        return
+    if "error" not in told:
+        told["error"] = f"{engine} {_end(child.returncode)}; simplify it, or take a box for it"
+    raise ParameterError(f"the mesh {told.get('path', parts[0][0])}: {told['error']}")
+
+
+def _end(code: int) -> str:
+    if code == -signal.SIGXCPU:
+        return f"is not done with it after {SECONDS} s of processor time"
+    return f"ends on it ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})"
+
+
+def main() -> None:
+    """Try the meshes that the first argument names, one by one, and say at which one we are."""
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    engine, parts = json.loads(sys.argv[1])
+    for path, scale in parts:
+        _say(path=path)
+        try:
+            load(engine, path, scale)
+        except LocoError as error:
+            _say(path=path, error=str(error))
+            return
+
+
+def load(engine: str, path: str, scale: str) -> None:
+    """Build a robot of one mesh in an engine of this process, and step it.
+
+    Raises:
+        LocoError: The engine refuses it.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        urdf = _URDF.format(name=quoteattr(path), scale=quoteattr(scale))
+        (Path(folder) / "trial.urdf").write_text(urdf)
+        (Path(folder) / "robot.yaml").write_text(json.dumps(_ROBOT))
+        robot = robots.load(folder)
+        module = importlib.import_module(world.MODULES[engine], world.__package__)
+        made = module.World(robot, robot.sim.replace(engine=engine), 0.001)
+        made.rebuild([0.0])
+        for _ in range(STEPS):
+            made.step([0.0])
+        made.lowest_points()
+        made.close()
+
+
+def _say(**values: str) -> None:
+    sys.stdout.write(f"\n{_LINE}{json.dumps(values)}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

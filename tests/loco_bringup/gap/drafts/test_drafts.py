@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap mapping`: what it drafts is read by `loco gap` as it stands."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from loco_bringup.bag.writer import BagWriter
+from loco_bringup.cli import main as cli
+from loco_bringup.gap import importing
+from loco_bringup.gap.drafts import terminal
+from loco_bringup.gap.drafts.topics import READERS
+from loco_control.exceptions import LocoError
+from loco_control.ros.messages.definitions import definition, type_hash
+from loco_sim.robot import robot as robots
+
+SERVO = robots.load("servo_pendulum")
+
+
+def goal(t):
+    return 0.8 * np.sin(6.0 * t)
+
+
+def states(t):
+    message = JointState(name=["pivot", "finger"], position=[goal(t - 0.04), 0.3])
+    message.header.stamp.sec, message.header.stamp.nanosec = int(t), round(t % 1 * 1e9)
+    return message
+
+
+def bag(folder, **topics):
+    writer = BagWriter(folder)
+    for name, make in topics.items():
+        cls = type(make(0.0))
+        kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
+        topic = "/" + name.replace("__", "/")
+        writer.add_topic(topic, kind, definition(kind), type_hash(kind), [])
+        for t in np.arange(300) / 100.0:
+            writer.write(topic, serialize_message(make(float(t))), round(t * 1e9))
+    writer.close()
+    return folder
+
+
+def call(*arguments):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["gap", "mapping", *map(str, arguments)])
+    return end.value.code
+
+
+def test_the_draft_of_a_bag_reads_it(tmp_path, capsys):
+    folder = bag(
+        tmp_path / "a", arm__states=states,
+        position_controller__commands=lambda t: Float64MultiArray(data=[goal(t)]),
+    )  # fmt: skip
+    path = tmp_path / "drafted.yaml"
+    assert call(folder, "--robot", "servo_pendulum", "--out", path) == 0
+    (record,) = importing.load(folder, SERVO, path)
+    assert record.command["position"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
+    assert record.signals["q"][:, 0] == pytest.approx(goal(record.t - 0.04), abs=1e-8)
+    assert "in this order?" in path.read_text() and "finger" not in path.read_text()
+    capsys.readouterr()
+    assert call(folder, "--out", path) == 2 and "is there already" in capsys.readouterr().err
+    assert call(folder) == 0 and "finger" in capsys.readouterr().out
+
+
+def test_the_state_of_a_trajectory_controller_has_both():
+    point = SimpleNamespace(positions=[0.1, 0.2], velocities=[])
+    message = SimpleNamespace(joint_names=["a", "b"], reference=point, feedback=point)
+    lines = READERS["JointTrajectoryControllerState"]("/c/state", message, ())
+    assert [(line.role, line.joint, line.column) for line in lines] == [
+        ("command_position", "a", "reference.positions[0]"),
+        ("command_position", "b", "reference.positions[1]"),
+        ("q", "a", "feedback.positions[0]"),
+        ("q", "b", "feedback.positions[1]"),
+    ]
+
+
+@pytest.mark.parametrize("where", ["file", "folder"])
+def test_the_draft_of_a_table_reads_it(tmp_path, where):
+    t = np.arange(300) / 100.0
+    rows = [f"{a:.2f},{np.degrees(goal(a - 0.04)):.6f},{np.degrees(goal(a)):.6f}" for a in t]
+    (tmp_path / "run.csv").write_text("t,pivot_pos,pivot_cmd\n" + "\n".join(rows) + "\n")
+    path = tmp_path / "run.csv" if where == "file" else tmp_path
+    (tmp_path / "mapping.yaml").write_text(terminal.draft(path, ("pivot",)))
+    (record,) = importing.load(path, SERVO)
+    assert record.signals["q"][:, 0] == pytest.approx(goal(record.t - 0.04), abs=1e-6)
+
+
+def test_what_is_no_recording_is_one_line(tmp_path):
+    for path, words in ((tmp_path / "no", "no recording at"), (tmp_path, "is no recording")):
+        with pytest.raises(LocoError, match=words):
+            terminal.draft(path, ())
+    with pytest.raises(LocoError, match="no name says what is measured or commanded; it has /x"):
+        terminal.draft(bag(tmp_path / "a", x=lambda t: Float64MultiArray(data=[t])), ())

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drafts of mappings say what names and values say, with the reason, and are mappings."""
+
+import numpy as np
+import pytest
+
+from loco_control.exceptions import ParameterError
+from loco_learning.gap.drafting import draft, words
+from loco_learning.gap.recordings import mapping
+
+T = np.arange(300) / 100.0
+WAVE = 0.8 * np.sin(3.0 * T)
+
+
+def drafted(names, joints=(), time=T, wave=WAVE):
+    columns = {name: (time if i == 0 else wave) for i, name in enumerate(names)}
+    text = draft.of_table(columns, joints, "a.csv")
+    return text, mapping.loads(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "joint"),
+    [
+        ("knee_pos", "q", "knee"),
+        ("cmd_knee", "command_position", "knee"),
+        ("/joint_states/knee/velocity", "dq", "knee"),
+        ("/joint_command/position[knee]", "command_position", "knee"),
+        ("kneeTorque", "tau", "knee"),
+        ("KneeVelDes", "command_velocity", "knee"),
+        ("observation.state.knee.pos", "q", "knee"),
+        ("action.knee.pos", "command_position", "knee"),
+        ("motor_current_knee", "tau", "knee"),
+        ("q_ref_knee", "command_position", "knee"),
+        ("knee_temperature", "", "knee"),
+        ("battery", "", ""),
+    ],
+)
+def test_words_of_a_name_say_role_and_joint(name, role, joint):
+    said = words.guess(name, ("hip", "knee"))
+    assert (said.role, said.joint) == (role, joint)
+    if role:
+        free = words.guess(name)
+        assert free.role == role and free.joint == "knee"
+
+
+def test_the_longest_name_of_a_joint_is_its():
+    assert words.joint_in("left_knee_pos", ("knee", "left_knee")) == "left_knee"
+    assert words.joint_in("joint_12_pos", ("joint_1", "joint_12")) == "joint_12"
+    assert words.joint_in("kneecap_pos", ("knee",)) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "unit"),
+    [("t", 0.01, "s"), ("time_ms", 10.0, "ms"), ("timestamp", 1e7, "ns"), ("stamp", 1e4, "us"),
+     ("t", 10.0, "ms"), ("__time", 0.01, "s")],
+)  # fmt: skip
+def test_the_time_and_its_unit_are_told_by_name_and_step(name, step, unit):
+    text, rules = drafted([name, "knee_pos", "knee_cmd"], time=step * np.arange(300))
+    assert rules.time == name and f"unit: {unit}}}" in text and "100 Hz" in text
+
+
+def test_without_a_time_the_rate_is_asked_for():
+    text, _ = drafted(["knee_pos", "knee_cmd", "x"], time=WAVE)
+    assert "no column of times" in text and "Not used: x" in text
+
+
+def test_units_are_told_by_name_or_size_and_said():
+    text, rules = drafted(["t", "knee_pos_deg", "knee_cmd"], wave=60.0 * WAVE)
+    assert [c.unit for c in rules.columns] == ["deg", "deg"]
+    assert "deg by its name" in text and "deg, as it reaches 48" in text
+    text, rules = drafted(["t", "knee_pos", "knee_cmd", "knee_current"])
+    assert rules.columns[2].unit == "A" and "N·m per A, from the data sheet" in text
+
+
+def test_numbered_columns_go_by_the_order_of_the_joints_and_say_so():
+    names = ["time", *(f"{n}[{i}]" for n in ("dof_pos", "des_dof_pos") for i in range(2))]
+    text, rules = drafted(names, ("hip", "knee"))
+    assert [(c.role, c.place) for c in rules.columns] == [
+        ("q", "hip"), ("q", "knee"), ("command_position", "hip"), ("command_position", "knee")
+    ]  # fmt: skip
+    assert text.count("in this order?") == 4 and "Missing" not in text
+
+
+def test_what_lacks_and_what_is_there_twice_is_said():
+    text, rules = drafted(["t", "knee_pos", "knee_angle", "knee_cmd"], ("hip", "knee"))
+    assert len(rules.columns) == 2 and "The same again, left out" in text
+    assert "Missing: q of hip" in text and "Missing: a command of hip" in text
+
+
+def test_names_of_any_kind_come_back_whole():
+    name = 'knee "left": pos # 1'
+    text, rules = drafted(["t", name, "yes_cmd"], ("yes", "knee"))
+    assert [c.column for c in rules.columns] == [name, "yes_cmd"]
+    assert [c.place for c in rules.columns] == ["knee", "yes"] and text.startswith("# Drafted")
+
+
+def test_a_table_that_says_nothing_is_one_line():
+    with pytest.raises(ParameterError, match="a.csv: no name says what is .* it has a, b.*by hand"):
+        drafted(["t", "a", "b"])

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of a set-up as users make them are found, with the joint; healthy data have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.setup import family, signals
+from loco_learning.gap.setup.bench import Bench
+from loco_learning.gap.setup.limits import LIMITS
+
+from .conftest import read
+from .machines import MACHINES
+
+
+def times(column, factor):
+    """A column multiplied."""
+
+    def change(data):
+        data[column] = factor * data[column]
+
+    return change
+
+
+def swap(*pairs):
+    """Columns given to each other."""
+
+    def change(data):
+        for a, b in pairs:
+            data[a], data[b] = data[b], data[a]
+
+    return change
+
+
+def both(joint, factor):
+    """Positions and commands of a joint multiplied."""
+
+    def change(data):
+        for what in ("q", "cmd"):
+            data[f"{what}_{joint}"] = factor * data[f"{what}_{joint}"]
+
+    return change
+
+
+ARM = MACHINES["arm"]
+GAINS = {
+    j: {"kind": "impedance", "kp": kp / 57.3, "kd": kd / 57.3}
+    for j, kp, kd in zip(ARM.joints, ARM.kp, ARM.kd, strict=True)
+}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_nothing_is_found_in_healthy_data(judged, name):
+    assert judged(name) == []
+
+
+def effect(data):
+    """A sensor's gain of 1.2 and a bias: what an effect may do."""
+    data["q_elbow"] = 1.2 * data["q_elbow"] + 0.05
+
+
+def late(data):
+    for column in data:
+        if column.startswith("cmd"):
+            data[column] = np.roll(data[column], -8)
+
+
+@pytest.mark.parametrize("change", [effect, late])
+def test_what_an_effect_does_is_no_mistake_of_the_set_up(judged, change):
+    assert judged("arm", change) == []
+
+
+DEGREE = 180.0 / np.pi
+PLANTED = [
+    ("arm", times("q_elbow", -1.0), {}, {"sign"}, ("elbow",)),
+    ("arm", times("cmd_shoulder", -1.0), {}, {"sign"}, ("shoulder",)),
+    ("lift", times("cmd_column", -1.0), {}, {"sign"}, ("column",)),
+    ("pendulum", times("cmd_swing", -1.0), {}, {"sign"}, ("swing",)),
+    ("arm", swap(("q_elbow", "q_shoulder")), {}, {"exchanged"}, ("shoulder", "elbow")),
+    ("arm", swap(("cmd_elbow", "cmd_shoulder")), {}, {"exchanged"}, ("shoulder", "elbow")),
+    ("arm", times("q_shoulder", 1.917), {}, {"scale"}, ("shoulder",)),
+    ("arm", times("cmd_elbow", 1.0 / 2.5), {}, {"scale"}, ("elbow",)),
+    ("lift", times("cmd_column", 1e3), {}, {"scale", "unit"}, ("column",)),
+    ("lift", times("q_arm", DEGREE), {}, {"scale", "unit"}, ("arm",)),
+    ("pendulum", times("q_swing", DEGREE), {}, {"unit"}, ("swing",)),
+    ("arm", times("q_shoulder", DEGREE), {}, {"scale", "unit"}, ("shoulder",)),
+]
+def wrapped(column, period):
+    """A column that jumps by a period about 0."""
+
+    def change(data):
+        data[column] = (data[column] + 0.5 * period) % period - 0.5 * period
+
+    return change
+
+
+def plus(column, offset):
+    """A column with an offset."""
+
+    def change(data):
+        data[column] = data[column] + offset
+
+    return change
+
+
+SIGNALS = [
+    ("arm", wrapped("q_elbow", 2.0 * np.pi / 3.0), {}, {"wrap"}, ("elbow",)),
+    ("lift", wrapped("q_arm", np.pi / 2.0), {}, {"wrap"}, ("arm",)),
+    ("arm", plus("q_shoulder", 2.0 * np.pi), {}, {"turns"}, ("shoulder",)),
+    ("lift", plus("cmd_arm", -4.0 * np.pi), {}, {"turns"}, ("arm",)),
+]
+BOTH = [
+    ("arm", both("elbow", DEGREE), {}, {"joint scale", "unit"}, ("elbow",)),
+    ("arm", both("elbow", -1.0), {}, {"axis"}, ("elbow",)),
+    ("arm", None, {"drives": GAINS}, {"gains"}, ("shoulder", "elbow")),
+    ("arm", None, {"masses": {"shoulder_link": 16.0, "elbow_link": 6.0}}, {"masses"}, ()),
+    ("pendulum", None, {"masses": {"swing_link": 15.0}}, {"masses"}, ()),
+    ("pendulum", times("cmd_swing", 1e3), {}, {"masses", "unit"}, ()),
+    ("arm", None, {"about": {"carried": True}}, {"gravity carried"}, ()),
+    ("arm", None, {"about": {"tilt": np.pi}}, {"gravity turned"}, ()),
+    ("arm", None, {"about": {"tilt": 0.7}}, {"gravity turned"}, ()),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "robot", "faults", "joints"), PLANTED + SIGNALS + BOTH)
+def test_a_mistake_is_found_at_its_joint_and_its_lines_mend_it(
+    judged, mended, recorded, name, change, robot, faults, joints
+):
+    findings = judged(name, change, **robot)
+    assert len(findings) == 1 and findings[0].fault in faults, list(map(str, findings))
+    assert set(joints) <= set(findings[0].joints) and findings[0].stops
+    assert findings[0].mends and "say " in str(findings[0])
+    model, records = mended(findings)
+    assert family.look(model, records) == []
+    assert Bench(model, records).miss() < LIMITS.missed + 0.03
+
+
+def test_a_command_that_is_the_measured_position_is_told(judged):
+    def change(data):
+        data["cmd_elbow"] = np.concatenate([[data["q_elbow"][0]] * 3, data["q_elbow"][:-3]])
+        data["cmd_shoulder"] = data["q_shoulder"]
+
+    first, second = judged("arm", change)
+    assert {first.fault, second.fault} == {"ahead"} and first.stops
+    assert (first.joints, second.joints) == (("shoulder",), ("elbow",))
+    assert "follows its command to 0.00%" in first.says
+    assert "elbow is 15 ms ahead of its command" in second.says
+
+
+@pytest.mark.parametrize("factor", [0.83, 1.3, 11.0])
+def test_an_effort_that_is_a_current_is_told_and_taken_so(judged, mended, factor):
+    (finding,) = judged("arm", times("tau_elbow", factor))
+    assert finding.fault == "effort" and finding.joints == ("elbow",) and not finding.stops
+    assert float(finding.mends[0].value) == pytest.approx(1.0 / factor, rel=0.03)
+    assert family.look(*mended([finding])) == []
+
+
+@pytest.fixture
+def swinging(recorded, tmp_path):
+    """A model and a record of the arm."""
+    model, records = read(MACHINES["arm"].write(tmp_path / "set", recorded("arm")))
+    return model, records[0]
+
+
+@pytest.mark.parametrize(
+    ("fixed", "rate", "found"),
+    [(True, 0.5, True), (True, 0.02, False), (False, 0.001, True), (False, 0.5, False)],
+)
+def test_a_base_that_is_bolted_moves_and_one_that_is_free_does_not(swinging, fixed, rate, found):
+    model, record = swinging
+    gyro = rate * np.sin(20.0 * record.t)[:, None] * np.ones(3)
+    record = replace(record, signals={**record.signals, "gyro": gyro})
+    robot = replace(model.make_robot(), fixed_base=fixed)
+    (finding,) = list(signals.base(record, robot)) or [None]
+    assert (finding is not None) is found
+    if found:
+        assert [(c.key, c.value) for c in finding.mends] == [("fixed_base", not fixed)]

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals of strengths follow the cost, not its derivatives at the best value."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from loco_learning.gap.statistics.profile import FURTHER, STEPS, ends
+
+PROMISED = 2.0  # cost at the end of a 95 % interval [nat]
+
+
+def test_where_derivatives_tell_the_truth_the_interval_is_theirs():
+    asked = []
+
+    def cost(x):
+        asked.append(x)
+        return PROMISED * ((x - 5.0) / 0.4) ** 2
+
+    assert ends(cost, 5.0, 0.4, PROMISED, True) == (4.6, 5.4)
+    assert asked == [4.6, 5.4]  # two simulations
+
+
+def test_a_stop_that_is_harder_than_can_be_seen_has_a_lower_end_alone():
+    """The motion tells one over the stiffness: a symmetric interval held nothing at all."""
+
+    def cost(x):
+        return PROMISED * ((1.0 / max(x, 1e-9) - 0.2) / 0.3) ** 2
+
+    low, high = ends(cost, 5.0, 7.5, PROMISED, True)
+    assert 0.0 < low <= 2.0 and high == math.inf
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0, 3.0])
+def test_an_interval_is_longer_where_the_cost_stays_flat(width):
+    """Play that moves nothing for a while: both intervals excluded the truth."""
+
+    def cost(x):
+        return 10.0 * PROMISED * max(abs(x - 10.0) - width, 0.0) ** 2
+
+    low, high = ends(cost, 10.0, 0.2, PROMISED, True)
+    edge = width + math.sqrt(0.1)
+    assert 10.0 - FURTHER * edge <= low <= 10.0 - width
+    assert 10.0 + width <= high <= 10.0 + FURTHER * edge
+
+
+@pytest.mark.parametrize("one_sided", [True, False])
+def test_what_the_data_do_not_show_may_be_nothing_or_anything(one_sided):
+    low, high = ends(lambda x: 0.0, 1.0, 3.0, PROMISED, one_sided)
+    assert low == (0.0 if one_sided else -math.inf) and high == math.inf
+
+
+def test_a_size_of_either_sign_keeps_its_two_sides():
+    def cost(x):
+        return PROMISED * ((x + 2.0) / 1.5) ** 2
+
+    assert ends(cost, -2.0, 1.5, PROMISED, False) == (-3.5, -0.5)
+    assert STEPS > 2

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo's own system identification, ``mujoco.sysid``, given all the parameters that it has.
+
+It identifies the model as `loco export-model --to mjcf` writes it, with gears that are rigid, from
+the same records: armature, damping and dry friction of each joint, both gains and the zero of
+each drive, mass and centre of each body that moves, bias and gain of each encoder, one delay.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import sysid as mujoco_sysid
+
+from loco_bringup.export_model import replay
+from loco_control.exceptions import MissingPackageError
+from loco_learning.gap.prediction import running
+from loco_learning.gap.prediction.case import Case
+from loco_learning.gap.statistics import evidence
+from loco_sim.export.mjcf import mjcf
+from loco_sim.export.portable import RIGID, portable
+from loco_sim.plant.model import Model
+
+ITERATIONS, EVALUATIONS = (5, 20), 1000  # of its least squares, and simulations that these may cost
+RATE = 4000.0  # physics steps in a second, at least: where its error is small beside most gaps [Hz]
+INSIDE = 0.01  # share of a range by which values that begin on a bound are moved away from it
+FACTOR, RANGE, ZERO = 4.0, 0.2, 0.3  # bounds of gains and masses; of encoders; of zeros and centres
+LATEST = 0.02  # longest delay [s]
+SENSORS = {"q": "mjSENS_JOINTPOS", "tau": "mjSENS_JOINTACTFRC"}
+
+
+def installed() -> bool:
+    """Whether what it needs is installed: without, it is an empty module."""
+    return hasattr(mujoco_sysid, "build_residual_fn")
+
+
+def require() -> None:
+    """Raise `MissingPackageError` where one of the packages that it needs is not installed."""
+    if not installed():
+        raise MissingPackageError(
+            "the baseline sysid needs packages that are not installed; they come with "
+            "`./loco install battery`"
+        )
+
+
+def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]], float]:
+    """Values that it finds, and the whitened rms that they leave on the records that judge.
+
+    Args:
+        case: Records that are fitted and that judge, with their floors.
+        model: Model as it came.
+        seed: Unused, as nothing is drawn.
+    """
+    task = _Task(case, model)
+    found = task.identified()
+    whole = task.left(found)
+    return {name: values.value.tolist() for name, values in found.items()}, case.judged(whole).rms
+
+
+class _Task:
+    """The model, the records and the parameters, as ``mujoco.sysid`` takes them."""
+
+    def __init__(self, case: Case, model: Model):
+        require()
+        self.case = case
+        self.made = portable(model, RIGID)
+        every = case.forward.channels
+        self.columns = [i for i, channel in enumerate(every) if channel.signal in SENSORS]
+        self.channels = [every[i] for i in self.columns]
+        self.dt = running.period(case.records[0])
+        self.steps = math.ceil(self.dt * max(RATE, self.made.robot.sim.physics_rate) - 0.01)
+        self.spec = self._spec(mjcf(self.made)[0])
+        self.model = self.spec.compile()
+
+    def _spec(self, text: str) -> Any:
+        """The exported file with a sensor for each channel, none of which has errors yet."""
+        spec = mujoco.MjSpec.from_string(text)
+        spec.option.timestep = self.dt / self.steps
+        for channel in self.channels:
+            spec.add_sensor(
+                name=f"{channel.signal}_{channel.name}", objname=channel.name,
+                type=getattr(mujoco.mjtSensor, SENSORS[channel.signal]),
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            )  # fmt: skip
+        return spec
+
+    def identified(self) -> Any:
+        """All parameters at the values that fit best."""
+        weights = 1.0 / self.case.floor[self.columns]
+        residual = mujoco_sysid.build_residual_fn(
+            models_sequences=[self._sequence(i) for i in self.case.fitted],
+            modify_residual=self._residual(weights), n_threads=1,
+        )  # fmt: skip
+        begun = self._parameters().move_off_bounds(INSIDE)
+        rounds = int(np.clip(EVALUATIONS // begun.size, *ITERATIONS))
+        return mujoco_sysid.optimize(
+            begun, residual, "mujoco", verbose=False, max_iters=rounds, x_scale="jac",
+            output=io.StringIO(),
+        )[0]  # fmt: skip
+
+    def left(self, found: Any) -> list[np.ndarray]:
+        """Residuals of all records [floors], (T, C) each."""
+        left = []
+        for i, record in enumerate(self.case.records):
+            (played,) = mujoco_sysid.sysid_rollout(
+                mujoco_sysid.apply_param_modifiers(found, self.spec.copy()),
+                mujoco.MjData(self.model), self._control(i), self._start(i),
+            )  # fmt: skip
+            predicted = np.full((len(record.t), len(self.case.forward.channels)), np.nan)
+            predicted[:, self.columns] = self._read(found, played.sensordata.data)
+            left += evidence.whiten(
+                [self.case.forward.measured[i]], [predicted], self.case.floors[i]
+            )
+        return left
+
+    def _sequence(self, i: int) -> Any:
+        """A record: where it begins, its commands, and what was measured."""
+        measured = self.case.forward.measured[i][:, self.columns]
+        measured = np.where(self.case.fit_rows[i][:, None], measured, np.nan)
+        times = self.dt * np.arange(len(measured))
+        series = mujoco_sysid.TimeSeries(times, measured)
+        return mujoco_sysid.ModelSequences(
+            f"record_{i}", self.spec, f"record_{i}", self._start(i), self._control(i), series
+        )
+
+    def _control(self, i: int) -> Any:
+        """Commands in each physics step, held between samples, or straight where they are so."""
+        told = running.orders(self.case.records[i], self.made.robot)
+        table = replay.commands(self.made, told)
+        rows = np.arange(len(table) * self.steps)
+        share = (rows % self.steps / self.steps)[:, None] * float(any(told.ramps))
+        now = rows // self.steps
+        after = np.minimum(now + 1, len(table) - 1)
+        values = (1.0 - share) * table[now] + share * table[after]
+        return mujoco_sysid.TimeSeries(rows * self.dt / self.steps, values)
+
+    def _start(self, i: int) -> np.ndarray:
+        """State in which a record begins."""
+        robot = self.made.robot
+        q, dq = replay.begins(self.case.records[i], robot, self.case.forward, i)
+        data = mujoco.MjData(self.model)
+        for name, angle, speed in zip(robot.joints, q, dq, strict=True):
+            joint = self.model.joint(name)
+            data.qpos[joint.qposadr[0]], data.qvel[joint.dofadr[0]] = angle, speed
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        state = np.empty(mujoco.mj_stateSize(self.model, kind))
+        mujoco.mj_getState(self.model, data, state, kind)
+        return state
+
+    def _read(self, found: Any, sensed: np.ndarray) -> np.ndarray:
+        """Readings of sensors with errors at each sample, (T, C).
+
+        A row of theirs is that before its physics step; torques are means since the last sample.
+        """
+        rows = np.arange(0, len(sensed), self.steps)
+        times = rows - found["delay"].value[0] / self.model.opt.timestep
+        said, grid = np.empty((len(rows), len(self.channels))), np.arange(len(sensed) + 1)
+        for k, channel in enumerate(self.channels):
+            if channel.signal == "tau":
+                sums = np.concatenate([[0.0], np.cumsum(sensed[:, k])])
+                ends = (np.interp(at, grid, sums) for at in (times, times - self.steps))
+                said[:, k] = np.subtract(*ends) / self.steps
+            else:
+                bias, gain = found[f"encoder_{channel.name}"].value
+                said[:, k] = (1.0 + gain) * np.interp(times, grid[:-1], sensed[:, k]) + bias
+        return said
+
+    def _residual(self, weights: np.ndarray) -> Callable:
+        def residual(found: Any, predicted: Any, measured: Any, *_: Any, **__: Any) -> tuple:
+            said = self._read(found, predicted.data)
+            off = np.clip(weights * (said - measured.data), -self.case.cap, self.case.cap)
+            series = mujoco_sysid.TimeSeries(measured.times, said, measured.signal_mapping)
+            return np.nan_to_num(off).ravel(), series, measured
+
+        return residual
+
+    def _parameters(self) -> Any:
+        """All that it can change, at the values of the model."""
+        Parameter, found = mujoco_sysid.Parameter, mujoco_sysid.ParameterDict()  # noqa: N806
+        found.add(Parameter("delay", 0.0, 0.0, LATEST))
+        for joint in self.made.joints:
+            dof = self.model.joint(joint.name).dofadr[0]
+            inertia, most = float(self.model.dof_M0[dof]), joint.limit
+            most = most if np.isfinite(most) else float(np.max(self.made.robot.effort))
+            for key, value, high in (
+                ("armature", joint.armature, FACTOR * joint.armature + inertia),
+                ("damping", self._damping(joint.name), FACTOR * (joint.damping + joint.kd + 0.01)),
+                ("frictionloss", joint.friction, joint.friction + 0.5 * most),
+            ):
+                found.add(Parameter(f"{key}_{joint.name}", value, 0.0, high,
+                                    modifier=_of_joint(joint.name, key)))  # fmt: skip
+        for index in range(self.model.nu):
+            name = self.model.actuator(index).name
+            gain, slope = self.model.actuator_gainprm[index, 0], self.model.actuator_biasprm[index]
+            gains = np.array([gain, -slope[2]])
+            found.add(Parameter(f"drive_{name}", [*gains, slope[0]],
+                                [*gains / FACTOR, slope[0] - ZERO * gain],
+                                [*gains * FACTOR + 1e-9, slope[0] + ZERO * gain],
+                                modifier=_of_drive(name, bool(slope[1]))))  # fmt: skip
+        for body in self._moved():
+            found.add(mujoco_sysid.body_inertia_param(
+                self.spec, self.model, body, scale_rot_inertia=True,
+                mass_bound_mult=np.array([1.0 / FACTOR, FACTOR]),
+                ipos_bound_off=np.array([-ZERO, ZERO]),
+            ))  # fmt: skip
+        for channel in self.channels:
+            if channel.signal == "q":
+                most = np.full(2, RANGE)
+                found.add(Parameter(f"encoder_{channel.name}", [0.0, 0.0], -most, most))
+        return found
+
+    def _damping(self, joint: str) -> float:
+        return float(self.model.dof_damping[self.model.joint(joint).dofadr[0]])
+
+    def _moved(self) -> list[str]:
+        """Bodies with a mass behind a joint."""
+        weld, mass = self.model.body_weldid, self.model.body_mass
+        return [self.model.body(i).name for i in range(1, self.model.nbody)
+                if weld[i] and mass[i] > 0.0]  # fmt: skip
+
+
+def _of_joint(name: str, key: str) -> Callable:
+    def change(spec: Any, parameter: Any) -> None:
+        value, joint = float(parameter.value[0]), spec.joint(name)
+        if key == "damping":
+            joint.damping[0] = value
+        else:
+            setattr(joint, key, value)
+
+    return change
+
+
+def _of_drive(name: str, reads: bool) -> Callable:
+    def change(spec: Any, parameter: Any) -> None:
+        stiffness, damping, zero = map(float, parameter.value)
+        drive = spec.actuator(name)
+        drive.gainprm[0] = stiffness
+        drive.biasprm[:3] = zero, -stiffness if reads else 0.0, -damping
+
+    return change

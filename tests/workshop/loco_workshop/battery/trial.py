@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One case of the blind battery: make its bags, run the workflow on them, keep the verdict."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import shutil
+import tempfile
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from loco_bringup.gap.importing import load
+from loco_control.exceptions import LocoError
+from loco_control.files import write_whole
+from loco_learning.gap import workflow
+from loco_learning.gap.params import GapParams
+from loco_learning.gap.proposals import pool
+from loco_sim.plant.model import Model
+
+from . import bags, baselines, cases
+from .cases import Case
+from .ground import trots, walkers
+from .physics import machines
+from .physics.machines import Machine
+from .score import SURE
+
+KEPT = ("verdict", "names", "terms", "rivals", "ambiguous", "gap", "next")
+HELD = "hold_out"
+WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
+# The first is that of every search.
+OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[1:]
+OTHER = 6  # key of the stream that draws among them
+
+
+def work(
+    folder: Path,
+    case: Case,
+    effects: tuple[str, ...],
+    baselines: tuple[str, ...],
+    follow: bool = False,
+    settings: int = 0,
+) -> dict:
+    """Do what is missing of a case: make it, run the workflow, run baselines; keep the result.
+
+    Args:
+        folder: Folder of the battery.
+        case: Case from `cases.plan`.
+        effects: Patterns that single effects match.
+        baselines: Names of the baselines to run.
+        follow: Whether an ambiguous verdict gets the experiment that it proposes.
+        settings: Number of other settings under which a name is asked again.
+    """
+    make(folder, case, effects)
+    place = folder / bags.BAGS / case.name
+    result = bags.result(folder, case.name)
+    if result is None:
+        with _timed(folder, case.name, "search"):
+            result = {"case": case.name, **examined(place, case.robot, case.seed)}
+        bags.keep(folder, result)
+    if follow and unfollowed(result):
+        with _timed(folder, case.name, "followed"):
+            result["followed"] = followed(folder, case, result)
+        bags.keep(folder, result)
+    for setting in unasked(result, case.seed, settings):
+        with _timed(folder, case.name, "settings"):
+            answer = asked(place, case.robot, case.seed, setting)
+        result.setdefault("settings", []).append(answer)
+        bags.keep(folder, result)
+    missing = lacking(result, baselines)
+    if missing:
+        with _timed(folder, case.name, "baselines"):
+            results = compared(place, case.robot, case.seed, missing)
+        result["baselines"] = {**result.get("baselines", {}), **results}
+        bags.keep(folder, result)
+    return result
+
+
+def make(folder: Path, case: Case, effects: tuple[str, ...]) -> None:
+    """Bags and truth of a case; arguments as of `work`."""
+    if not bags.ready(folder, case.name):
+        robot = model_of(case.robot).robot if case.robot in walkers.WALKERS else ""
+        bags.write(folder, cases.fill(case, effects), robot)
+
+
+def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ...]:
+    """Baselines that a result does not have yet."""
+    if result["verdict"] == "error":
+        return ()
+    done = result.get("baselines", {})
+    return tuple(name for name in baselines if name not in done)
+
+
+def unfinished(
+    case: Case,
+    result: dict[str, Any] | None,
+    baselines: tuple[str, ...],
+    follow: bool = False,
+    settings: int = 0,
+) -> bool:
+    """Something of a case is still to be done; arguments as of `work`."""
+    if result is None or lacking(result, baselines) or (follow and unfollowed(result)):
+        return True
+    return bool(unasked(result, case.seed, settings))
+
+
+def unfollowed(result: dict[str, Any]) -> bool:
+    """A verdict is ambiguous, proposes an experiment, and that was not run."""
+    ambiguous = result["verdict"] == "ambiguous" and bool(result.get("next"))
+    return ambiguous and "followed" not in result
+
+
+def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
+    """Other settings under which a name is still to be asked: window, judging record, accuracy."""
+    if result["verdict"] not in SURE or not result["names"]:
+        return []
+    drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]
+    return [OTHERS[i] for i in drawn[len(result.get("settings", [])) :]]
+
+
+def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float]) -> dict[str, Any]:
+    """Setting, verdict and names of a search under it; other arguments as of `examined`."""
+    window, judge, accuracy = setting
+    params = GapParams(seed=seed, window=window, accuracy=accuracy)
+    found = _found(*read(place, robot, (HELD,), judge), params)
+    said = {"window": window, "judge": judge, "accuracy": accuracy}
+    return {**said, "verdict": found["verdict"], "names": found["names"]}
+
+
+def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]:
+    """Result of the workflow with the experiment that it proposed."""
+    name = result["next"][0]["experiment"]
+    place = folder / bags.BAGS / case.name
+    moved = motion(model_of(case.robot), name, machines.get(case.robot).rate)
+    bags.write_next(folder, case.name, moved)
+    return {"experiment": name, **examined(place, case.robot, case.seed, (bags.NEXT,))}
+
+
+def motion(model: Any, name: str, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Commanded positions and velocities of an experiment of the pool, (T, m) each.
+
+    Args:
+        model: Model of the robot without hidden effects.
+        name: Name of the experiment.
+        rate: Commands per second.
+    """
+    experiment = pool.within_limits(pool.choose(pool.pool(model), name))
+    experiment = experiment.replace(control_rate=rate)
+    target = experiment.make_target()
+    target.reset()
+    q, dq = zip(*(target.step(k / rate) for k in range(experiment.ticks)), strict=True)
+    return np.array(q), np.array(dq)
+
+
+def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Result of the workflow on the bags in a folder; it sees nothing else.
+
+    Args:
+        place: Folder with fit_* and hold_out bags.
+        robot: Name of the robot.
+        seed: Seed of the workflow.
+        more: Names of further bags to fit.
+    """
+    return _found(*read(place, robot, more), GapParams(seed=seed))
+
+
+def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, Any]:
+    """Parts of `gap.json` that a battery keeps of a search; an error is a verdict."""
+    try:
+        found = workflow.find(model, fit, held, params)
+        return {key: found[key] for key in KEPT if key in found}
+    except LocoError as error:
+        return {"verdict": "error", "names": [], "terms": [], "error": str(error)}
+
+
+@contextlib.contextmanager
+def _timed(folder: Path, case: str, what: str) -> Iterator[None]:
+    """Write down the time that the block takes: in results it would differ from run to run."""
+    began, spent = time.perf_counter(), time.process_time()
+    yield
+    wall, cpu = time.perf_counter() - began, time.process_time() - spent
+    bags.note_time(folder, case, what, wall, cpu)
+
+
+def compared(place: Path, robot: str, seed: int, names: tuple[str, ...]) -> dict[str, Any]:
+    """Results of baselines on the same bags; arguments as of `examined`."""
+    return baselines.run(names, *read(place, robot), seed)
+
+
+def model_of(robot: str) -> Any:
+    """Model of a robot as it should be, with how it is held."""
+    if robot in walkers.WALKERS:
+        return Model(trots.robot_of(walkers.get(robot), _folder()))
+    machine = machines.get(robot)
+    place = str(_foreign(machine)) if machine.urdf else machine.robot or robot
+    return Model(place, dict(machine.overrides), [dict(e) for e in machine.known])
+
+
+@cache
+def _folder() -> Path:
+    """Folder for robots that loco does not have, as long as this process lives."""
+    folder = Path(tempfile.mkdtemp(prefix="loco_battery_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _foreign(machine: Machine) -> Path:
+    """File of a robot as `loco robot new` would write it, with the gains of the machine.
+
+    Shapes are left out of its URDF: it hangs in the air and touches nothing.
+    """
+    path = _folder() / f"{machine.name}.yaml"
+    if not path.is_file():
+        root = ET.parse(machine.urdf).getroot()
+        for link in root.iter("link"):
+            for shape in (*link.findall("visual"), *link.findall("collision")):
+                link.remove(shape)
+        urdf = path.with_suffix(".urdf")
+        write_whole(urdf, ET.tostring(root, encoding="unicode"))
+        gains = machine.drives[:, 1:3].tolist()
+        values = {
+            "urdf": urdf.name, "fixed_base": True, "height": 1.2,
+            "joints": list(machine.joints), "standing": machine.start.tolist(),
+            "control_rate": machine.rate,
+            "drives": {
+                joint: {"kind": "impedance", "kp": kp, "kd": kd}
+                for joint, (kp, kd) in zip(machine.joints, gains, strict=True)
+            },
+        }  # fmt: skip
+        write_whole(path, yaml.safe_dump(values, sort_keys=False))
+    return path
+
+
+def read(
+    place: Path, robot: str, more: tuple[str, ...] = (), judge: str = HELD
+) -> tuple[Any, list, list]:
+    """Model of a robot as it should be, records to fit and records to judge on.
+
+    Args:
+        place: Folder with fit_* and hold_out bags.
+        robot: Name of the robot.
+        more: Names of further bags to fit.
+        judge: Name of the bag to judge on, which is not fitted.
+    """
+    model = model_of(robot)
+    machine = model.make_robot()
+    names = [*sorted(path.name for path in place.glob("fit_*")), *more]
+    fit = [r for name in names if name != judge for r in load(place / name, machine)]
+    return model, fit, load(place / judge, machine)

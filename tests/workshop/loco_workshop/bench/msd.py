@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco bench msd`: networks beside textbook NumPy, the author's simulator and the processor."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import DivergedError
+from loco_sim.msd.limit import seconds_per_step
+from loco_sim.msd.network import Network, chain
+from loco_sim.msd.params import MsdParams
+from loco_sim.msd.simulation import Drive, MsdSimulation
+
+from ..textbook import TextbookSimulation
+
+AUTHOR = 73.7e-6  # [s] a step of 20 nodes and 54 springs of the author's code, one core of 2026
+AGREE = 1e-9  # [m]
+SIZES = (5, 10, 20, 50, 100, 200)
+POPULATIONS = (1, 8, 100, 1000)
+
+
+def bench_msd(
+    sizes: tuple[int, ...] = SIZES,
+    populations: tuple[int, ...] = POPULATIONS,
+    threads: tuple[int, ...] = (1, 2),
+    seconds: float = 0.08,
+) -> list[dict[str, Any]]:
+    """Time of a step of one network and of each of a population, best of several turns.
+
+    Columns: ns per step of one network; million such steps per second; how many times less
+    than textbook NumPy here, and than the author's simulator as published; how many times more
+    than its bare arithmetic would take on as many threads.
+
+    Args:
+        sizes: Numbers of nodes.
+        populations: Networks at once; 1 is one alone.
+        threads: Numbers of threads for populations of more than one block.
+        seconds: Length of a turn.
+
+    Raises:
+        DivergedError: A trajectory differs from the textbook's by more than 1e-9 m.
+    """
+    return [row for nodes in sizes for row in _rows(nodes, populations, threads, seconds)]
+
+
+def _rows(nodes: int, populations: tuple[int, ...], threads: tuple[int, ...], seconds: float):
+    params = MsdParams(nodes=nodes)
+    network = chain(params)
+    drive = _drive(network, None)
+    difference = largest_difference(network, params, drive)
+    if not difference <= AGREE:
+        raise DivergedError(f"{nodes} nodes: {difference:.2g} m from the textbook's trajectory")
+    ways: dict[tuple[int, int], MsdSimulation] = {}
+    for size in populations:
+        for count in threads if size > 8 else threads[:1]:
+            d = _drive(network, size if size > 1 else None)
+            ways[size, count] = MsdSimulation(network, params, d, threads=count)
+    textbook = TextbookSimulation(network, params, drive)
+    calls: dict[Any, Callable[[int], Any]] = {"textbook": textbook.run}
+    calls.update({key: way.run for key, way in ways.items()})
+    best = _best(calls, seconds)
+    best.update({key: best[key] / key[0] for key in ways})
+    limit = seconds_per_step(network.nodes, network.count)
+    for size, count in ways:
+        took = best[size, count]
+        yield {
+            "nodes": nodes,
+            "links": network.count,
+            "nets": size,
+            "threads": count,
+            "ns": f"{1e9 * took:.0f}",
+            "M/s": 1e-6 / took,
+            "x textbook": f"{best['textbook'] / took:.0f}",
+            "x author": f"{AUTHOR / took:.0f}" if nodes == 20 else "",
+            "x limit": took * count / limit,
+            "apart [m]": f"{difference:.0e}",
+        }
+
+
+def largest_difference(network: Network, params: MsdParams, drive: Drive) -> float:
+    """Between our trajectory and the textbook's over 2 s on the ground [m]."""
+    ours, textbook = (
+        kind(network, params, drive=drive) for kind in (MsdSimulation, TextbookSimulation)
+    )
+    worst = 0.0
+    for _ in range(8):
+        ours.run(50)
+        textbook.run(50)
+        worst = max(worst, float(np.abs(ours.position - textbook.position).max()))
+    return worst
+
+
+def _drive(network: Network, size: int | None) -> Drive:
+    rng = np.random.default_rng(0)
+    shape = (network.count,) if size is None else (size, network.count)
+    return Drive(rng.uniform(0.0, 0.2, shape), rng.uniform(0.0, 2.0 * np.pi, shape), 1.0)
+
+
+def _best(calls: dict[Any, Callable[[int], Any]], seconds: float, turns: int = 6) -> dict:
+    """Least time per step of each way [s], measured in turns.
+
+    One thread is timed by its own clock, so that other processes count less; two by the wall.
+    """
+    clocks = {
+        key: time.perf_counter if key != "textbook" and key[1] > 1 else time.thread_time
+        for key in calls
+    }
+    steps = {}
+    for key, call in calls.items():
+        call(20)  # loads the compiled kernels
+        began = time.perf_counter()
+        call(20)
+        steps[key] = max(20, round(20 * seconds / (time.perf_counter() - began)))
+    best = dict.fromkeys(calls, np.inf)
+    for _ in range(turns):
+        for key, call in calls.items():
+            began = clocks[key]()
+            call(steps[key])
+            best[key] = min(best[key], (clocks[key]() - began) / steps[key])
+    return best

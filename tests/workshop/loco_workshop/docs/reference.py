@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco docs`: the reference tables of ``docs/``, printed from the code."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from loco_bringup.cli.clone import root
+from loco_bringup.terminal import console
+from loco_control.faults import FAULTS, Fault
+from loco_control.gait.oscillators import CpgParams
+from loco_control.params import Params
+from loco_control.realtime import RealtimeParams
+from loco_control.ros.health import HealthParams
+from loco_control.ros.messages.joint_topics import TABLES
+from loco_control.ros.messages.topics import LOST_TICK, WRITER_DEPTH, faulty
+from loco_learning.params import JointLearnerParams
+from loco_learning.runs.experiment import Experiment
+from loco_learning.runs.network_experiment import NetworkExperiment
+from loco_sim.effects.identity import SITES
+from loco_sim.params import SimParams, TickParams
+from loco_sim.plant.safety import SafetyParams
+
+from .effects_figures import draw_all
+from .effects_page import overview, page
+from .site import build
+
+_NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
+
+
+def show_docs(a: argparse.Namespace) -> int:
+    """`loco docs`: print the pages, or write them, or the pictures, into ``docs/``."""
+    if a.site:
+        build(root(), Path(a.out))
+        console.print(f"{a.out}/index.html; `python -m http.server -d {a.out}` serves it")
+        return 0
+    if a.figures:
+        for path in draw_all(root() / "docs" / "pictures" / "effects"):
+            console.print(f"wrote {path}")
+        return 0
+    for name, text in pages().items():
+        if a.write:
+            path = root() / "docs" / name
+            path.write_text(text)
+            console.print(f"wrote {path}")
+        else:
+            console.print(text, markup=False)
+    return 0
+
+
+def pages() -> dict[str, str]:
+    """Name and text of every generated page."""
+    return {
+        "topics.md": _topics(),
+        "messages.md": _messages(),
+        "parameters.md": _parameters(),
+        "effects.md": _page("Effects", *overview()),
+        **{f"effects_{site}.md": _page(f"Effects: {site}", *page(site)) for site in SITES},
+    }
+
+
+def _topics() -> str:
+    head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "what it says")
+    parts = [
+        f"## Graph `{name}`\n\n{_table(head, map(_topic_row, rows.values()))}"
+        for name, rows in TABLES.items()
+    ]
+    return _page(
+        "Topics",
+        "Names are relative unless they start with `/`. Depth is the reader's; writers keep "
+        f"{WRITER_DEPTH} messages for the recorder. Rates are per simulated second; those of the "
+        "graph `joint` are of a robot at 100 ticks per second. With [faults](faults.md) readers of "
+        f"a damaged topic hear `{faulty('TOPIC')}`, and `{LOST_TICK.name}` (`std_msgs/UInt64`) "
+        f"tells the plant: {LOST_TICK.doc}.",
+        *parts,
+    )
+
+
+def _topic_row(t: Any) -> tuple[str, ...]:
+    return (
+        f"`{t.name}`",
+        f"`{t.message}`",
+        ("reliable" if t.qos.reliable else "best effort")
+        + (", transient local" if t.qos.latched else "")
+        + f", depth {t.qos.depth}",
+        f"{t.rate:g} Hz" if t.rate else "on event",
+        t.writer,
+        ", ".join(t.readers) or "tools",
+        t.doc,
+    )
+
+
+def _messages() -> str:
+    parts = []
+    for path in sorted((root() / "src" / "loco_msgs" / "msg").glob("*.msg")):
+        lines = path.read_text().splitlines()
+        intro = lines[0].lstrip("# ")
+        rows = []
+        for line in lines[1:]:
+            declared, _, comment = line.partition("#")
+            kind, name = declared.split()
+            text, unit = _split_unit(comment.strip())
+            rows.append((f"`{name}`", f"`{kind}`", unit, text))
+        parts.append(
+            f"## {path.stem}\n\n{intro}\n\n{_table(('field', 'type', 'unit', 'meaning'), rows)}"
+        )
+    return _page(
+        "Messages", "Package `loco_msgs`; every array on the control path has a fixed size.", *parts
+    )
+
+
+def _split_unit(comment: str) -> tuple[str, str]:
+    """Comment and the unit in its last brackets."""
+    if comment.endswith("]") and "[" in comment:
+        text, _, unit = comment[:-1].rpartition("[")
+        return text.strip(), unit
+    return comment, ""
+
+
+def _parameters() -> str:
+    head = ("key", "default", "unit", "range", "meaning")
+    common = list(_rows(Fault(), ""))
+    faults = [("all", *row) for row in common]
+    for kind, fault in FAULTS.items():
+        faults += [(f"`{kind}`", *row) for row in _rows(fault(), "") if row not in common]
+    return _page(
+        "Parameters",
+        "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
+        "declare the same names as ROS parameters.",
+        "## Experiment\n\nWith a gait, as of HyQ.\n\n" + _table(head, _rows(Experiment(), "")),
+        "### Without a gait\n\nAn experiment with a `target` has neither gait, trunk nor stance, "
+        "and a learner that feels joints and IMU.\n\n"
+        + _table(head, [*_rows(CpgParams(), "target."), *_rows(JointLearnerParams(), "learner.")]),
+        "### The plant\n\nUnder `sim`: those that differ from the robot's.\n\n"
+        + _table(head, _rows(SimParams(), "sim.")),
+        "## Masses and springs\n\nAn experiment with a `network` or a `preset`.\n\n"
+        + _table(head, _rows(NetworkExperiment(), "")),
+        "## Every node\n\nROS parameters only, not keys of an experiment.\n\n"
+        + _table(head, _rows(HealthParams(), "diagnostics."))
+        + "\n\n`loco run --realtime fifo=80` sets one of these:\n\n"
+        + _table(head, _rows(RealtimeParams(), "realtime.")),
+        "## Plants\n\nROS parameters of `robot_sim` only.\n\n"
+        + _table(head, _rows(SafetyParams(), "safety."))
+        + "\n\n`loco run --tick late=safe-stop` sets one of these:\n\n"
+        + _table(head, _rows(TickParams(), "")),
+        "## Faults\n\nOf `loco run --fault TOPIC:KIND:KEY=VALUE`, [more](faults.md).\n\n"
+        + _table(("kind", *head), faults),
+    )
+
+
+def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
+    for f in dataclasses.fields(params):
+        optional = f.metadata.get("optional")
+        if optional and getattr(params, f.name) is None:
+            continue
+        plain = f.default is not dataclasses.MISSING and not prefix and not optional
+        value = f.default if plain else getattr(params, f.name)  # objects may settle defaults
+        if f.default_factory in (dict, tuple) and not prefix:
+            value = f.default_factory()
+        if isinstance(value, Params):
+            yield from _rows(value, f"{prefix}{f.name}.")
+        elif not f.name.startswith("_"):
+            meta = f.metadata
+            yield (
+                f"`{prefix}{f.name}`",
+                _code(value),
+                meta.get("unit", "-"),
+                _range(meta),
+                meta.get("doc", ""),
+            )
+
+
+def _code(value: Any) -> str:
+    return f"`{list(value) if isinstance(value, tuple) else value}`"
+
+
+def _range(meta: Any) -> str:
+    if meta.get("choices"):
+        return ", ".join(f"`{c}`" for c in meta["choices"])
+    low, high = meta.get("low"), meta.get("high")
+    if low is None and high is None:
+        return ""
+    left = "(-inf" if low is None else f"[{low:g}"
+    right = "inf)" if high is None else f"{high:g}]"
+    return f"{left}, {right}"
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    head = list(head)
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _page(title: str, intro: str, *parts: str) -> str:
+    return "\n\n".join((f"# {title}", _NOTE, intro, *parts)) + "\n"

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs damaged inputs in child processes and keeps those that are not one error of ours.
+
+A child writes each input down before it runs it, so the one that ends the process is known, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_control.exceptions import LocoError, NameUnknownError
+
+from . import mutation
+from .targets import TARGETS, Target, target
+
+LIMIT = 10  # processor time of one input [s]
+BATCH = 200  # inputs of a child process
+_CURRENT, _ROW = "current", "row"
+MEMORY = 1_500_000  # more than a child had before its input [kB]; a file may fill 1 GiB
+KINDS = ("traceback", "no end", "crash", "memory")
+
+
+class NoEndError(BaseException):
+    """An input takes too long; no parser may catch this."""
+
+
+def fuzz(
+    names: list[str],
+    seconds: float,
+    folder: Path,
+    seed: int = 0,
+    count: int = 0,
+    damage: str = "any",
+    workers: int = 1,
+) -> dict[str, dict[str, Any]]:
+    """Damage the inputs of targets for a while; a row of counts for each.
+
+    What earlier runs found lies in the folder and is damaged further, so the corpus grows.
+
+    Args:
+        names: Names of the targets.
+        seconds: Wall time for all of them together [s]; not looked at if there is a `count`.
+        folder: Folder that gets each find as a file in a folder of its target.
+        seed: Seed of all damage.
+        count: Inputs of all targets together, each an equal share; 0 for as many as there is time.
+        damage: Kind of damage, one of `mutation.KINDS`.
+        workers: Targets at a time, each in a process of its own.
+
+    Raises:
+        NameUnknownError: There is no target of a name, or no such damage.
+    """
+    for name in names:
+        target(name)
+    if damage not in mutation.KINDS:
+        raise NameUnknownError("damage", damage, mutation.KINDS)
+    share, end = -(-count // len(names)), time.monotonic() + seconds
+
+    def one(name: str) -> tuple[str, dict[str, Any]]:
+        row = {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
+        until = time.monotonic() + seconds * workers / len(names)
+        batch = 0
+        while row["inputs"] < share if count else not batch or time.monotonic() < min(end, until):
+            size = min(BATCH, share - row["inputs"]) if count else BATCH
+            job = [seed, list(TARGETS).index(name), batch]
+            found = run_batch(name, job, size, folder / name, damage)
+            row = {key: row[key] + found.get(key, 0) for key in row}
+            batch += 1
+        return name, row
+
+    with ThreadPoolExecutor(workers) as pool:
+        return dict(pool.map(one, names))
+
+
+def run_batch(
+    name: str, seed: list[int], count: int, folder: Path, damage: str = "any"
+) -> dict[str, int]:
+    """One child process with many inputs; counts of what they did."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as place:
+        job = json.dumps([name, seed, count, place, str(folder), damage])
+        child = subprocess.Popen(
+            [sys.executable, "-m", "loco_workshop.fuzz.fuzz", job],
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+        )  # fmt: skip
+        try:
+            said, _ = child.communicate(timeout=60 + count * 2)
+        except subprocess.TimeoutExpired:  # a compiled loop does not hear the signal
+            child.kill()
+            child.communicate()
+            return keep(Path(place), folder, "no end", "no end")
+        if child.returncode:
+            return keep(Path(place), folder, "crash", f"{child.returncode}")
+        return json.loads(said.splitlines()[-1])
+
+
+def keep(place: Path, folder: Path, kind: str, why: str) -> dict[str, int]:
+    """Keep the input that a child was at; the counts of the child with it."""
+    current, row = place / _CURRENT, place / _ROW
+    save(current.read_bytes() if current.is_file() else b"", folder, why)
+    before = json.loads(row.read_text()) if row.is_file() else {"inputs": 0}
+    return {**before, "inputs": before["inputs"] + 1, kind: before.get(kind, 0) + 1}
+
+
+def save(data: bytes, folder: Path, why: str) -> None:
+    """Write an input and what it did into a folder, named by its hash."""
+    stem = hashlib.sha256(data).hexdigest()[:16]
+    (folder / f"{stem}.bin").write_bytes(data)
+    (folder / f"{stem}.txt").write_text(why)
+
+
+def inputs(
+    chosen: Target, seed: list[int], count: int, damage: str = "any", corpus: Sequence[bytes] = ()
+) -> Iterator[bytes]:
+    """Damaged inputs of a target; the same for the same seed and corpus."""
+    rng, seeds = np.random.default_rng(seed), [*chosen.seeds(), *corpus]
+    for _ in range(count):
+        data = seeds[int(rng.integers(len(seeds)))]
+        yield mutation.damaged(data, rng, seeds, chosen.structured, damage)
+
+
+def outcome(chosen: Target, data: bytes) -> tuple[str, str]:
+    """Effect of an input: "" for a right one, ``refused``, or one of `KINDS`; and the details."""
+
+    def stop(number: int, frame: Any) -> None:
+        raise NoEndError
+
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    old = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    kind = "", ""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            chosen.run(data, Path(folder))
+    except LocoError as error:
+        kind = "refused", ""
+        if "\n" in str(error):
+            kind = "traceback", f"{error!r} has several lines"
+    except NoEndError:
+        kind = "no end", f"more than {LIMIT} s of processor time"
+    except Exception:
+        kind = "traceback", traceback.format_exc()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, old)
+        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+        if grown > MEMORY:
+            kind = "memory", f"{grown / 1e6:.1f} GB more than before"
+    return kind
+
+
+def main() -> None:
+    """Run a batch, as JSON says, and write its counts."""
+    warnings.simplefilter("ignore")
+    name, seed, count, place, folder, damage = json.loads(sys.argv[1])
+    chosen, found = target(name), {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
+    corpus = [path.read_bytes() for path in sorted(Path(folder).glob("*.bin"))]
+    with tempfile.TemporaryDirectory() as first:  # compiles and loads, which has its time
+        chosen.run(chosen.seeds()[0], Path(first))
+    current, row = os.path.join(place, _CURRENT), os.path.join(place, _ROW)
+    for data in inputs(chosen, seed, count, damage, corpus):
+        Path(row).write_text(json.dumps(found))
+        Path(current).write_bytes(data)
+        kind, why = outcome(chosen, data)
+        found["inputs"] += 1
+        if kind:
+            found[kind] += 1
+        if kind in KINDS:
+            save(data, Path(folder), why)
+    sys.stdout.write("\n" + json.dumps(found) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco fuzz`: counts of each target at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from loco_bringup.terminal import console
+from loco_control.exceptions import ParameterError
+from loco_control.files import write_whole
+
+from .fuzz import KINDS, fuzz
+from .targets import TARGETS
+
+
+def show_fuzz(a: argparse.Namespace) -> int:
+    """Damage inputs for a while; 1 if anything was found, else 0.
+
+    Raises:
+        ParameterError: The time is not above 0, or the number of inputs below it.
+        NameUnknownError: There is no such target or damage.
+    """
+    if not a.minutes > 0.0:
+        raise ParameterError(f"--minutes must be above 0, got {a.minutes}")
+    names = list(TARGETS) if a.target == "all" else [a.target]
+    if a.inputs < 0:
+        raise ParameterError(f"--inputs must be 0 or above, got {a.inputs}")
+    rows = fuzz(names, 60.0 * a.minutes, a.out, a.seed, a.inputs, a.damage, max(1, a.workers))
+    write_whole(a.out / "fuzz.json", json.dumps(rows, indent=1) + "\n")
+    for name, row in rows.items():
+        console.print(f"  {name:12} {json.dumps(row)[1:-1]}", markup=False)
+    finds = sum(row[kind] for row in rows.values() for kind in KINDS)
+    total = sum(row["inputs"] for row in rows.values())
+    console.print(f"  {total} inputs, {finds} finds: {a.out}", markup=False)
+    return int(finds > 0)

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco mutants`: verdicts at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from loco_bringup.cli.clone import root
+from loco_bringup.terminal import console
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.files import check_writable
+from loco_learning.jobs.journal import Journal
+
+from .run import PROTECTING, Verdict, score, survey, write
+
+
+def show_mutants(a: argparse.Namespace) -> int:
+    """Test mutants of the protecting modules; 1 if fewer than 90 % are noticed, else 0.
+
+    Raises:
+        NameUnknownError: No protecting module has this name.
+        ParameterError: A number is out of its range.
+    """
+    if a.limit < 0 or a.workers < 1:
+        raise ParameterError(
+            f"--limit must be at least 0 and --workers at least 1, got {a.limit} and {a.workers}"
+        )
+    chosen = [module for module in PROTECTING if a.only in module]
+    if not chosen:
+        raise NameUnknownError("protecting module", a.only, list(PROTECTING))
+    check_writable(a.out)
+    journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, anew=True)
+    try:
+        verdicts = survey(root(), chosen, a.limit, a.seed, a.workers, journal, _tell, a.survivors)
+    finally:
+        journal.close()
+    write(verdicts, a.out)
+    share = score(verdicts)
+    console.print(f"  {len(verdicts)} mutants, {100 * share:.0f} % noticed: {a.out}", markup=False)
+    return int(share < 0.9)
+
+
+def _tell(verdict: Verdict) -> None:
+    where = f"{Path(verdict.module).name}:{verdict.line}"
+    console.print(f"  {verdict.end:10} {where:20} {verdict.change}", markup=False)

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco chaos`: signals to every process, rough circumstances, faults on every topic, many times.
+
+A cell is a signal and a process, a circumstance, or a topic with all its faults. Each runs in a
+process of its own and leaves a file of rows; what has a file is not run again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.ros.messages.topics import TOPICS
+
+from .faults import run_topic
+from .rough import AHEAD, BACK, HAPPENS, KILLED, run_rough, wall_clock
+from .signals import KILL, STOP, run_signal
+from .traces import TAG
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One row of signals, or the rows of faults of a topic."""
+
+    how: str  # SIGSTOP, SIGKILL, rough or faults
+    what: str
+
+    @property
+    def name(self) -> str:
+        """As in file names and in ``--only``."""
+        return f"{self.how}_{self.what.strip('/').replace('/', '_').replace(' ', '_')}"
+
+
+def cells(only: str = "") -> list[Cell]:
+    """All cells, or those whose name has a text.
+
+    Raises:
+        NameUnknownError: No cell has the text in its name.
+    """
+    rough = [*(("SIGKILL", who) for who in KILLED), *(("rough", what) for what in HAPPENS)]
+    found = [Cell(*pair) for pair in (*STOP, *KILL, *rough, *(("faults", t) for t in TOPICS))]
+    chosen = [cell for cell in found if only in cell.name]
+    if not chosen:
+        raise NameUnknownError("cell", only, [cell.name for cell in found])
+    return chosen
+
+
+def run(
+    chosen: list[Cell],
+    repeats: int,
+    seed: int,
+    folder: Path,
+    tell: Callable[[Cell], Any] = lambda cell: None,
+) -> dict[str, list[dict[str, Any]]]:
+    """Run the cells that have not run yet; rows of all, by cell.
+
+    Args:
+        chosen: Cells to run.
+        repeats: Repetitions of each signal and each fault.
+        seed: Seed of the moments and draws.
+        folder: Results; an old one is gone on with.
+        tell: Called before each cell.
+
+    Raises:
+        ParameterError: `repeats` is below 1.
+    """
+    if repeats < 1:
+        raise ParameterError(f"repeats must be at least 1, got {repeats}")
+    folder = folder.resolve()
+    (folder / "cells").mkdir(parents=True, exist_ok=True)
+    found = {}
+    for cell in chosen:
+        tell(cell)
+        rows = rows_of(cell, folder, repeats, seed)
+        found[cell.name] = _run_cell(cell, repeats, seed, folder) if rows is None else rows
+    return found
+
+
+def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str, Any]] | None:
+    """Rows of a cell that has run with these numbers, else None."""
+    path = folder / "cells" / f"{cell.name}.json"
+    if not path.is_file():
+        return None
+    said = json.loads(path.read_text())
+    return said["rows"] if (said["repeats"], said["seed"]) == (repeats, seed) else None
+
+
+def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """In a process of its own, whose children are known by a variable.
+
+    A cell that ends with an error is a row that says so, and is run again the next time.
+    """
+    place = folder / "runs" / cell.name
+    shutil.rmtree(place, ignore_errors=True)
+    place.parent.mkdir(exist_ok=True)
+    clock = wall_clock(place) if cell.what in (AHEAD, BACK) else {}
+    job = json.dumps([cell.how, cell.what, repeats, seed, str(place)])
+    log = folder / "cells" / f"{cell.name}.log"
+    with open(log, "w") as stream:
+        done = subprocess.run(
+            [sys.executable, "-m", "loco_workshop.stress.chaos", job],
+            env={**os.environ, **clock, TAG: f"{cell.name}-{os.getpid()}"},
+            stdout=subprocess.PIPE,
+            stderr=stream,
+            text=True,
+        )
+    if done.returncode:
+        lines = [f"exit code {done.returncode}", *log.read_text().strip().splitlines()]
+        return [{"what": cell.what, "how": cell.how, "ok": False, "notes": lines[-1:]}]
+    rows = json.loads(done.stdout.splitlines()[-1])
+    content = {"repeats": repeats, "seed": seed, "rows": rows}
+    (folder / "cells" / f"{cell.name}.json").write_text(json.dumps(content, indent=1))
+    log.unlink()
+    return rows
+
+
+def main() -> None:
+    """Run one cell, as JSON says, and write its rows."""
+    how, what, repeats, seed, place = json.loads(sys.argv[1])
+    if how == "faults":
+        rows = run_topic(what, repeats, seed, Path(place))
+    elif what in {**KILLED, **HAPPENS} and how != "SIGSTOP":
+        rows = run_rough(how, what, repeats, seed, Path(place))
+    else:
+        rows = run_signal(how, what, repeats, seed, Path(place))
+    sys.stdout.write(json.dumps(rows) + "\n")
+
+
+if __name__ == "__main__":
+    main()

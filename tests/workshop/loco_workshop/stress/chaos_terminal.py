@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco chaos`: the matrix with a progress bar, then its table as JSON and Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from loco_bringup.terminal import bar, console
+
+from . import chaos
+from .faults import SAFE_TICKS
+
+_SIGNALS = {
+    "repeats": "repeats",
+    "damped": "damped, by joint torques",
+    "safe": "safe",
+    "worst": f"worst ticks (at most {SAFE_TICKS})",
+    "ridden": "ridden through",
+    "late": "the machine was late",
+    "ended": "run ended and said why",
+    "stalls": "time-outs in between",
+}
+_LEFT = {
+    "bags": "bags",
+    "whole": "whole or recovered",
+    "orphans": "processes left",
+    "segments": "shared memory left",
+}
+
+
+def show_chaos(a: argparse.Namespace) -> int:
+    """Run what is missing; 0 if every cell did what it has to."""
+    chosen = chaos.cells(a.only)
+    with bar("{task.completed}/{task.total} cells", "{task.fields[last]}") as progress:
+        task = progress.add_task("chaos", total=len(chosen), last="", completed=-1)
+
+        def tell(cell: chaos.Cell) -> None:
+            progress.update(task, advance=1, last=cell.name)
+
+        found = chaos.run(chosen, a.repeats, a.seed, a.out, tell)
+    rows = [row for rows in found.values() for row in rows]
+    (a.out / "chaos.json").write_text(json.dumps(rows, indent=1))
+    text = page(rows)
+    (a.out / "chaos.md").write_text(text)
+    console.print(text, markup=False)
+    bad = [row for row in rows if not row["ok"]]
+    for row in bad:
+        said = "; ".join(row["notes"]) or "not what docs/faults.md says"
+        console.print(f"{row['how']} {row['what']}: {said}", markup=False)
+    console.print(f"{len(rows) - len(bad)} of {len(rows)} cells as they have to be: {a.out}")
+    return int(bool(bad))
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """Tables of signals and of faults, as Markdown."""
+    signals = [r for r in rows if r["how"].startswith("SIG") or r["how"] == "rough"]
+    faults = [r for r in rows if r not in signals]
+    parts = ["# Chaos", "", "<!-- written by `loco chaos` -->"]
+    if signals:
+        lines = [[f"`{r['what']}`", r["how"], *_values(r, _SIGNALS), *_end(r)] for r in signals]
+        head = ["what", "how", *_SIGNALS.values(), *_LEFT.values(), "as it has to be"]
+        parts += ["", "## Signals and rough circumstances", "", *_table(head, lines)]
+    if faults:
+        parts += ["", "## Faults", "", _LEGEND, "", *_of_faults(faults)]
+    return "\n".join(parts) + "\n"
+
+
+_LEGEND = f"""\
+Per cell: how often the safe state came (and after how many ticks at most; {SAFE_TICKS} are allowed)
+or the fault was ridden through, both judged by joint torques, too; in brackets how many messages
+were hit. `fell`: of all faults of the topic, those that brought HyQ down."""
+
+
+def _of_faults(rows: list[dict[str, Any]]) -> list[str]:
+    """A line per topic, a column per fault."""
+    kinds = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error
+    lines = []
+    for topic in dict.fromkeys(row["what"] for row in rows):
+        own = {row["how"]: row for row in rows if row["what"] == topic}
+        fell = str(sum(row.get("fell", 0) for row in own.values()))
+        cells = [_outcome(own[kind]) if kind in own else "" for kind in kinds]
+        worst = min(own.values(), key=lambda row: row["ok"])
+        lines.append([f"`{topic}`", *cells, fell, *_end(worst)])
+    return _table(["topic", *kinds, "fell", *_LEFT.values(), "as it has to be"], lines)
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    safe = f"{row['safe']} safe ≤ {row['worst']}" if row.get("taken") else ""
+    ridden = f"{row['ridden']} ridden" if row.get("ridden") else ""
+    hit = f"({row['hit']})" if row.get("hit") else ""
+    return " ".join(filter(None, [", ".join(filter(None, [safe, ridden])) or "-", hit]))
+
+
+def _end(row: dict[str, Any]) -> list[str]:
+    return [*_values(row, _LEFT), "yes" if row["ok"] else "NO"]
+
+
+def _values(row: dict[str, Any], names: dict[str, str]) -> list[str]:
+    return [str(row.get(name, "-")) for name in names]
+
+
+def _table(head: list[str], lines: list[list[str]]) -> list[str]:
+    rows = [head, ["---"] * len(head), *lines]
+    return ["| " + " | ".join(row) + " |" for row in rows]

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco crash` at the terminal: a row per command, as a table."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from loco_bringup.terminal import bar, console
+from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.files import check_writable, write_whole
+
+from . import crash
+
+HEAD = ("command", "kills", "full disks", "ends with the same bytes", "torn files", "left over")
+
+
+def show_crash(a: argparse.Namespace) -> int:
+    """Disturb long commands and compare; 1 if one does not come to the same end, else 0.
+
+    Raises:
+        NameUnknownError: There is no such command.
+        ParameterError: A number is below 0.
+    """
+    for what in ("kills", "disks"):
+        if getattr(a, what) < 0:
+            raise ParameterError(f"--{what} must be at least 0, got {getattr(a, what)}")
+    for name in a.only or ():
+        if name not in crash.COMMANDS:
+            raise NameUnknownError("long command", name, crash.COMMANDS)
+    check_writable(a.out)
+    chosen, rows = a.only or list(crash.COMMANDS), []
+    with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
+        task = progress.add_task("crash", total=len(chosen) * (a.kills + a.disks), last="")
+        for name in chosen:
+
+            def tell(row: crash.Row) -> None:
+                progress.update(task, advance=1, last=f"{row.command}: {row.same} the same")
+
+            progress.update(task, last=name)
+            rows.append(crash.run(name, a.kills, a.disks, a.seed, a.out, tell))
+    text = table(rows)
+    write_whole(a.out / "crash.md", text)
+    console.print(text, markup=False)
+    for note in [f"{row.command}: {note}" for row in rows for note in row.notes]:
+        console.print(f"  {note}", markup=False)
+    return int(not all(row.ok for row in rows))
+
+
+def table(rows: Sequence[crash.Row]) -> str:
+    """Markdown of the rows."""
+    lines = [HEAD, ("---",) * len(HEAD)]
+    lines += [
+        (f"`{r.command}`", *map(str, (r.kills, r.full)), f"{r.same} of {r.ends}",
+         *map(str, (r.torn, r.left)))
+        for r in rows
+    ]  # fmt: skip
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)

@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chaos by circumstances: who watches is killed, the disk is full, memory ends, the clock jumps.
+
+Or it has visitors: `loco top`, `loco doctor`, a second run. Each repetition is a realtime graph of
+its own that something happens to after a while. It rides that through, or it ends and says why;
+nothing is left of it but a bag that is whole or is made whole.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from loco_bringup.bag.reader import Bag
+from loco_bringup.graph import run
+from loco_control.exceptions import GraphError
+from loco_learning.runs import experiment
+
+from .faults import SAFE_TICKS, time_outs, undamped
+from .traces import Traces, opened_by, tagged
+
+EXPERIMENT = "hyq_trot_open"
+CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
+LONG = {"learner.train": 3600.0}
+PATIENCE = 40.0  # wall time until a run that was hit must have ended [s]
+REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
+AHEAD, BACK = "wall clock jumps ahead", "wall clock is set back"
+_GUARD = b"loco_bringup.graph.guard"
+_ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
+_MUTE = 2.5  # simulated time without diagnostics, of which there is one each second [s]
+_GOES_ON = 4.0  # wall time that it must go on after what it rides through [s]
+_VISIT = 40.0  # wall time that a visitor has, with its start [s]
+_DISK = 700_000  # room for each file; a bag fills it in about a second [bytes]
+_JUMP = 3600.0  # longest of the wall clock [s]
+LATE = {"real-time factor", "time-out"}  # faults that `loco doctor` finds in a late machine
+_CLOCK, _OFFSET = "LOCO_WALL_CLOCK", struct.Struct("=q")  # of `wall_clock.c`: file, its nanoseconds
+
+
+def kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Kill a process without which the run ends; it must end and say why."""
+
+    def hit(pids: dict[str, int]) -> None:
+        os.kill(pids[who], signal.SIGKILL)
+
+    said = _hit(hit, rng, folder, traces)
+    return _looked(said.startswith(f"{who} died with exit code -9"), "ended", said, folder, traces)
+
+
+def kill_recorder_on_a_full_disk(
+    who: str, rng: np.random.Generator, folder: Path, traces: Traces
+) -> str:
+    """The same about the time at which no file can grow any more."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (_DISK, limits[1]))
+    try:
+        return kill_one("recorder", rng, folder, traces)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def kill_guard(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Kill the guard; the run must not care."""
+
+    def hit(pids: dict[str, int]) -> None:
+        for pid in _guards():
+            os.kill(pid, signal.SIGKILL)
+
+    said = _hit(hit, rng, folder, traces, ends=False)
+    return _looked(not said, "ridden", said, folder, traces)
+
+
+def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """No process of the run gets more memory than it has."""
+
+    def hit(pids: dict[str, int]) -> None:
+        for pid in pids.values():
+            pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
+            size = pages * resource.getpagesize()
+            resource.prlimit(pid, resource.RLIMIT_AS, (size, size))
+
+    said = _hit(hit, rng, folder, traces, ends=False)
+    how = "ended" if re.match(r"\w+ died with exit code", said) else "ridden"
+    return _looked(how == "ended" or not said, how, said, folder, traces)
+
+
+def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """The wall clock of the run, its supervisor included, jumps by up to an hour.
+
+    A robot must not notice when it jumps ahead. When it is set back, Fast DDS may drop messages for
+    moments, as younger ones seem older (its issue 5019): the plant may get to its safe state then.
+    All nodes go on speaking. The process needs the environment that `wall_clock` makes.
+    """
+    jump = float(rng.uniform(0.0, _JUMP)) * (1 if who == AHEAD else -1)
+    try:
+        said = _hit(lambda pids: _set_clock(jump), rng, folder, traces, ends=False)
+    finally:
+        _set_clock(0.0)
+    late: list[tuple[int, int]] = []
+    if not said:
+        bag = Bag(folder)
+        late = time_outs(bag)[0]
+        if late and (jump > 0 or any(tick - last > SAFE_TICKS for tick, last in late)):
+            said = f"time-outs after a jump of {jump:.0f} s: {late}"
+        elif late and (bad := undamped(bag)):
+            said = f"after a jump of {jump:.0f} s: {bad}"
+        elif mute := _mute(bag):
+            said = f"silent after a jump of {jump:.0f} s: {', '.join(mute)}"
+    return _looked(not said, "safe" if late else "ridden", said, folder, traces)
+
+
+def _mute(bag: Bag) -> list[str]:
+    """Nodes that said nothing about themselves at the end of a run."""
+    said = zip(bag.times("/diagnostics"), bag.messages("/diagnostics"), strict=True)
+    newest = {message.status[0].name: at for at, message in said}
+    return sorted(name for name, at in newest.items() if bag.end - at / 1e9 > _MUTE)
+
+
+def wall_clock(folder: Path) -> dict[str, str]:
+    """Environment of processes that share a wall clock which can be set.
+
+    Args:
+        folder: New folder of what it needs.
+
+    Raises:
+        GraphError: There is no C compiler.
+    """
+    folder.mkdir(parents=True)
+    library, file = folder / "wall_clock.so", folder / "wall_clock"
+    file.write_bytes(_OFFSET.pack(0))
+    source = Path(__file__).with_name("wall_clock.c")
+    command = [os.environ.get("CC", "cc"), "-O1", "-shared", "-fPIC", "-o", library, source, "-ldl"]
+    try:
+        subprocess.run(command, check=True, capture_output=True, text=True)
+    except OSError as error:
+        raise GraphError(f"{command[0]} cannot be run: {error.strerror}; CC names one") from None
+    except subprocess.CalledProcessError as error:
+        raise GraphError(f"{source.name} cannot be compiled: {error.stderr[-300:]}") from None
+    return {"LD_PRELOAD": str(library), _CLOCK: str(file)}
+
+
+def _set_clock(seconds: float) -> None:
+    """Set the wall clock of this process and of all that share it, this far from the machine's."""
+    with open(os.environ[_CLOCK], "r+b") as file:  # it is mapped: all see it at once
+        file.write(_OFFSET.pack(round(seconds * 1e9)))
+
+
+def doctor_beside_top(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Ask `loco doctor` while `loco top` is open; it must find nothing but a late machine.
+
+    Three programs more start then; on a few cores the graph may miss its ticks for a moment.
+    """
+    return _visited(["doctor", "--json"], [["top"]], doctor_said, rng, folder, traces)
+
+
+def doctor_said(code: int, text: str) -> str:
+    """Judge what `loco doctor --json` says of a graph that nothing was done to.
+
+    Returns:
+        "ridden": nothing grave; "late": nothing but a machine that is late; "": anything else.
+    """
+    try:
+        grave = {row["fault"] for row in json.loads(text) if row["grave"]}
+    except (ValueError, TypeError, KeyError):
+        return ""
+    if code != int(bool(grave)):
+        return ""
+    return ("late" if grave else "ridden") if grave <= LATE else ""
+
+
+def _said(code: int, text: str) -> Callable[[int, str], str]:
+    """Judge of a command that must end with a code and a text."""
+    return lambda ended, said: "ridden" if ended == code and text in said else ""
+
+
+def doctor_of_a_stopped(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Ask `loco doctor` while a controller is stopped; it must name it."""
+    node = CONTROLLERS[int(rng.integers(len(CONTROLLERS)))]
+
+    def stop(pids: dict[str, int]) -> Callable[[], None]:
+        os.kill(pids[node], signal.SIGSTOP)
+        return lambda: os.kill(pids[node], signal.SIGCONT)
+
+    judge = _said(1, f"{node} (pid")
+    return _visited(["doctor", "--json"], [], judge, rng, folder, traces, stop)
+
+
+def second_run(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Start a second run on the same domain; it must be refused, and leave nothing."""
+    other = folder.with_name(f"{folder.name}_second")
+    words = ["run", EXPERIMENT, "--out", str(other)]
+    judge = _said(1, "another loco run uses ROS domain")
+    how = _visited(words, [], judge, rng, folder, traces)
+    if other.exists():
+        traces.notes.append(f"{other.name} is there")
+        return ""
+    return how
+
+
+def kill_supervisor(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
+    """Kill `loco run` itself, with its guard or without; all that it started must end."""
+    command = ["run", EXPERIMENT, "--layout", "processes", "--clock", "realtime"]
+    supervisor = subprocess.Popen(
+        [sys.executable, "-m", "loco_bringup.cli.main", *command, "--out", str(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + PATIENCE
+    while sum(p.stat().st_size for p in folder.glob("*.mcap")) < 2e5 and time.monotonic() < end:
+        time.sleep(0.02)
+    time.sleep(float(rng.uniform(*_ALIVE)))
+    traces.opened = opened_by(tagged() - {supervisor.pid})
+    for pid in _guards() if who != "supervisor" else ():
+        os.kill(pid, signal.SIGKILL)
+    supervisor.kill()
+    code = supervisor.wait()
+    return _looked(code == -9, "ended", f"exit code {code}", folder, traces)
+
+
+KILLED: dict[str, Callable[[str, np.random.Generator, Path, Traces], str]] = {
+    "robot_sim": kill_one,
+    "recorder": kill_one,
+    "recorder on a full disk": kill_recorder_on_a_full_disk,
+    "guard": kill_guard,
+    "supervisor": kill_supervisor,
+    "supervisor and guard": kill_supervisor,
+}
+HAPPENS = {
+    "no more memory": end_of_memory,
+    AHEAD: clock_jump,
+    BACK: clock_jump,
+    "doctor beside top": doctor_beside_top,
+    "doctor of a stopped node": doctor_of_a_stopped,
+    "second run": second_run,
+}
+
+
+def run_rough(how: str, what: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """Let something happen to many graphs; a row.
+
+    Args:
+        how: SIGKILL or rough.
+        what: Key of `KILLED` or of `HAPPENS`.
+        repeats: Number of graphs.
+        seed: Seed of the moments.
+        folder: New folder of the bags.
+    """
+    rng = np.random.default_rng([seed, *f"{how} {what}".encode()])
+    row: dict[str, Any] = {"what": what, "how": how, "repeats": 0, "ridden": 0, "ended": 0}
+    traces = Traces()
+    for k in range(repeats):
+        outcome = {**KILLED, **HAPPENS}[what](what, rng, folder / f"{k:02d}", traces)
+        row["repeats"] += 1
+        if outcome:
+            row[outcome] = row.get(outcome, 0) + 1
+    row |= {"bags": traces.bags, "whole": traces.whole, "notes": traces.notes}
+    row |= {"orphans": traces.orphans, "segments": traces.segments}
+    good = sum(row.get(outcome, 0) for outcome in ("ridden", "ended", "safe", "late"))
+    row["ok"] = good == repeats and traces.clean
+    return [row]
+
+
+def _hit(
+    hit: Callable[[dict[str, int]], Any],
+    rng: np.random.Generator,
+    folder: Path,
+    traces: Traces,
+    ends: bool = True,
+    done: Callable[[], bool] = lambda: True,
+) -> str:
+    """Run a graph, do something to its processes after a while; why it ended, "" if it went on.
+
+    It goes on until `done`, too.
+    """
+    due = end = 0.0
+
+    def watch(progress: Any) -> bool:
+        nonlocal due, end
+        now = time.monotonic()
+        if progress.sim_time > 0.0 and not due:
+            due = now + float(rng.uniform(*_ALIVE))
+        if due and now >= due and not end:
+            end = now + (PATIENCE if ends else _GOES_ON)
+            traces.opened = opened_by(progress.pids.values())
+            hit(progress.pids)
+        return bool(end) and now >= end and (done() or now >= end + _VISIT)
+
+    said = ""
+    try:
+        outcome = run.run_robots(
+            {"": experiment.load(EXPERIMENT, LONG)}, folder, "processes", "realtime",
+            on_progress=watch, stop_on_fall=False, realtime=REALTIME,
+        )  # fmt: skip
+        if any(outcome.exit_codes.values()):
+            said = f"exit codes {outcome.exit_codes}"
+    except GraphError as error:
+        said = str(error).splitlines()[0]
+    return said
+
+
+def _hears_interrupts() -> None:
+    """Undo that a shell lets what it starts in the background, and its children, ignore SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _visited(
+    words: list[str],
+    others: list[list[str]],
+    judge: Callable[[int, str], str],
+    rng: np.random.Generator,
+    folder: Path,
+    traces: Traces,
+    change: Callable[[dict[str, int]], Callable[[], None]] = lambda pids: lambda: None,
+) -> str:
+    """Start commands beside a graph, which must go on; code and text of the first are judged."""
+    visitors: list[subprocess.Popen[str]] = []
+    undo: list[Callable[[], None]] = []
+
+    def come(pids: dict[str, int]) -> None:
+        undo.append(change(pids))
+        visitors.extend(
+            subprocess.Popen(
+                [sys.executable, "-m", "loco_bringup.cli.main", *line],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                preexec_fn=_hears_interrupts,
+            )
+            for line in (words, *others)
+        )
+
+    def gone() -> bool:
+        if visitors and visitors[0].poll() is None:
+            return False
+        while undo:
+            undo.pop()()
+        return True
+
+    try:
+        said = _hit(come, rng, folder, traces, ends=False, done=gone)
+    finally:
+        while undo:
+            undo.pop()()
+        for visitor in visitors:
+            visitor.send_signal(signal.SIGINT)
+        answers = [visitor.communicate(timeout=PATIENCE)[0] for visitor in visitors]
+    how = ""
+    if visitors and not said:
+        how = judge(visitors[0].returncode, answers[0])
+        said = f"exit code {visitors[0].returncode}, {' '.join(answers[0].split())[:300]}"
+    return _looked(bool(how), how, said, folder, traces)
+
+
+def _guards() -> list[int]:
+    found = []
+    for pid in tagged():
+        try:
+            command = Path(f"/proc/{pid}/cmdline").read_bytes()
+        except OSError:
+            continue
+        if _GUARD in command:
+            found.append(pid)
+    return found
+
+
+def _looked(good: bool, how: str, said: str, folder: Path, traces: Traces) -> str:
+    """Look at what is left; how it went, "" if not as it has to."""
+    known = len(traces.notes)
+    if not good:
+        traces.notes.append(f"{folder.name}: {said or 'the run did not end'}")
+    traces.look(folder, traces.opened)
+    if len(traces.notes) == known:
+        shutil.rmtree(folder)
+        shutil.rmtree(folder.with_name(f"{folder.name}_recovered"), ignore_errors=True)
+    return how if good else ""

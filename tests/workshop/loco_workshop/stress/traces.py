@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Leftovers of a run: processes, shared memory, and its bag."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from loco_bringup.bag.reader import Bag
+from loco_bringup.bag.recover import recover
+from loco_bringup.graph import shm
+from loco_control.exceptions import LocoError
+
+TAG = "LOCO_CHAOS"  # variable that all processes of a cell inherit
+_PATIENCE = 30.0  # wall time in which those that nobody supervises must end [s]
+
+
+@dataclass
+class Traces:
+    """Leftovers of the runs of a cell.
+
+    Attributes:
+        bags: Runs that were looked at.
+        whole: Bags that are whole or were made whole.
+        orphans: Processes that outlived their run.
+        segments: Files in shared memory that outlived it.
+        notes: Faults, a line each.
+        opened: Shared memory that the processes of the newest run had open.
+    """
+
+    bags: int = 0
+    whole: int = 0
+    orphans: int = 0
+    segments: int = 0
+    notes: list[str] = field(default_factory=list)
+    opened: set[str] = field(default_factory=set)
+
+    @property
+    def clean(self) -> bool:
+        """Nothing is left, and every bag is whole."""
+        return self.bags == self.whole and not self.orphans and not self.segments
+
+    def look(self, folder: Path, opened: set[str], patience: float = _PATIENCE) -> Bag | None:
+        """Look at what a run left that has ended.
+
+        Args:
+            folder: Folder of its bag.
+            opened: Files in shared memory that its processes had open.
+            patience: Wall time until its processes must be gone [s].
+
+        Returns:
+            The bag, or what was recovered of it.
+        """
+        end = time.monotonic() + patience
+        while (left := tagged()) and time.monotonic() < end:
+            time.sleep(0.05)
+        self.orphans += len(left)
+        dead = {str(path) for path in shm.leftovers()}
+        forgotten = {name for name in dead if _stem(name) in opened}
+        self.segments += len(forgotten)
+        if left or forgotten:
+            self.notes.append(f"{folder.name}: left {sorted(left)} {sorted(forgotten)}")
+        return self._whole(folder)
+
+    def _whole(self, folder: Path) -> Bag | None:
+        self.bags += 1
+        mended = folder.with_name(f"{folder.name}_recovered")
+        shutil.rmtree(mended, ignore_errors=True)
+        try:
+            bag = Bag(recover(folder).folder or folder)
+            bag.messages("/events")
+        except LocoError as error:
+            self.notes.append(f"{folder.name}: {error}")
+            return None
+        self.whole += 1
+        return bag
+
+
+def tagged() -> set[int]:
+    """Processes of the cell that runs here, without this one."""
+    wanted = f"{TAG}={os.environ.get(TAG, '')}".encode()
+    found = set()
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            environment = Path(f"/proc/{pid}/environ").read_bytes()
+        except OSError:
+            continue
+        if wanted in environment.split(b"\0") and int(pid) != os.getpid():
+            found.add(int(pid))
+    return found
+
+
+def opened_by(pids: Iterable[int]) -> set[str]:
+    """Files in shared memory that processes have open, without the endings of their locks."""
+    found = set()
+    for pid in pids:
+        for fd in Path(f"/proc/{pid}/fd").glob("*"):
+            try:
+                target = os.readlink(fd)
+            except OSError:
+                continue  # closed meanwhile
+            if target.startswith(f"{shm.SHM}/"):
+                found.add(_stem(target))
+    return found
+
+
+def _stem(name: str) -> str:
+    return name.removesuffix("_el").removesuffix("_sl")

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long commands that are killed, or whose disk gets full, come to the same end."""
+
+import random
+import signal
+
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_bringup.cli.table import parse
+from loco_workshop.stress import crash, crash_terminal
+
+
+def test_a_search_for_a_gap_that_is_killed_comes_to_the_same_bytes(tmp_path, monkeypatch):
+    """The whole harness, on the command that was the last to learn it."""
+    monkeypatch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # others reach what it runs
+    told = []
+    row = crash.run("gap", 1, 1, 3, tmp_path, lambda row: told.append(row.kills + row.full))
+    assert row.ok, row.notes
+    assert (row.kills, row.full, told) == (1, 1, [1, 2])
+    assert row.ends >= 2  # more when a run ends before it is killed
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("line", [*crash.COMMANDS.values(), *crash.MAKES.values()])
+def test_its_commands_are_commands(line):
+    parse(line.replace("{}", "inputs").split())
+
+
+@pytest.fixture
+def trial(tmp_path):
+    made = crash._Trial("study", tmp_path, random.Random(0))
+    made._whole = {"table.md": b"whole", "case.npz": b"same", "log.jsonl": b"1\n2\n"}
+    made.out.mkdir()
+    return made
+
+
+def leave(trial, **files):
+    for name, data in files.items():
+        (trial.out / name.replace("_", ".")).write_bytes(data)
+
+
+def test_what_differs_is_torn_or_is_left_is_told(trial):
+    leave(trial, table_md=b"who", case_npz=b"other", log_jsonl=b"1\n", more_txt=b"")
+    trial._look_for_torn()
+    assert trial.row.torn == 1  # a journal may end early, and another content is no torn file
+    trial.compare()
+    said = " ".join(trial.row.notes)
+    for note in ("table.md is cut short", "more.txt is left", "case.npz differs"):
+        assert note in said
+    assert not trial.row.ok
+
+
+def test_the_same_files_are_the_same(trial):
+    leave(trial, table_md=b"whole", case_npz=b"same", log_jsonl=b"1\n2\n", times_csv=b"a,b")
+    trial.compare()
+    assert trial.row.ok
+    assert trial.out.name == "run_1"
+    assert "| `study` | 0 | 0 | 1 of 1 | 0 | 0 |" in crash_terminal.table([trial.row])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (
+            ["--only", "walk"],
+            "no long command named 'walk'; available: calibrate",
+        ),
+        (["--kills", "-1"], "--kills must be at least 0, got -1"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, text, capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["crash", *arguments])
+    assert end.value.code == 2
+    assert text in capsys.readouterr().err
+
+
+def test_an_interrupt_leaves_no_run_behind(monkeypatch):
+    process = crash.start(["top"])
+
+    def interrupted(timeout=None):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(process, "communicate", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        crash.finish(process)
+    assert process.returncode == -signal.SIGKILL
