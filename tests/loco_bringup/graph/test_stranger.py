@@ -284,3 +284,21 @@ def test_after_lost_ticks_it_goes_on():
     for tick in (0, 1, 2, 30, 31, 32):
         robot.moved(tick, tick)
     assert robot.tick == 32 and told.ticks == [0, 31]
+
+
+def test_a_last_tick_behind_lost_ones_is_taken_when_none_comes_after_it():
+    """A plant in real time leaves out what it missed, also just before its end."""
+    told = Told()
+    robot = told.robot()
+    for tick in (0, 1, 2, 6):
+        robot.moved(tick, tick)
+    robot.settle()
+    assert robot.tick == 2  # the next one may be on its way
+    robot.settle()
+    assert robot.tick == robot.now == 6
+    robot.moved(10**6, 10**6)  # somebody else's, while the plant goes on
+    robot.settle()
+    robot.moved(7, 7)
+    robot.settle()
+    robot.settle()
+    assert robot.tick == 7

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from loco_bringup.graph.processes import _environment
-from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_control.exceptions import GraphError, NameUnknownError
 from loco_learning.gap.recordings import mapping
 from loco_workshop.fuzz import fuzz
 from loco_workshop.fuzz.targets import MAPPING, TARGETS, Target
@@ -78,7 +78,7 @@ def test_each_kind_of_find_is_seen(monkeypatch):
     handler = signal.getsignal(signal.SIGPROF)
 
     def lines(data, folder):
-        raise ParameterError("one\ntwo")
+        raise GraphError("one\ntwo")
 
     assert fuzz.outcome(planted(lambda data, folder: {}["a"]), b"")[0] == "traceback"
     assert fuzz.outcome(planted(lines), b"")[0] == "traceback"

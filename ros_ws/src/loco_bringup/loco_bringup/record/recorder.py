@@ -172,6 +172,7 @@ class RecorderNode(LocoNode):
     def _tell_again(self) -> None:
         """Somebody else may have said how far we are: the plant would wait for it for good."""
         for robot in self.robots:
+            robot.settle()
             if robot.tick >= 0:
                 robot.tell()
 
@@ -229,6 +230,8 @@ class _Robot:
         self.now = 0  # simulated time of the newest tick [ns]
         self.tick = self.told = -1
         self._odd = -2  # newest tick that did not follow on another
+        self._waiting: tuple[int, int] | None = None  # its time [ns] and itself, if none came since
+        self._waited = False  # it was there the last time, too
         if namespace:
             recorder.output(_key(namespace, "events"))
         if self.starts_tick:
@@ -238,14 +241,21 @@ class _Robot:
         """A tick begins, if it follows on one before: the plant waits for what we say of it.
 
         Another writer's numbers do not follow each other. Those of a plant that started again, or
-        of which some were lost, do from the second on.
+        of which some were lost, do from the second on, or from the first if it is the last.
         """
         if self.tick >= 0 and tick not in (self.tick + 1, self._odd + 1):
-            self._odd = tick
+            self._odd, self._waiting, self._waited = tick, (time_ns, tick), False
             return
+        self._waiting = None
         self.now, self.tick = time_ns, tick
         if abs(tick - self.told) >= self._recorder.status_every or tick == 0:
             self.tell()
+
+    def settle(self) -> None:
+        """Take a tick that did not follow on another, and after which none came, as the newest."""
+        if self._waiting and self._waited:
+            (self.now, self.tick), self._waiting = self._waiting, None
+        self._waited = True
 
     def tell(self) -> None:
         """Publish how far the recorder is, unless the run has ended."""
