@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The calibrator under ``ros2 launch``: its actions ``calibrate`` and ``find_gap``.
+"""Start the calibrator node, with its actions ``calibrate`` and ``find_gap``.
 
 ros2 launch loco_bringup calibrator.launch.py folders:="[bags, recordings]"
 
-It listens until it is stopped, and reads recordings below `folders` only.
+The node runs until it is stopped and reads recordings only from the folders in `folders`.
 """
 
 import yaml
@@ -19,7 +19,7 @@ ARGUMENTS = {
 
 
 def nodes(context):
-    """The calibrator."""
+    """The calibrator node."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     folders = [str(folder) for folder in yaml.safe_load(value["folders"])]
     return [
@@ -29,7 +29,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Arguments, then the node."""
+    """Launch arguments and the node."""
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()

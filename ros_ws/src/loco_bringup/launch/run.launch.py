@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment under ``ros2 launch``, of any robot, for people with ROS from apt.
+"""Run an experiment of any robot with ``ros2 launch``, where ROS comes from apt packages.
 
 ros2 launch loco_bringup run.launch.py experiment:=hyq_trot_reflex bag:=bags/my_run
 ros2 launch loco_bringup run.launch.py experiment:=path/to/mine.yaml clock:=lockstep
 
-It ends with its experiment, or when a node dies.
+The launch ends when the experiment ends or when a node dies.
 """
 
 import atexit
@@ -33,7 +33,7 @@ ARGUMENTS = {
 
 
 def nodes(context):
-    """One process per node of the set, and the recorder if a bag is wanted."""
+    """One process per node of the graph, and the recorder if `bag` is set."""
     value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     experiment = load(value["experiment"])
     specs = node_set.load(experiment.node_set)
@@ -64,7 +64,7 @@ def nodes(context):
 
 
 def generate_launch_description():
-    """Arguments, then the nodes."""
+    """Launch arguments and the nodes."""
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()

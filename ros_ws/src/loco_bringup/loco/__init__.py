@@ -10,7 +10,7 @@ For example:
     log = loco.rollout("tigrillo_walk", {"robot": found.model_file, "duration": 5.0})
     log.q                                 # joint angles [rad], (T, n)
 
-Every mistake in what is given raises a `LocoError` whose message says what to do.
+Invalid input raises a `LocoError` whose message says what to do.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from loco_sim import lazy
 from loco_sim.plant.model import Model, load_any
 from loco_sim.robot.robot import Robot
 
-# Compiled kernels and figures take seconds to load: only what is used is.
+# Compiled kernels and figures take seconds to load, so modules are imported on first use.
 _gap = lazy.module("loco_bringup.gap.run")
 _text = lazy.module("loco_bringup.gap.text")
 _export = lazy.module("loco_bringup.export_model.write")
 _report = lazy.module("loco_bringup.report.report")
 _rollout = lazy.module("loco_learning.runs.rollout")
 
-Place = Annotated[str | Path, Naming()]  # name of something of loco, or a path
+Place = Annotated[str | Path, Naming()]  # name of a robot or experiment, or a path
 Seed = Annotated[int, Between(0, 2**63 - 1)]
 Workers = Annotated[int, Between(1, 1024)]
 
@@ -52,7 +52,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """An HTML page on disk; a notebook shows it in place.
+    """An HTML page on disk; a notebook displays it inline.
 
     Attributes:
         path: The file.
@@ -73,7 +73,7 @@ class Page:
 
 @dataclasses.dataclass(frozen=True)
 class Gap:
-    """Result of `find_gap`: the effects that a model lacks; printed, it says so in words.
+    """Result of `find_gap`: the effects that a model lacks; `print` shows a summary.
 
     Attributes:
         folder: Folder of all results.
@@ -90,22 +90,22 @@ class Gap:
 
     @property
     def terms(self) -> list[dict[str, Any]]:
-        """Effects that were added: name, place, parameters with intervals and units, odds."""
+        """Added effects: name, place, parameters with intervals and units, odds."""
         return list(self.result.get("terms") or ())
 
     @property
     def model(self) -> Model:
-        """The model with what was found."""
+        """The model with the added effects."""
         return _gap.patched(self.result)
 
     @property
     def model_file(self) -> Path:
-        """The same as a file, for ``robot:`` in experiments and for the commands."""
+        """File of `model`, usable as ``robot:`` in experiments and as argument of the commands."""
         return self.folder / _gap.MODEL
 
     @property
     def page(self) -> Page:
-        """The page about it."""
+        """HTML page about the result."""
         return Page(self.folder / _gap.PAGE)
 
     def __str__(self) -> str:
@@ -154,13 +154,13 @@ def rollout(
     seed: Seed | None = None,
     on_progress: Callable[[float], Any] | None = None,
 ) -> Log:
-    """Simulate an experiment in this process, at the speed of the machine.
+    """Simulate an experiment in this process, as fast as possible.
 
     Args:
         experiment: Name of an experiment of loco, path of a YAML file, or an experiment.
         overrides: Values by dotted name, such as ``{"duration": 2.0, "gait.speed": 0.3}``; only
-            where `experiment` is a name or a path.
-        seed: Seed in place of that of the experiment.
+            allowed if `experiment` is a name or a path.
+        seed: Seed that replaces the seed of the experiment.
         on_progress: Called with the simulated time [s] after each tick.
 
     Returns:
@@ -198,15 +198,18 @@ def find_gap(
     Args:
         recordings: Bags, or tables (CSV, JSON) with a mapping.
         robot: Name of a robot, a folder with a ``robot.yaml``, or a ``model.yaml``.
-        hold_out: Recordings that judge the model and are never fitted; default the last one.
-        mapping: File that says what the columns are; default ``mapping.yaml`` beside the recording.
+        hold_out: Held-out recordings: they validate the model and are never fitted; default the
+            last recording.
+        mapping: File with the role and unit of each column; default ``mapping.yaml`` beside the
+            recording.
         out: Folder of the results; default below ``results``.
-        workers: Processes; the result is the same for any number.
-        on_progress: Called with the share of the work done, the stage, and the best name so far.
+        workers: Number of processes; the result does not depend on it.
+        on_progress: Called with the share of the work done, the stage, and the name of the best
+            candidate so far.
         options: Values of ``loco gap --set``, such as ``effects=["*_friction"]`` or ``seed=3``.
 
     Raises:
-        LocoError: A recording, the robot or an option is of no use.
+        LocoError: A recording, the robot or an option is invalid.
     """
     bags = [recordings] if isinstance(recordings, (str, Path)) else recordings
     if not bags:
@@ -229,19 +232,20 @@ def export_model(
     mapping: Place | None = None,
     gear: str | None = None,
 ) -> Any:
-    """Write a model for another simulator; ``.lost`` of the result says what it cannot say there.
+    """Write a model for another simulator; ``.lost`` of the result lists what is not exported.
 
     Args:
         model: Result of `find_gap`, its folder, a ``model.yaml`` or a robot.
         to: ``mjcf``, ``urdf``, ``isaac``, ``pace`` or ``ros2_control``.
         out: Folder; default below ``exports``.
-        replay: Recordings to play in MuJoCo alone, for ``.compared``; default those held out.
+        replay: Recordings to replay in MuJoCo without loco, for ``.compared``; default the
+            held-out ones.
         mapping: Mapping of the recordings.
         gear: Gears of servos in MJCF: ``elastic``, the default, with a joint for each rotor, or
             ``rigid``, with the robot's joints alone.
 
     Raises:
-        LocoError: There is no such model, target or gear, or a recording is of no use.
+        LocoError: There is no such model, target or gear, or a recording is invalid.
     """
     given = model.folder if isinstance(model, Gap) else model
     return _export.export_model(given, to, out, replay, mapping, gear)

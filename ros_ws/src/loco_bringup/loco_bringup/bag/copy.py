@@ -13,7 +13,7 @@ from loco_control.reading import as_text, parse_yaml
 from .reader import Bag
 from .writer import BagWriter, Limits
 
-DECIDES = "experiment.yaml"  # what is inside a bag besides: parameters of nodes and weights
+DECIDES = "experiment.yaml"  # the only attachment copied with selected topics
 
 
 def extract(
@@ -22,7 +22,7 @@ def extract(
     topics: Sequence[str] | None = None,
     limits: Limits | None = None,
 ) -> Path:
-    """Copy topics and the experiment; stamps and bytes of messages stay.
+    """Copy topics and the experiment; time stamps and bytes of the messages are unchanged.
 
     Args:
         bag: Bag folder or ``.mcap`` file.
@@ -34,7 +34,7 @@ def extract(
         Folder of the new bag.
 
     Raises:
-        BagError: `out` holds a bag already, or there is no room for all of it.
+        BagError: `out` holds a bag already, or the disk has too little space.
         NameUnknownError: The bag has no such topic.
         ParameterError: N is not a whole number from 1.
     """

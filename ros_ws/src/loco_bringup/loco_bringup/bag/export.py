@@ -33,13 +33,13 @@ def export(
     form: str = "npz",
     topics: Sequence[str] | None = None,
 ) -> list[Path]:
-    """Write a file per topic that has messages; after an error none is there.
+    """Write one file per topic that has messages; after an error no file remains.
 
     Args:
         bag: The recording.
         out: Folder; default ``export`` in the bag's folder.
         form: ``npz`` (arrays by field) or ``csv`` (a column per number).
-        topics: Only these; all when None.
+        topics: Names of the topics; None for all.
 
     Returns:
         The files, in the order of the topics.
@@ -79,10 +79,10 @@ def _export_one(bag: Bag, name: str, folder: Path, form: str) -> Path:
 
 
 def stem_of(topic: str) -> str:
-    """File name of a topic without its ending; other topics have others.
+    """File name of a topic without its extension; different topics get different names.
 
     Args:
-        topic: Name of the topic; ROS allows no dots in it, files of others may have them.
+        topic: Name of the topic; it may contain dots, which ROS forbids but other recorders allow.
     """
     return topic.strip("/").replace("%", "%25").replace(".", "%2E").replace("/", ".")
 
@@ -95,7 +95,7 @@ def columns(bag: Bag, name: str) -> dict[str, np.ndarray] | None:
         if "differ in layout" not in str(error):
             raise
         return None
-    except ParameterError:  # has no constant layout at all
+    except ParameterError:  # type without a constant layout
         return None
     if not _texts_agree(bag, name, records):
         return None
@@ -104,11 +104,11 @@ def columns(bag: Bag, name: str) -> dict[str, np.ndarray] | None:
 
 
 def _texts_agree(bag: Bag, name: str, records: np.ndarray) -> bool:
-    """Whether all that is no number (names, lengths) is the same in every message."""
+    """Whether the non-numeric bytes (names, lengths) are the same in every message."""
     covered = np.zeros(records.dtype.itemsize, dtype=bool)
     for kind, at, *_ in records.dtype.fields.values():
         covered[at : at + kind.itemsize] = True
-    covered[:4] = True  # encapsulation
+    covered[:4] = True  # encapsulation header of CDR
     data = records.view(np.uint8).reshape(len(records), -1)
     return not covered.size or bool((data[:, ~covered] == data[0, ~covered]).all())
 
@@ -138,7 +138,7 @@ def _write_lines(bag: Bag, name: str, path: Path) -> Path:
 
 
 def plain(value: Any) -> Any:
-    """A message as numbers, texts, lists and mappings."""
+    """A message as numbers, strings, lists and dictionaries, ready for JSON."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, np.ndarray):

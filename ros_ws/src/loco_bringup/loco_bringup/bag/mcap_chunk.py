@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chunks of an MCAP file: unpacked, checked, and their messages found by one compiled pass."""
+"""Decompression and check of MCAP chunks, and a compiled search for their messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("
 
 
 class ChunkHead(NamedTuple):
-    """The head of a chunk: times [ns], unpacked size, and the place of its packed bytes."""
+    """Header of a chunk: times [ns], decompressed size, and place of its compressed bytes."""
 
     first: int
     last: int
@@ -35,7 +35,7 @@ class ChunkHead(NamedTuple):
 
 
 def chunk_head(data: bytes, piece: Piece) -> ChunkHead:
-    """Head of a chunk; `piece` may be cut off behind it."""
+    """Header of a chunk; `piece` may be truncated after the header."""
     first, last, size, crc = _HEAD.unpack_from(data, piece.start)
     at = piece.start + _HEAD.size
     length = int.from_bytes(data[at : at + 4], "little")
@@ -44,10 +44,10 @@ def chunk_head(data: bytes, piece: Piece) -> ChunkHead:
 
 
 def unpack(data: bytes, piece: Piece) -> bytes:
-    """Records inside a chunk.
+    """Decompressed records of a chunk.
 
     Raises:
-        BagError: It is damaged, or packed by a method that is not known.
+        BagError: The chunk is damaged, or its compression is not supported.
     """
     head = chunk_head(data, piece)
     packed = data[head.start : head.stop]
@@ -55,7 +55,7 @@ def unpack(data: bytes, piece: Piece) -> bytes:
         records = _unpacked(head, packed)
     except BagError:
         raise
-    except Exception as error:  # each library has its own
+    except Exception as error:  # each compression library has its own exceptions
         raise BagError(f"chunk at byte {piece.start} is damaged: {error}") from None
     if len(records) != head.size:
         raise BagError(f"chunk at byte {piece.start} is damaged: its length is wrong")
@@ -81,19 +81,19 @@ def _unpacked(head: ChunkHead, packed: bytes) -> bytes:
 
 
 class Records:
-    """Records of one unpacked chunk.
+    """Records of one decompressed chunk.
 
     Args:
-        data: Bytes of the unpacked chunk.
+        data: Bytes of the decompressed chunk.
 
     Attributes:
-        starts: First byte of each message, after its head.
-        stops: End of each message.
-        channels: Channel of each message.
+        starts: Index of the first byte of each message, after its header.
+        stops: Index after the last byte of each message.
+        channels: Channel id of each message.
         times: Log time of each message [ns].
 
     Raises:
-        BagError: The lengths of the records do not add up.
+        BagError: The lengths of the records do not add up to the length of the chunk.
     """
 
     def __init__(self, data: bytes):
@@ -106,12 +106,12 @@ class Records:
         self.starts, self.stops, self.channels, self.times = np.ascontiguousarray(messages.T)
 
     def pieces(self, opcode: int) -> list[Piece]:
-        """Records of one kind."""
+        """Records with this opcode."""
         return [Piece(*row) for row in self._others.tolist() if row[0] == opcode]
 
     @cached_property
     def heads(self) -> np.ndarray:
-        """Channel, sequence and times of each message, dtype `MESSAGE`."""
+        """Channel, sequence number and times of each message, dtype `MESSAGE`."""
         rows = np.empty((len(self.starts), MESSAGE.itemsize), np.uint8)
         gather(self.bytes, self.starts - MESSAGE.itemsize, rows)
         return rows.view(MESSAGE).reshape(-1)
@@ -157,6 +157,6 @@ def _find(data):
 
 @njit(cache=True)
 def gather(data: np.ndarray, starts: np.ndarray, out: np.ndarray) -> None:
-    """Copy stretches of bytes from each start on into the rows of `out`."""
+    """Copy the bytes that begin at each of `starts` into the rows of `out`."""
     for i in range(len(starts)):
         out[i] = data[starts[i] : starts[i] + out.shape[1]]

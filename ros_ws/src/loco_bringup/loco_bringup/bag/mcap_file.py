@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An MCAP file as a whole: its definitions, statistics, chunks, attachments and messages."""
+"""Reader of an MCAP file: definitions, statistics, chunks, attachments and messages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .foreign.packing import is_packed, unpacked
 from .mcap_chunk import Records, unpack
 from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
 
-_FOREVER = 1 << 63  # [ns], beyond the clocks of ROS
+_FOREVER = 1 << 63  # [ns], later than any ROS time
 
 
 @dataclass
@@ -34,13 +34,13 @@ class Summary:
 
 
 class Mcap:
-    """Bytes of an MCAP file, whole or not, and the records they consist of.
+    """Bytes of an MCAP file, complete or damaged, and its records.
 
     Args:
         path: The file.
 
     Attributes:
-        data: Bytes of the file, read when they are touched.
+        data: Bytes of the file, memory-mapped: read on access.
     """
 
     def __init__(self, path: Path):
@@ -53,11 +53,11 @@ class Mcap:
 
     @cached_property
     def pieces(self) -> list[Piece]:
-        """Records of the file in its order, with the damage between them."""
+        """Records of the file in file order, and the damaged parts between them."""
         return list(walk(self.data)) if len(self.data) > len(MAGIC) else []
 
     def kind(self, opcode: int) -> list[Piece]:
-        """Records of one kind."""
+        """Records with this opcode."""
         return [p for p in self.pieces if p.opcode == opcode]
 
     def records(self, chunk: Piece) -> Records:
@@ -69,20 +69,21 @@ class Mcap:
         return Records(unpack(self.data, chunk))
 
     def loose(self) -> Records:
-        """Messages that stand in the file itself."""
+        """Messages outside chunks."""
         pieces = self.kind(Opcode.MESSAGE)
         return Records(b"".join(self.data[p.start - HEAD.size : p.stop] for p in pieces))
 
 
 class McapFile(Mcap):
-    """A complete MCAP file. Every check sum is checked when its bytes are read.
+    """A complete MCAP file; each checksum is verified when its bytes are read.
 
     Args:
         path: The file.
-        bag: The bag that it is of, which errors say how to recover; default the file alone.
+        bag: Bag that contains the file, named in error messages with the command that recovers
+            it; default the file itself.
 
     Raises:
-        BagError: It is cut short, damaged, or no MCAP file.
+        BagError: The file is truncated, damaged, or no MCAP file.
     """
 
     def __init__(self, path: Path, bag: Path | None = None):
@@ -134,7 +135,7 @@ class McapFile(Mcap):
         return summary
 
     def attachments(self) -> Iterator[Attachment]:
-        """Files inside the file.
+        """Attachments of the file.
 
         Raises:
             BagError: An attachment is damaged.
@@ -145,7 +146,7 @@ class McapFile(Mcap):
             yield parsed(self.data, piece, Attachment)
 
     def metadata(self, name: str) -> dict[str, str]:
-        """Metadata record of a name; empty if there is none."""
+        """Metadata record with this name; empty if there is none."""
         for piece in self.kind(Opcode.METADATA):
             record = parsed(self.data, piece, Metadata)
             if record.name == name:
@@ -159,7 +160,7 @@ class McapFile(Mcap):
 
     @property
     def block_count(self) -> int:
-        """Blocks that `blocks` yields."""
+        """Number of blocks that `blocks` yields."""
         return len(self.chunks) or int(bool(self.kind(Opcode.MESSAGE)))
 
     def block(self, number: int) -> Records:
@@ -172,9 +173,9 @@ class McapFile(Mcap):
         return self._dated(self.records(chunks[number]) if chunks else self.loose())
 
     def blocks(self) -> Iterator[Records]:
-        """All messages, a chunk at a time, as they stand in the file.
+        """All messages, one chunk at a time, in file order.
 
-        A second thread unpacks the next chunk meanwhile.
+        A second thread decompresses the next chunk in the meantime.
 
         Raises:
             BagError: A chunk is damaged.
@@ -199,13 +200,13 @@ class McapFile(Mcap):
 
 
 def attachment_whole(data: bytes, piece: Piece) -> bool:
-    """The check sum of an attachment is right, or it has none."""
+    """Whether the checksum of an attachment is correct or absent."""
     check = int.from_bytes(data[piece.stop - 4 : piece.stop], "little")
     return check in (0, zlib.crc32(data[piece.start : piece.stop - 4]))
 
 
 def summary_whole(data: bytes, footer: Piece) -> bool:
-    """The check sum of summary and footer is right, or there is none."""
+    """Whether the checksum of summary and footer is correct or absent."""
     record = parsed(data, footer, Footer)
     begin = record.summary_start or footer.start - HEAD.size
     check = record.summary_crc
@@ -213,7 +214,7 @@ def summary_whole(data: bytes, footer: Piece) -> bool:
 
 
 def of_channels(records: Records, channels: list[int]) -> np.ndarray:
-    """Numbers of the messages that are of some channels."""
+    """Indices of the messages of the given channels."""
     chosen = records.channels == channels[0]
     for channel in channels[1:]:
         chosen |= records.channels == channel

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walks an MCAP file record by record; after damage it finds the next whole record.
+"""Iterate over the records of an MCAP file; after damage, find the next complete record.
 
-The lengths inside a record must add up to its own length, which is what tells a
-record from bytes that only look like one (https://mcap.dev/spec).
+The lengths inside a record must add up to its own length; this distinguishes a
+record from bytes that resemble one by chance (https://mcap.dev/spec).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from mcap.records import McapRecord
 from loco_control.exceptions import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
-HEAD = struct.Struct("<BQ")  # opcode and length in front of every record
-DAMAGE = 0  # opcode of a `Piece` that is no record
+HEAD = struct.Struct("<BQ")  # opcode and length: header of every record
+DAMAGE = 0  # opcode of a `Piece` that is not a valid record
 
-# How a record is built: fixed bytes (a number), text or block with its length in 4 bytes
+# Layout of records: fixed bytes (a number), text or block with its length in 4 bytes
 # ("s"), and block with its length in 8 bytes ("b").
 _SHAPES = {
     Opcode.HEADER: ("s", "s"),
@@ -42,7 +42,7 @@ _SHAPES = {
     Opcode.DATA_END: (4,),
 }
 _MESSAGE_HEAD = 22
-PRIVATE = 0x80  # opcodes from here on are anyone's own: skipped if a record follows
+PRIVATE = 0x80  # opcodes from here on are for private use: skipped if a record follows
 # A record shorter than 4 GiB: opcode, and a length whose upper half is zero.
 _CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\s\S]{4}\x00{4})")
 
@@ -50,9 +50,9 @@ R = TypeVar("R", bound=McapRecord)
 
 
 class Piece(NamedTuple):
-    """A record in a file: its opcode and the bytes [start, stop) after its head.
+    """A record in a file: its opcode and the bytes [start, stop) after its header.
 
-    With the opcode `DAMAGE` it is a stretch of bytes that is no whole record.
+    With the opcode `DAMAGE` it is a range of bytes that is not a complete record.
     """
 
     opcode: int
@@ -61,7 +61,7 @@ class Piece(NamedTuple):
 
 
 def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
-    """Pieces of a file from `start` on, without gaps, to its last byte or closing magic."""
+    """Pieces of a file, contiguous from `start` to the closing magic or the last byte."""
     at, end = start, len(data)
     if bytes(data[end - len(MAGIC) : end]) == MAGIC and end >= start + len(MAGIC):
         end -= len(MAGIC)
@@ -74,7 +74,7 @@ def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
 
 
 def piece_at(data: bytes, at: int, end: int) -> Piece | None:
-    """The record that begins at `at`; None if no whole one does."""
+    """The complete record that begins at `at`; None if there is none."""
     if end - at < HEAD.size:
         return None
     opcode, length = HEAD.unpack_from(data, at)
@@ -108,9 +108,9 @@ def _adds_up(data: bytes, shape: tuple, at: int, stop: int) -> bool:
 
 
 def _next(data: bytes, at: int, end: int) -> int:
-    """Begin of the next whole record, or the end."""
+    """Start of the next complete record, or `end`."""
     for candidate in _CANDIDATE.finditer(data, at, end):
-        # A message has no inner lengths, so bytes look like one by chance.
+        # A message has no inner lengths, so arbitrary bytes can look like a message.
         piece = piece_at(data, candidate.start(), end)
         if piece and piece.opcode != Opcode.MESSAGE:
             return candidate.start()
@@ -121,9 +121,9 @@ def parsed(data: bytes, piece: Piece, kind: type[R]) -> R:
     """A record as an object of the mcap library.
 
     Raises:
-        BagError: The bytes do not make a record of this kind.
+        BagError: The bytes are not a valid record of this kind.
     """
     try:
         return kind.read(ReadDataStream(BytesIO(data[piece.start : piece.stop])))
-    except Exception as error:  # the library raises whatever the bytes lead to
+    except Exception as error:  # with damaged bytes the library raises exceptions of many types
         raise BagError(f"{kind.__name__} at byte {piece.start} is damaged: {error}") from None

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes an MCAP file so that a crash or a full disk leaves whole chunks behind.
+"""Write an MCAP file so that its chunks stay complete after a crash or on a full disk.
 
-Each chunk goes to the system in one piece; what does not fit is taken back. The
-end of the file (attachments, summary) is built in memory, and when there is no
-room for it, chunks from the end make room.
+Each chunk is written in one piece; a partial write is undone by truncating the file. The
+end of the file (attachments, summary) is built in memory; if the disk has no
+space for it, the last chunks can be removed to make room.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ from mcap.records import (
 from .mcap_scan import HEAD, MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log and publish time [ns]
-_ENTRY = struct.Struct("<QQ")  # of a message index: time, offset in the chunk
-# What is kept of a chunk until the end, as bytes: long recordings have many thousand chunks.
+_ENTRY = struct.Struct("<QQ")  # entry of a message index: time, offset in the chunk
+# Summary of a chunk until the file is closed, as bytes: there can be many thousand chunks.
 _CHUNK = struct.Struct("<QQQQQQQ")  # start, length, index length, packed, unpacked, first, last
-_COUNT = struct.Struct("<HQI")  # of a channel in it: id, where its index is, messages
+_COUNT = struct.Struct("<HQI")  # per channel: id, offset of its index, number of messages
 
 
 class McapWriter:
-    """One file being written; chunks are packed with zstd.
+    """One file being written; chunks are compressed with zstd.
 
     Args:
         path: The file; it is overwritten.
-        chunk_size: Unpacked bytes after which a chunk is written.
-        library: Name of the writing program in the header.
+        chunk_size: Uncompressed size after which a chunk is written [bytes].
+        library: Name of the writing program, for the header of the file.
 
     Attributes:
-        messages: Messages that are in the file.
-        pending: Messages that wait for their chunk to be written.
+        messages: Number of messages in the file.
+        pending: Number of messages whose chunk is not written yet.
 
     Raises:
-        OSError: The file cannot be made.
+        OSError: The file cannot be created.
     """
 
     def __init__(self, path: Path, chunk_size: int, library: str):
@@ -67,14 +67,14 @@ class McapWriter:
         self._packer = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[bytes] = []  # as `_CHUNK`, and `_COUNT` for each channel
+        self._chunks: list[bytes] = []  # `_CHUNK`, then `_COUNT` for each channel
         self._tail: list[Callable[[], Attachment | Metadata]] = []
         self.messages = 0
         self._clear()
         self._put(MAGIC + _bytes(Header("ros2", library)))
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Announce a message type; returns its id."""
+        """Register a message type; returns its id."""
         self._schemas.append(
             Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         )
@@ -82,14 +82,14 @@ class McapWriter:
         return len(self._schemas)
 
     def channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
-        """Announce a topic; returns its id."""
+        """Register a topic; returns its id."""
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, metadata, schema))
         self._define(self._channels[-1])
         return number
 
     def _define(self, record: McapRecord) -> None:
-        """A definition stands in the file at once, and with a check sum in the next chunk."""
+        """Write a definition to the file now, and again in the next chunk, which has a checksum."""
         data = _bytes(record)
         self._put(data)
         self._buffer += data
@@ -112,23 +112,23 @@ class McapWriter:
             self.flush()
 
     def attachment(self, time: int, name: str, media_type: str, data: bytes) -> None:
-        """A file inside the file; it is written at the end."""
+        """Add an attachment; it is written when the file is finished."""
         self._tail.append(lambda: Attachment(time, time, name, media_type, data))
 
     def metadata(self, name: str, values: Callable[[], dict[str, str]]) -> None:
-        """Texts by key; they are asked for and written at the end."""
+        """Add a metadata record; `values` is called when the file is finished."""
         self._tail.append(lambda: Metadata(metadata=values(), name=name))
 
     @property
     def size(self) -> int:
-        """Bytes in the file, and unpacked ones that wait for their chunk."""
+        """Size of the file plus the uncompressed size of the pending messages [bytes]."""
         return self._offset + len(self._buffer)
 
     def flush(self) -> None:
         """Write the chunk in progress.
 
         Raises:
-            OSError: There is no room for it; its messages are lost, the file is as before.
+            OSError: The disk is full; the messages of the chunk are lost, the file is unchanged.
         """
         if not self._buffer:
             return
@@ -158,7 +158,7 @@ class McapWriter:
         self.pending = 0
 
     def _put(self, data: bytes) -> int:
-        """Write at the end, all or nothing; returns where."""
+        """Append data, all or nothing; returns its offset in the file."""
         start, view = self._offset, memoryview(data)
         try:
             while view:
@@ -181,7 +181,7 @@ class McapWriter:
         return min((row[5] for row in rows), default=0), max((row[6] for row in rows), default=0)
 
     def counts(self) -> dict[int, int]:
-        """Messages in the file by channel."""
+        """Number of messages in the file by channel."""
         total: dict[int, int] = defaultdict(int)
         for row in self._chunks:
             for channel, _, count in _channels_in(row):
@@ -191,15 +191,15 @@ class McapWriter:
     def finish(
         self, then: Callable[[], None] = lambda: None, make_room: bool = False, sync: bool = True
     ) -> None:
-        """Write attachments, metadata and summary; the file stays open if there is no room.
+        """Write attachments, metadata and summary; on a full disk the file stays open.
 
         Args:
             then: A function that writes the rest of the bag, e.g. ``metadata.yaml``.
-            make_room: Whether chunks from the end are left out when there is no room.
-            sync: Whether to wait for the disk.
+            make_room: Whether to remove the last chunks if the disk is full.
+            sync: Whether to wait until the data is on the disk (fsync).
 
         Raises:
-            OSError: There is no room even so; the file is whole up to its last chunk.
+            OSError: The disk is full even so; the file is complete up to its last chunk.
         """
         while not self._ended(then, make_room and bool(self._chunks)):
             row = self._chunks.pop()
@@ -210,7 +210,7 @@ class McapWriter:
         self.close()
 
     def close(self) -> None:
-        """Close the file as it is."""
+        """Close the file without writing anything more."""
         os.close(self._fd)
 
     def _ended(self, then: Callable[[], None], may_fail: bool) -> bool:
@@ -272,7 +272,7 @@ def _summary(groups: list[list[McapRecord]], start: int) -> bytes:
 
 
 def _channels_in(row: bytes) -> Iterator[tuple[int, int, int]]:
-    """Channel, where its index is, and messages: of each channel of a chunk."""
+    """Id, offset of the index, and number of messages for each channel of a chunk."""
     return _COUNT.iter_unpack(row[_CHUNK.size :])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag that was split, read as one: NAME_0.mcap, NAME_1.mcap and so on."""
+"""Read the files of a split bag (NAME_0.mcap, NAME_1.mcap, …) as one."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from .mcap_chunk import Records
 from .mcap_file import McapFile, Summary
 
 _NAME = re.compile(r"(.+)_(\d+)\.mcap(?:\.zstd|\.zst|\.lz4)?")
-_OPEN = 8  # files of one bag that are open at a time
+_OPEN = 8  # largest number of open files of one bag
 
 
 class FileRow(TypedDict, total=False):
     """Entry of one file in ``metadata.yaml``."""
 
     path: str
-    message_count: Any  # a recorder may state anything; the files count
+    message_count: Any  # not trusted: the messages in the files are counted
 
 
 class Information(TypedDict, total=False):
-    """Keys of ``metadata.yaml`` that are read."""
+    """Keys of ``metadata.yaml`` that loco reads."""
 
     relative_file_paths: list[str]
     files: list[FileRow]
@@ -52,23 +52,23 @@ class Metadata(TypedDict):
 class McapFiles:
     """Several complete MCAP files that are read as one, in their order.
 
-    Channels and schemas get numbers of their own: each file has others.
+    Channels and schemas get new ids, since the ids of different files conflict.
 
     Args:
         paths: The files.
 
     Attributes:
-        summary: Definitions and statistics of all.
+        summary: Definitions and statistics of all files together.
 
     Raises:
-        BagError: A file is cut short, damaged, or no MCAP file.
+        BagError: A file is truncated, damaged, or no MCAP file.
     """
 
     def __init__(self, paths: Sequence[Path]):
         self._count = len(paths)
         self._open = lru_cache(_OPEN)(lambda i: McapFile(paths[i], paths[i].parent))
-        self._numbers: list[np.ndarray] = []  # per file: new number of a channel by its old one
-        self._blocks: list[tuple[int, int]] = []  # file and place in it, of each block
+        self._numbers: list[np.ndarray] = []  # per file: new channel id, indexed by the old one
+        self._blocks: list[tuple[int, int]] = []  # per block: file and index in it
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
         self._known: dict[tuple, int] = {}
@@ -84,8 +84,8 @@ class McapFiles:
         return map(self._open, range(self._count))
 
     def _define(self, old: Summary, counts: Counter[int]) -> None:
-        """Take the definitions of one file, and count its messages under the new numbers."""
-        numbers = np.zeros(max(old.channels, default=0) + 2, np.int64)  # the last: unknown ones
+        """Add the definitions of one file, and count its messages under the new ids."""
+        numbers = np.zeros(max(old.channels, default=0) + 2, np.int64)  # last: unknown channels
         for number, c in sorted(old.channels.items()):
             schema = old.schemas.get(c.schema_id)
             about = (schema.name, schema.encoding, schema.data) if schema else ()
@@ -121,7 +121,7 @@ class McapFiles:
         return self._renumbered(i, self._open(i).block(k))
 
     def blocks(self) -> Iterator[Records]:
-        """All messages, a chunk at a time, file after file; see `McapFile.blocks`."""
+        """All messages, one chunk at a time, file after file; see `McapFile.blocks`."""
         for i, file in enumerate(self._files()):
             for records in file.blocks():
                 yield self._renumbered(i, records)
@@ -132,12 +132,12 @@ class McapFiles:
         return records
 
     def attachments(self) -> Iterator[Attachment]:
-        """Files inside the files; see `McapFile.attachments`."""
+        """Attachments of all files; see `McapFile.attachments`."""
         for file in self._files():
             yield from file.attachments()
 
     def metadata(self, name: str) -> dict[str, str]:
-        """Metadata of a name; of a key that several files have, the last one counts."""
+        """Metadata with this name; if several files have the same key, the last file's value."""
         values: dict[str, str] = {}
         for file in self._files():
             values |= file.metadata(name)
@@ -151,7 +151,7 @@ def mcap_paths(path: Path) -> list[Path]:
     Raises:
         MissingFileError: There is no such folder or file, it holds no bag or several, or a file of
             a bag is missing.
-        BagError: ``metadata.yaml`` names a file outside its folder, or not all that are there.
+        BagError: ``metadata.yaml`` names a file outside its folder, or not all files of the folder.
     """
     if not path.is_dir():
         if not path.is_file():
@@ -161,7 +161,7 @@ def mcap_paths(path: Path) -> list[Path]:
     stated = stated_counts(path)
     there = {file.name for file in files}
     names = None
-    if stated is not None:  # somebody may have unpacked a file that was packed
+    if stated is not None:  # a compressed file may have been decompressed by hand
         twins = {name: plain_name(name) for name in stated}
         names = [twin if twin in there else name for name, twin in twins.items()]
     if names is None:
@@ -192,7 +192,7 @@ def numbered(folder: Path) -> list[Path]:
     """The ``.mcap`` files of a bag folder in the order of the numbers in their names.
 
     Raises:
-        MissingFileError: It holds none, or files of several bags.
+        MissingFileError: The folder holds no such file, or files of several bags.
     """
     files = without_twins(folder, ".mcap")
     if len(files) == 1:
@@ -207,7 +207,7 @@ def numbered(folder: Path) -> list[Path]:
 
 
 def missing(files: Sequence[Path]) -> list[str]:
-    """Names that lack in a series NAME_0.mcap, NAME_1.mcap, … as far as its highest number."""
+    """Missing names in the series NAME_0.mcap, NAME_1.mcap, … up to its highest number."""
     names = [_NAME.fullmatch(file.name) for file in files]
     numbers = {int(name[2]): name[1] for name in names if name}
     if len(files) < 2 or len(numbers) < len(files):
@@ -217,9 +217,9 @@ def missing(files: Sequence[Path]) -> list[str]:
 
 
 def stated_counts(folder: Path) -> dict[str, Any] | None:
-    """Files that ``metadata.yaml`` names, each with the messages that it states, or None.
+    """Files named in ``metadata.yaml`` with their stated message counts (None if not stated).
 
-    None for all if it is missing or names no file.
+    The result is None if ``metadata.yaml`` is missing or names no file.
     """
     try:
         stated = information(folder)
@@ -236,8 +236,8 @@ def information(folder: Path) -> Information:
     """Keys and values of the ``metadata.yaml`` of a bag.
 
     Raises:
-        MissingFileError: The folder has none.
-        ParameterError: It is not YAML, or a key has a wrong value.
+        MissingFileError: The folder has no ``metadata.yaml``.
+        ParameterError: The file is not YAML, or a key has a wrong value.
     """
     path = folder / "metadata.yaml"
     content = read_yaml(path)

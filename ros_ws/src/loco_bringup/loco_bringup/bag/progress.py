@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a recording, in a file that outlives the recorder.
+"""State of a recording in progress, in a file that survives a crash of the recorder.
 
-The file is mapped memory: telling costs no system call, and the system writes
-it even when the process is killed. So `loco recover` can say what a killed
-recorder had received and not written yet.
+The file is memory-mapped: an update costs no system call, and the system writes it
+even if the process is killed. `loco recover` uses it to report messages that a killed
+recorder had received but not written yet.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import struct
 from pathlib import Path
 
 NAME = "recording.progress"
-_STATE = struct.Struct("<QqQ")  # messages received, newest time [ns], 1 once told
+_STATE = struct.Struct("<QqQ")  # messages received, newest time [ns], 1 after the first update
 _SIZE = 4096
 
 
 class Progress:
-    """Tells how many messages came; the file is gone when the bag is whole.
+    """Number of messages received so far, in a file that is deleted when the bag is complete.
 
     Args:
         folder: Folder of the bag.
@@ -30,16 +30,16 @@ class Progress:
         self._path = folder / NAME
         self._memory: mmap.mmap | None = None
         with contextlib.suppress(OSError), open(self._path, "w+b") as file:
-            os.posix_fallocate(file.fileno(), 0, _SIZE)  # a hole on a full disk would be fatal
+            os.posix_fallocate(file.fileno(), 0, _SIZE)  # a hole on a full disk kills (SIGBUS)
             self._memory = mmap.mmap(file.fileno(), _SIZE)
 
     def tell(self, count: int, time: int) -> None:
-        """So many messages came, the newest at this time [ns]."""
+        """Store the number of received messages and the time of the newest [ns]."""
         if self._memory is not None:
             _STATE.pack_into(self._memory, 0, count, time, 1)
 
     def done(self) -> None:
-        """The bag is whole: the file is not needed."""
+        """Delete the file, once the bag is complete."""
         if self._memory is not None:
             self._memory.close()
             self._memory = None

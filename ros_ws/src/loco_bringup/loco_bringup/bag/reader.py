@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a recorded bag: topics as NumPy record arrays, attachments, metadata."""
+"""Read a recorded bag: topics as NumPy record arrays, attachments, metadata."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ class Bag:
 
     Attributes:
         paths: Files of the bag.
-        path: The file, the folder if there are several.
+        path: The file, or the folder if there are several files.
         folder: Folder of the files.
         topics: Topics by name.
-        channels: Numbers that the file uses for each topic.
-        form: Kind of the files, in words.
+        channels: Channel ids of each topic.
+        form: Format of the files as text, such as ``MCAP``.
 
     Raises:
         MissingFileError: There is no such folder or file, or one of several is missing.
-        BagError: A file is no complete MCAP file, or ``metadata.yaml`` names others.
+        BagError: A file is no complete MCAP file, or ``metadata.yaml`` names other files.
     """
 
     form = "MCAP"
@@ -103,7 +103,7 @@ class Bag:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of the packages that recorded it, by name; none if it does not tell."""
+        """Versions of the packages that recorded the bag, by name; empty if not recorded."""
         try:
             values = parse_json(self.metadata.get("versions", "{}"), "versions")
         except ParameterError:
@@ -125,9 +125,9 @@ class Bag:
         return {record.name: len(record.data) for record in self.file.attachments()}
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
-        """Log times [ns], shape (n,), and serialised messages of one topic, as they arrived.
+        """Log times [ns], shape (n,), and serialised messages of one topic, in order of arrival.
 
-        Messages that were packed, or are of ROS 1, come as CDR.
+        Compressed messages and messages of ROS 1 are converted to CDR.
         """
         name = self.resolve(topic)
         times, data = [np.empty(0, np.int64)], []
@@ -138,7 +138,7 @@ class Bag:
         return np.concatenate(times), decoded(data, self._decoder(name), self.path.name)
 
     def check(self) -> None:
-        """Read everything, and check every sum.
+        """Read the whole bag and verify every checksum.
 
         Raises:
             BagError: A chunk or an attachment is damaged.
@@ -148,7 +148,7 @@ class Bag:
         list(self.file.attachments())
 
     def _decoder(self, name: str) -> Callable[[bytes], bytes] | None:
-        """Function that makes CDR of what the file holds of a topic; None where it is CDR."""
+        """Function that converts the stored messages of a topic to CDR; None if they are CDR."""
         if name not in self._decoders:
             channel = self.summary.channels[self.channels[name][0]]
             first = next((r.data[r.starts[i[0]] : r.stops[i[0]]] for r, i in self._blocks(name)
@@ -163,7 +163,7 @@ class Bag:
 
     @property
     def coding(self) -> str:
-        """Coding of the messages in words; empty where they are plain CDR."""
+        """Description of the message coding; empty if the messages are plain CDR."""
         if ROS1 in {c.message_encoding for c in self.summary.channels.values()}:
             return "messages of ROS 1"
         filled = [name for name, topic in self.topics.items() if topic.count]
@@ -174,7 +174,7 @@ class Bag:
         return converter(schema.name, schema.data.decode("utf-8", "replace"), str(self.path))
 
     def times(self, topic: str) -> np.ndarray:
-        """Log times [ns] of a topic, shape (n,), as its messages arrived."""
+        """Log times [ns] of a topic, shape (n,), in order of arrival."""
         blocks = self._blocks(self.resolve(topic))
         return np.concatenate([np.empty(0, np.int64), *(r.times[i] for r, i in blocks)])
 
@@ -184,7 +184,7 @@ class Bag:
         return channel.metadata.get("offered_qos_profiles", "[]")
 
     def _blocks(self, name: str) -> Iterator[tuple[Records, np.ndarray]]:
-        """The chunks, and which of their messages are of a topic."""
+        """Chunks, and in each the indices of the messages of a topic."""
         for records in self.file.blocks():
             yield records, of_channels(records, self.channels[name])
 
@@ -197,7 +197,7 @@ class Bag:
         return self.records_of([topic])[topic]
 
     def records_of(self, topics: Iterable[str]) -> dict[str, np.ndarray]:
-        """Records of several topics, by the names given, in one pass over the file.
+        """Records of several topics by the requested names, in one pass over the file.
 
         Raises:
             BagError: A topic is empty or its messages differ in layout.
@@ -216,16 +216,16 @@ class Bag:
 
         Raises:
             NameUnknownError: The bag has no such topic.
-            BagError: A message is not of the type that the bag says.
+            BagError: A message does not match the type that the bag states.
         """
         name = self.resolve(topic)
         return [self.message(name, data) for data in self.raw(name)[1]]
 
     def message(self, name: str, data: bytes) -> Message:
-        """Object of the bytes of a message on the topic that was recorded as `name`.
+        """Deserialised message of the topic that was recorded as `name`.
 
         Raises:
-            BagError: They are not of the type that the bag says.
+            BagError: The bytes do not match the type that the bag states.
         """
         try:
             return deserialize(data, self._kind(name))
@@ -233,7 +233,7 @@ class Bag:
             raise BagError(f"{self.path}: a message on {name}: {error}") from None
 
     def _kind(self, name: str) -> type[Message]:
-        """Class of the messages of a topic, by the definition that the bag carries."""
+        """Class of the messages of a topic, built from the definition in the bag."""
         if name not in self._kinds:
             info, channel = self.topics[name], self.summary.channels[self.channels[name][0]]
             schema = self.summary.schemas.get(channel.schema_id)
@@ -247,7 +247,7 @@ class Bag:
         """Recorded name of a topic; leading slash and namespace may be left out.
 
         Raises:
-            NameUnknownError: The bag has no such topic, or several namespaces have it.
+            NameUnknownError: The bag has no such topic, or has it in several namespaces.
         """
         if topic in self.topics:
             return topic
@@ -258,7 +258,7 @@ class Bag:
 
 
 def records_from(bag: Bag, name: str) -> np.ndarray:
-    """Messages of a topic of constant layout as records, shape (n,), one by one.
+    """Messages of a topic of constant layout as records, shape (n,), decoded one by one.
 
     Args:
         bag: The recording.
@@ -277,7 +277,7 @@ def records_from(bag: Bag, name: str) -> np.ndarray:
 
 
 class _Columns:
-    """Messages of one topic, all of one layout, gathered chunk by chunk."""
+    """Messages of one topic, all with the same layout, collected chunk by chunk."""
 
     def __init__(self, bag: Bag, name: str):
         self._bag, self._name = bag, name
@@ -285,7 +285,7 @@ class _Columns:
         self._filled = 0
 
     def add(self, records: Records, rows: np.ndarray) -> None:
-        """Copy these messages of a chunk."""
+        """Copy the messages `rows` of a chunk."""
         if not len(rows):
             return
         starts = records.starts[rows]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco recover`: makes a whole bag of a damaged one and says what is lost."""
+"""`loco recover`: copy the readable part of a damaged bag and report what is lost."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files that a run 
 
 @dataclass
 class Recovery:
-    """The parts of a bag that came back, and those that did not.
+    """Recovered and lost parts of a bag.
 
     Attributes:
-        folder: The new bag; None if the old one is whole.
-        messages: Recovered.
-        chunks: Whole ones.
+        folder: The new bag; None if the old one is undamaged.
+        messages: Number of recovered messages.
+        chunks: Number of undamaged chunks.
         seconds: Simulated time from the first recovered message to the last [s].
-        lost: Messages lost; None if nothing tells.
-        lost_seconds: Simulated time without messages [s]; None if nothing tells.
-        at_least: More may be lost: nothing tells where the recording ended.
-        notes: Places of the damage, a line each.
+        lost: Number of lost messages; None if unknown.
+        lost_seconds: Simulated time without messages [s]; None if unknown.
+        at_least: Whether more may be lost, since the end of the recording is unknown.
+        notes: Places of the damage, one line each.
     """
 
     folder: Path | None
@@ -58,9 +58,9 @@ class Recovery:
 
 
 def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
-    """Copy every whole chunk of a bag into a new bag, which is split where the old one is.
+    """Copy every undamaged chunk of a bag into a new bag, split at the same places.
 
-    The new folder appears at once, when it is complete.
+    The new folder appears only when it is complete.
 
     Args:
         path: Bag folder or ``.mcap`` file.
@@ -68,7 +68,7 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
 
     Raises:
         MissingFileError: There is no such bag.
-        BagError: Nothing in it is whole, or there is no room for the new one.
+        BagError: The bag has no readable part, or the disk has too little space.
         ParameterError: `out` exists.
     """
     path = Path(path)
@@ -101,22 +101,22 @@ def _is_whole(path: Path, salvagers: list[Salvager]) -> bool:
 
 
 class _Copy:
-    """Writes the new bag and counts."""
+    """Writer of the new bag, with counts of recovered and lost messages."""
 
     def __init__(
         self, salvagers: list[Salvager], files: list[Path], target: Path, lacks: list[str]
     ):
         self._salvagers, self._files, self._target = salvagers, files, target
-        self._lacks = lacks  # files of the bag that are not there
+        self._lacks = lacks  # missing files of the bag
         self._folder = files[0].parent
         self._lost = [item for salvager in salvagers for item in salvager.found.lost]
         self._spans: list[tuple[int, int]] = []  # times of each chunk [ns]
-        self._foreign: Counter[int] = Counter()  # messages of channels that nothing describes
+        self._foreign: Counter[int] = Counter()  # messages of channels without a definition
         self._written = 0
-        self._topics: set[str] = set()  # that the new bag has
+        self._topics: set[str] = set()  # topics of the new bag
 
     def run(self) -> Recovery:
-        """Write beside the target, then put it in place."""
+        """Write the bag beside the target, then move it into place."""
         try:
             with whole_folder(self._target) as folder:
                 self._write(folder)
@@ -152,7 +152,7 @@ class _Copy:
             raise BagError(f"the recovered bag could not be written: {writer.failed}")
 
     def _announce(self, salvager: Salvager, writer: BagWriter) -> dict[int, str]:
-        """Topic by channel of a file, of those whose message type is known."""
+        """Topic by channel of a file, for channels with a known message type."""
         topics: dict[int, str] = {}
         for number, channel in sorted(salvager.found.channels.items()):
             schema = salvager.found.schemas.get(channel.schema_id)
@@ -174,7 +174,7 @@ class _Copy:
             self._spans.append((int(times.min()), int(times.max())))
         rows = zip(heads.tolist(), records.starts.tolist(), records.stops.tolist(), strict=True)
         for (channel, sequence, time, publish), start, stop in rows:
-            if time < 0:  # told by the salvager
+            if time < 0:  # counted by the salvager already
                 continue
             if channel in topics:
                 data = records.data[start:stop]
@@ -204,7 +204,7 @@ class _Copy:
         )
 
     def _losses(self, first: int, last: int) -> tuple[int | None, float | None]:
-        """Messages lost and time without any [s], by whoever knows of them."""
+        """Number of lost messages and time without messages [s], from the sources that exist."""
         gone = [item for item in self._lost if item.content]
         counted = [item.messages for item in gone]
         expected = self._expected()
@@ -225,7 +225,7 @@ class _Copy:
         return lost, (inner + outer) / 1e9
 
     def _expected(self) -> tuple[int, int, int] | None:
-        """Messages that there were, and times of the first and last [ns], if something tells."""
+        """Number of recorded messages, times of the first and last [ns]; None if unknown."""
         ends = [s.found.statistics for s in self._salvagers]
         if all(ends) and not self._lacks:
             each = [s for s in ends if s and s.message_count] or ends[:1]
@@ -233,7 +233,7 @@ class _Copy:
             first = min(s.message_start_time for s in each)
             return count, first, max(s.message_end_time for s in each)
         if len(self._files) < len(list(self._folder.glob("*.mcap"))):
-            return None  # what follows tells of the whole bag
+            return None  # the sources below describe the whole bag
         first = min((s[0] for s in self._spans), default=0)
         state = bag_progress.read(self._folder)
         if state:
@@ -244,7 +244,7 @@ class _Copy:
             return None
         try:
             if not all(file["message_count"] for file in old["files"]):
-                return None  # of a recorder that was killed: it says nothing of the last file
+                return None  # the recorder was killed: no count of the last file
             begin = int(old["starting_time"]["nanoseconds_since_epoch"])
             return int(count), begin, begin + int(old["duration"]["nanoseconds"])
         except (KeyError, TypeError, ValueError):
@@ -252,14 +252,14 @@ class _Copy:
 
 
 def _lacking(files: list[Path]) -> list[str]:
-    """Files that ``metadata.yaml`` names, or that lack in the series, and are not there."""
+    """Missing files: named in ``metadata.yaml``, or a gap in the numbered series."""
     named = _old_metadata(files).get("relative_file_paths", [])
     there = {file.name for file in files}
     return [name for name in dict.fromkeys([*named, *missing(files)]) if name not in there]
 
 
 def _old_metadata(files: list[Path]) -> Information:
-    """Contents of ``metadata.yaml``; none if it cannot be read or is of other files."""
+    """Contents of ``metadata.yaml``; empty if it is unreadable or describes other files."""
     try:
         old = information(files[0].parent)
     except LocoError:
@@ -268,7 +268,7 @@ def _old_metadata(files: list[Path]) -> Information:
 
 
 def _unread_metadata(folder: Path) -> list[str]:
-    """Why ``metadata.yaml`` tells nothing, if it is there and cannot be read."""
+    """A note with the reason if ``metadata.yaml`` exists and cannot be read."""
     try:
         information(folder)
     except MissingFileError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole parts of a damaged MCAP file, and what they tell about the rest."""
+"""Undamaged parts of an MCAP file, and an estimate of what the damaged parts held."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from .mcap_chunk import chunk_head
 from .mcap_file import Mcap, attachment_whole, summary_whole
 from .mcap_scan import DAMAGE, HEAD, PRIVATE, Piece, parsed
 
-_CHUNK_HEAD = HEAD.size + 28  # bytes of a cut chunk that tell its times
+_CHUNK_HEAD = HEAD.size + 28  # bytes of a truncated chunk that contain its times
 
 
 @dataclass
 class Lost:
-    """A stretch of a file that cannot be read."""
+    """A range of bytes of a file that cannot be read."""
 
     start: int
     stop: int
     why: str
     times: tuple[int, int] | None = None  # first and last message [ns], if known
     messages: int | None = None
-    content: bool = True  # messages or files are gone, not only an index
+    content: bool = True  # whether messages or attachments are lost, not only an index
 
     def __str__(self) -> str:
         count = f", {self.messages} messages" if self.messages is not None else ""
@@ -39,10 +39,10 @@ class Lost:
 
 @dataclass
 class Salvage:
-    """Whole parts of a file, in its order."""
+    """Undamaged parts of a file, in file order."""
 
     size: int
-    blocks: list[Piece] = field(default_factory=list)  # whole chunks
+    blocks: list[Piece] = field(default_factory=list)  # undamaged chunks
     loose: list[Piece] = field(default_factory=list)  # messages outside chunks
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -53,31 +53,31 @@ class Salvage:
 
 
 class Salvager(Mcap):
-    """Goes through a file once.
+    """Search of a file for undamaged parts, in one pass.
 
     Args:
         path: The ``.mcap`` file.
 
     Attributes:
-        found: Whole parts of the file.
+        found: Undamaged parts of the file.
     """
 
     def __init__(self, path: Path):
         super().__init__(path)
         self.found = Salvage(len(self.data))
         self._seen: dict[type, dict[int, Any]] = {Channel: {}, Schema: {}}
-        self._counts: Counter[int] = Counter()  # messages by chunk, from the indices behind it
+        self._counts: Counter[int] = Counter()  # messages by chunk, from the indices after it
         self._last_chunk = -1
         self._index()
         for piece in self.pieces:
             self._take(piece)
-        # A definition with a check sum (in a chunk) goes before one without.
+        # A definition with a checksum (in a chunk) is preferred to one without.
         for kind, records in ((Channel, self.found.channels), (Schema, self.found.schemas)):
             for number, record in self._seen[kind].items():
                 records.setdefault(number, record)
 
     def _index(self) -> None:
-        """Count messages by chunk, so that a damaged chunk's are known."""
+        """Count messages by chunk, so that the number in a damaged chunk is known."""
         for piece in self.pieces:
             if piece.opcode == Opcode.CHUNK:
                 self._last_chunk = piece.start
@@ -94,7 +94,7 @@ class Salvager(Mcap):
         elif piece.opcode == Opcode.CHUNK:
             self._take_chunk(piece)
         elif piece.opcode >= PRIVATE:
-            if count := self._counts.get(piece.start):  # indices behind it: it was a chunk
+            if count := self._counts.get(piece.start):  # indices follow, so it was a chunk
                 lost = Lost(piece.start, piece.stop, "no whole record", messages=count)
                 self.found.lost.append(lost)
         elif piece.opcode == Opcode.MESSAGE:
@@ -138,11 +138,11 @@ class Salvager(Mcap):
                 raise BagError(f"the file {record.name} inside is damaged")
             self.found.attachments.append(record)
         elif piece.opcode == Opcode.FOOTER and not summary_whole(self.data, piece):
-            self.found.statistics = None  # nothing in the summary is to be believed
+            self.found.statistics = None  # nothing in the summary is reliable
             raise BagError("the check sum of the summary is wrong")
 
     def _damaged(self, piece: Piece) -> Lost:
-        """A stretch that is no record: perhaps a chunk that was cut short, or its head hit."""
+        """A range that is no record: possibly a truncated chunk, or one with a damaged header."""
         cut = piece.stop == len(self.data)
         why = "cut off here" if cut else "no whole record"
         times = None
@@ -158,7 +158,7 @@ _OPCODE = {Channel: Opcode.CHANNEL, Schema: Opcode.SCHEMA}
 
 
 def _believed(first: int, last: int) -> tuple[int, int] | None:
-    """Times of a damaged chunk, if they can be such [ns]."""
+    """Times of a damaged chunk [ns]; None if they are implausible."""
     return (first, last) if first <= last < first + int(1e15) else None
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a rosbag2 folder: MCAP files, one unless it is split, and ``metadata.yaml`` version 9.
+"""Write a rosbag2 folder: one MCAP file, or several if split, and ``metadata.yaml`` version 9.
 
-Log and publish time of a message are simulated time, as ``ros2 bag record
---use-sim-time`` does; so replays and plots do not depend on the host's speed.
+Log and publish times of messages are simulated time, as with ``ros2 bag record
+--use-sim-time``, so replays and plots do not depend on the host's speed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .progress import Progress
 
 CHUNK_SIZE = 256 * 1024
 LIBRARY = "loco"
-_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # in C: a bag may have hundreds of files
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # C version: faster with many files
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Limits:
         duration: Time from the first message of a file [s], from 0.1; 0 for no limit.
 
     Raises:
-        ParameterError: A limit is too small, or no number.
+        ParameterError: A limit is too small or not a number.
     """
 
     size: int = 0
@@ -58,7 +58,7 @@ class Limits:
 class _Channel:
     id: int
     meta: dict[str, Any]
-    about: dict[str, str]  # in the file
+    about: dict[str, str]  # message definitions and topics
 
 
 @dataclass(frozen=True)
@@ -68,24 +68,24 @@ class _Part:
     name: str
     span: tuple[int, int]
     messages: int
-    counts: dict[int, int]  # by channel
+    counts: dict[int, int]  # messages by channel
 
 
 class BagWriter:
     """One bag folder being written.
 
-    A full disk ends the recording, not the program: what came before stays, as a whole bag,
-    and `failed` says why.
+    A full disk ends the recording, not the program: the messages before stay in a complete
+    bag, and `failed` gives the reason.
 
     Args:
         folder: New folder of the bag; its name is the name of the bag.
-        custom_data: Texts kept in the bag's metadata (experiment, seed, versions).
+        custom_data: Texts for the bag's metadata (experiment, seed, versions).
         chunk_size: Bytes of messages after which a chunk is written.
         limits: Size and time after which the next file begins.
 
     Attributes:
-        written: Messages given to the writer so far.
-        failed: Why nothing more is written; empty while all is well.
+        written: Number of messages passed to the writer so far.
+        failed: Reason why the recording ended; empty while there was no error.
 
     Raises:
         BagError: The folder holds a bag already, or cannot be written.
@@ -102,10 +102,10 @@ class BagWriter:
         self.folder = Path(folder)
         self._chunk_size = chunk_size
         self._max_size, self._max_time = limits.size, limits.duration * 1e9  # [bytes], [ns]
-        self._parts: list[_Part] = []  # files that are closed
-        self._begun: int | None = None  # time of the first message of the file [ns]
+        self._parts: list[_Part] = []  # closed files
+        self._begun: int | None = None  # time of the first message of the open file [ns]
         self._path = self._part_path(0)
-        self._has_last = True  # the open file counts
+        self._has_last = True  # whether the open file is part of the bag
         self.custom = custom_data or {}
         self.written, self.failed = 0, ""
         self._channels: dict[str, _Channel] = {}
@@ -123,14 +123,14 @@ class BagWriter:
         self._progress = Progress(self.folder)
 
     def add_topic(self, name: str, kind: str, text: str, hash_: str, qos: list[dict]) -> None:
-        """Announce a topic.
+        """Register a topic.
 
         Args:
             name: Topic name with its leading slash.
             kind: Message type, ``package/msg/Type``.
-            text: Message definition with everything it contains.
+            text: Message definition, including nested types.
             hash_: RIHS01 hash of the type.
-            qos: Offered profiles, as `qos_dict` makes them.
+            qos: Offered profiles, as returned by `qos_dict`.
         """
         profiles = yaml.safe_dump(qos, sort_keys=False)
         about = {"offered_qos_profiles": profiles, "topic_type_hash": hash_}
@@ -149,17 +149,17 @@ class BagWriter:
             self._writer.channel(name, "cdr", self._number(kind), about)
 
     def _number(self, kind: str) -> int:
-        """Number of a message type in every file."""
+        """Schema id of a message type, the same in every file."""
         return list(self._schemas).index(kind) + 1
 
     def _part_path(self, number: int) -> Path:
         return self.folder / f"{self.folder.name}_{number}.mcap"
 
     def _begin(self, path: Path) -> McapWriter:
-        """A new file with the types and topics of the bag.
+        """Open a new file and register the types and topics of the bag.
 
         Raises:
-            OSError: There is no room for it; it is not there.
+            OSError: The disk is full; the file does not exist.
         """
         writer = None
         try:
@@ -178,14 +178,14 @@ class BagWriter:
         return writer
 
     def add_row(self, name: str, row: Topic) -> None:
-        """Announce a topic of the table under the name `name`."""
+        """Register a topic of the topic table under the name `name`."""
         qos = qos_dict(row.qos.reliable, row.qos.latched, row.qos.depth)
         self.add_topic(name, row.kind, definition(row.kind), type_hash(row.kind), [qos])
 
     def write(
         self, topic: str, data: bytes, t: int, sequence: int = 0, publish: int | None = None
     ) -> None:
-        """Append a serialised message with its simulated time [ns]; it is the publish time too."""
+        """Append a serialised message with its simulated time [ns], the default publish time."""
         self.written += 1
         if self._is_over(t):
             self.split()
@@ -201,16 +201,16 @@ class BagWriter:
             self._fail(error)
 
     def _is_over(self, t: int) -> bool:
-        """Whether a message of this time [ns] belongs into the next file."""
+        """Whether a message with this time [ns] belongs in the next file."""
         if self._begun is None:
             return False
         full = 0 < self._max_size <= self._writer.size
         return full or 0 < self._max_time <= t - self._begun
 
     def split(self) -> None:
-        """Close the file and begin the next one; nothing if it has no message yet.
+        """Close the file and begin the next one; does nothing if the file has no message yet.
 
-        All or nothing: without room for both the recording ends with the file that was open.
+        If the disk has no space for both, the recording ends with the file that was open.
         """
         if self.failed or self._begun is None:
             return
@@ -232,11 +232,11 @@ class BagWriter:
             self._begun = None
 
     def attach(self, name: str, data: bytes, media_type: str = "text/yaml") -> None:
-        """Put a file (configuration, weights) inside the bag."""
+        """Store a file (configuration, weights) as an attachment of the bag."""
         self._writer.attachment(self._end, name, media_type, data)
 
     def flush(self) -> None:
-        """Close the chunk in progress and hand it to the system: what a crash cannot take."""
+        """Write the chunk in progress to the file, so that it survives a crash of the process."""
         with self._until_full():
             self._writer.flush()
 
@@ -256,7 +256,7 @@ class BagWriter:
         """Write index, statistics and the final ``metadata.yaml``.
 
         Raises:
-            BagError: There is no room even for this; ``loco recover`` makes a bag of the file.
+            BagError: The disk has no space for the index; use ``loco recover`` on the file.
         """
         if not self._open:
             return
@@ -276,7 +276,7 @@ class BagWriter:
         self._progress.done()
 
     def _left_out(self) -> bool:
-        """Remove a last file that has no room even for its end: those before are a whole bag."""
+        """Remove the last file if its end cannot be written; the others form a complete bag."""
         if not self._parts:
             return False
         self._has_last = False
@@ -289,12 +289,12 @@ class BagWriter:
 
     @property
     def kept(self) -> tuple[int, float]:
-        """Messages in the files, and simulated time of the newest [s]."""
+        """Number of messages in the files, and simulated time of the newest [s]."""
         files = self._files()
         return sum(f.messages for f in files), max(f.span[1] for f in files) / 1e9
 
     def _files(self) -> list[_Part]:
-        """All files, the one that is open last."""
+        """All files; the open one is last."""
         return [*self._parts, *([_part(self._path, self._writer)] if self._has_last else [])]
 
     def _serialized(self) -> dict[str, str]:
@@ -345,7 +345,7 @@ def _part(path: Path, writer: McapWriter) -> _Part:
 
 
 def qos_dict(reliable: bool, latched: bool, depth: int) -> dict[str, Any]:
-    """QoS profile in the words of rosbag2's metadata version 9."""
+    """QoS profile in the notation of rosbag2's metadata version 9."""
     forever = {"sec": 9223372036, "nsec": 854775807}
     return {
         "history": "keep_last",

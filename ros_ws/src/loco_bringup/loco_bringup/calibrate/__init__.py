@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco calibrate`: a robot's body fitted to a recorded bag."""
+"""`loco calibrate`: fit the mechanical parameters of a robot to a recorded bag."""

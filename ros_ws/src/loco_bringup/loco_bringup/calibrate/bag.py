@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag, of standard messages or of the HyQ graph, as the `Recording` of a calibration."""
+"""Read a bag (standard messages or those of the HyQ graph) as `Recording` for a calibration."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def read_recording(
 
     Raises:
         MissingFileError: There is no such bag.
-        BagError: It lacks a topic or the topic's messages are not of use.
-        ParameterError: States and commands do not fit together.
+        BagError: The bag lacks a topic, or the topic's messages cannot be used.
+        ParameterError: States and commands do not match.
     """
     bag = bag if isinstance(bag, Bag) else Bag(bag)
     prefix = f"/{namespace.strip('/')}/" if namespace else "/"
@@ -43,7 +43,7 @@ def read_recording(
 
 
 def _topics(bag: Bag, namespace: str) -> list[str]:
-    """Recorded names of the two topics."""
+    """Recorded names of the state topic and the command topic."""
     prefix = f"/{namespace.strip('/')}/" if namespace else ""
     names, missing = [], []
     for topic in (STATES, COMMAND):
@@ -82,7 +82,10 @@ def _joints(bag: Bag, topic: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
 
 
 def _own_topics(bag: Bag, prefix: str, robot: Robot, rate: float) -> Recording:
-    """Joints in the robot's order; the trunk controller's torque and stance go with the command."""
+    """Recording of the HyQ graph, joints in the robot's order.
+
+    The command includes torque and stance of the trunk controller.
+    """
     state, command = bag.records(prefix + ROBOT_STATE), bag.records(prefix + MOTION)
     count = len(robot.joints)
     if state["q"].shape[1] != count:

@@ -10,10 +10,10 @@ from loco_learning.calibration.params import CalibrationParams
 
 
 def options(a: argparse.Namespace) -> CalibrationParams:
-    """Settings that the command line gives.
+    """Settings from the parsed command line.
 
     Raises:
-        LocoError: A value out of range, or a name that is not known.
+        LocoError: A value is out of range, or a name is unknown.
     """
     changes = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
     if a.generations is not None:

@@ -26,7 +26,7 @@ SURROGATE = (
 
 
 def write_page(result: Result, model: Model, path: Path) -> Path:
-    """Write the page, whole or not at all."""
+    """Write the page; after an error no incomplete file remains."""
     return write_whole(path, page(result, model))
 
 
@@ -64,14 +64,14 @@ def _header(result: Result) -> Markup:
 
 
 def _tabled(content: tuple[list[str], list[list[str]]], numeric: int, text: str) -> Markup:
-    """A table under a text; columns from `numeric` on are aligned as numbers."""
+    """A table with a heading text; columns from index `numeric` on are aligned as numbers."""
     head, rows = content
     columns = range(numeric, len(head))
     return html.paragraph(text, soft=True) + html.table(head, rows, columns)
 
 
 def convergence(result: Result) -> Plot:
-    """Smallest error so far over the generations, a line for each search."""
+    """Smallest error so far over the generations, one line per search."""
     last = max(len(fit.history) for fit in result.fits)
     lines = []
     for i, fit in enumerate(result.fits):
@@ -85,7 +85,7 @@ def convergence(result: Result) -> Plot:
 
 
 def periods(row: Comparison, result: Result) -> Plot:
-    """Average period of every passive joint in one recording, a panel for each joint."""
+    """Average period of every passive joint in one recording, one panel per joint."""
     count = len(row.curves["robot"])
     panels = []
     for j, joint in enumerate(result.joints):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco calibrate`: bags in; calibrated model, tables, figures and a page out."""
+"""`loco calibrate`: fit a model to bags; write the model, tables, figures and a page."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ log = logging.getLogger(__name__)
 
 SETTINGS = "settings.json"
 FORMAT = 1
-VALIDATION_SKIP = 4.0  # start of a gait, until it is even [s]
-WHOLE = 1e6  # periods: as many as there are before the first that is compared
+VALIDATION_SKIP = 4.0  # start-up of a gait, left out of the comparison [s]
+WHOLE = 1e6  # settling periods: all that precede the first compared period
 
-Tell = Callable[[int, Generation], None]  # seed and state of its search
+Tell = Callable[[int, Generation], None]  # arguments: seed, state of its search
 
 
 @dataclass(frozen=True)
 class Job:
-    """A calibration to be done, read and checked.
+    """A calibration whose input is read and checked.
 
     Attributes:
         robot: Name or path as given.
         recording: Recording to fit.
-        validation: Recordings to compare with alone.
+        validation: Recordings for comparison only, not fitted.
         options: Settings; the seed is that of the first search.
         seeds: Seeds of the searches.
         folder: Folder of the results.
-        surrogate: A recording was made by a simulated robot.
-        workers: Processes that evaluate.
-        scheduler: Address of a dask cluster instead; empty for none.
+        surrogate: Whether a recording is of a simulated robot.
+        workers: Number of processes that evaluate.
+        scheduler: Address of a dask cluster to use instead of processes; empty for none.
     """
 
     robot: str
@@ -77,10 +77,10 @@ def prepare(
     workers: int = 2,
     scheduler: str = "",
 ) -> Job:
-    """Read and check everything before anything is written.
+    """Read and check all input; nothing is written.
 
     Raises:
-        LocoError: Unknown robot, a bag that is not of use, a folder with other results.
+        LocoError: The robot is unknown, a bag is not usable, or the folder holds other results.
     """
     for what, value, minimum in (("seeds", seeds, 1), ("workers", workers, 0)):
         if value < minimum:
@@ -106,7 +106,7 @@ def prepare(
 
 
 def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
-    """Search with every seed, compare the best body with all recordings, write everything."""
+    """Search with every seed, compare the best model with all recordings, write the results."""
     _claim(job)
     fits = [search(job, seed, on_progress) for seed in job.seeds]
     best = min(fits, key=lambda fit: fit.error)
@@ -121,7 +121,7 @@ def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
 
 
 def search(job: Job, seed: int, on_progress: Tell | None) -> Fit:
-    """One search; what its folder records is not evaluated again."""
+    """One search; evaluations that its folder records are not repeated."""
     calibration = Calibration(job.recording, job.robot, job.options.replace(seed=seed))
     return calibration.run(
         lambda generation: on_progress(seed, generation) if on_progress else None,
@@ -132,7 +132,7 @@ def search(job: Job, seed: int, on_progress: Tell | None) -> Fit:
 
 
 def compare(job: Job, model: Model) -> list[results.Comparison]:
-    """Default and calibrated model beside every recording, over all its periods."""
+    """Default and calibrated model compared with every recording, over all its periods."""
     rows, base = [], models.load_any(job.robot)
     recordings = (job.recording, *job.validation)
     for recording, options in zip(recordings, _options(job.options, len(recordings)), strict=True):
@@ -144,7 +144,7 @@ def compare(job: Job, model: Model) -> list[results.Comparison]:
 
 
 def write(result: results.Result, model: Model, folder: Path) -> None:
-    """Model, result, tables, figures and page."""
+    """Write model, result, tables, figures and page."""
     for name, draw in figures.FIGURES.items():
         write_whole(folder / f"{name}.png", partial(draw(result).savefig, format="png"))
     png.write(figures.bodies(result), folder / "bodies.png")
@@ -165,12 +165,15 @@ def _default(options: CalibrationParams) -> dict[str, float]:
 
 
 def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:
-    """Settings for the fitted recording, then for validation: from first to last step."""
+    """Settings of the fitted recording, then of the `count - 1` validation recordings.
+
+    Validation uses the whole recording.
+    """
     long_options = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
     return [options, *[long_options] * (count - 1)]
 
 
-# ---- the folder of results
+# ---- folder of the results
 
 
 def _fingerprint(job: Job) -> dict:
@@ -182,7 +185,7 @@ def _fingerprint(job: Job) -> dict:
 
 
 def _check_folder(job: Job) -> None:
-    """A folder that holds another calibration is not touched.
+    """Check that the folder is new or holds results of the same calibration.
 
     Raises:
         ParameterError: The folder holds another calibration.

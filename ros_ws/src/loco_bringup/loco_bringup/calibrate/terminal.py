@@ -22,13 +22,13 @@ HEAD = ("parameter", "unit", "default", "calibrated", "", "thesis")
 
 
 def show_calibration(a: argparse.Namespace) -> int:
-    """`loco calibrate`: with live progress.
+    """Run `loco calibrate` with live progress.
 
     Returns:
         The exit code.
 
     Raises:
-        ParameterError: There is no bag.
+        ParameterError: No bag is given.
     """
     if a.bag is None:
         raise ParameterError("loco calibrate takes either a bag or --live")
@@ -58,7 +58,7 @@ def _state(g: Generation, rate: float) -> str:
 
 
 def show(result: Result, folder: Path) -> None:
-    """Print what a result says and where it lies."""
+    """Print a summary of a result and the folder that holds it."""
     if result.surrogate:
         console.print("SURROGATE: the recordings come from a simulated robot, not from a machine")
     for text, unit, default, calibrated, _, thesis in (HEAD, *results.body_table(result)[1]):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The `loco` command."""
+"""Command-line interface: the `loco` command."""

@@ -27,28 +27,28 @@ from ..terminal import console, table
 
 
 def recover(a: argparse.Namespace) -> int:
-    """`loco recover`: says what is lost."""
+    """`loco recover`: recover a bag and print what is lost."""
     recovery = recover_bag(a.bag, a.out)
     sys.stdout.write(f"{recovery}\n" + "".join(f"  {note}\n" for note in recovery.notes))
     return 0
 
 
 def export(a: argparse.Namespace) -> int:
-    """`loco export`: prints the files that it wrote."""
+    """`loco export`: export topics and print the names of the files."""
     for path in export_topics(a.bag, a.out, a.format, a.topics):
         sys.stdout.write(f"{path}\n")
     return 0
 
 
 def extract(a: argparse.Namespace) -> int:
-    """`loco extract`: prints the folder that it wrote."""
+    """`loco extract`: copy topics to a new bag and print its folder."""
     limits = Limits(a.max_bag_size, a.max_bag_duration)
     sys.stdout.write(f"{extract_topics(a.bag, a.out, a.topics, limits)}\n")
     return 0
 
 
 def info(a: argparse.Namespace) -> int:
-    """`loco info`."""
+    """`loco info`: print the contents of a bag."""
     show_bag(a.bag, a.check, a.json)
     return 0
 
@@ -58,7 +58,7 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
 
     Args:
         path: Bag folder or ``.mcap`` file.
-        check: Read every chunk and check every sum.
+        check: Read every chunk and verify every checksum.
         as_json: Print JSON instead.
 
     Raises:
@@ -94,9 +94,10 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
 
 
 def _disagreements(bag: Bag) -> list[str]:
-    """Files whose messages ``metadata.yaml`` counts otherwise, a line each.
+    """Files whose message count differs from ``metadata.yaml``, one line each.
 
-    It is no error: recorders state what came, also where they dropped some. A file in work has 0.
+    This is no error: recorders count received messages, including dropped ones. The count of a
+    file still being written is 0.
     """
     stated = stated_counts(bag.folder) or {}
     notes = []
@@ -111,7 +112,7 @@ def _disagreements(bag: Bag) -> list[str]:
 
 
 def _form(bag: Bag) -> str:
-    """Kind and packing of the files in words."""
+    """Format and compression of the files as text."""
     packing = ", each file packed" if any(map(is_packed, bag.paths)) else ""
     coding = f", {bag.coding}" if bag.coding else ""
     if isinstance(bag, RawBag):
@@ -127,7 +128,7 @@ def _size(bag: Bag) -> int:
 
 
 def _packing(bag: Bag) -> tuple[int, int, int]:
-    """Number of chunks, their unpacked size [bytes] and packed share [%]."""
+    """Number of chunks, their uncompressed size [bytes] and compression ratio [%]."""
     heads = [chunk_head(f.data, c) for f in map(McapFile, bag.paths) for c in f.chunks]
     size = sum(head.size for head in heads)
     packed = sum(head.stop - head.start for head in heads)
@@ -135,7 +136,7 @@ def _packing(bag: Bag) -> tuple[int, int, int]:
 
 
 def _about(bag: Bag) -> dict[str, Any]:
-    """The same as data: times [s], sizes [bytes]."""
+    """Topics, files and metadata of a bag as data for JSON: times [s], sizes [bytes]."""
     return {
         "path": str(bag.path),
         "start": bag.start,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The clone of the repository, from which the commands that work on loco itself run.
+"""Location of the repository clone, which the commands for developers of loco need.
 
-What they do is in ``tests/workshop``, which no package and no wheel holds.
+Their code is in ``tests/workshop``, which is not part of the installed packages.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ WORKSHOP = "loco_workshop"  # package in tests/workshop
 
 
 def root() -> Path:
-    """Top folder of the clone that holds this module, installed in it or as source.
+    """Top folder of the clone that contains this module, as source or in its environment.
 
     Raises:
-        MissingFileError: There is no clone around it.
+        MissingFileError: This module is not inside a clone.
     """
     module = Path(__file__).resolve()
     for folder in module.parents:
@@ -32,7 +32,7 @@ def root() -> Path:
 
 
 def is_one() -> bool:
-    """Whether a clone holds this module."""
+    """Whether this module is inside a clone."""
     try:
         return bool(root())
     except MissingFileError:
@@ -40,7 +40,7 @@ def is_one() -> bool:
 
 
 def add_workshop() -> None:
-    """Let this process and those that it starts import the package `WORKSHOP`.
+    """Make the package `WORKSHOP` importable in this process and its child processes.
 
     Raises:
         MissingFileError: There is no clone.

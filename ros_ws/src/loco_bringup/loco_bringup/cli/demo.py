@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco demo`: run, record, replay and report, in one go."""
+"""`loco demo`: run, record, replay and report one experiment."""
 
 from __future__ import annotations
 

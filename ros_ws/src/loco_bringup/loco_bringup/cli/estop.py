@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco estop`: the emergency stop from the terminal, once or by keys."""
+"""`loco estop`: emergency stop from the terminal, once or by key presses."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from loco_control.ros.messages.topics import topic
 from loco_control.ros.parameters import sealed_node
 
 _SERVICE = "set_estop"
-_PATIENCE = 5.0  # wall time to find robots, and for each to answer [s]
+_PATIENCE = 5.0  # wall time to discover robots, and for each to answer [s]
 _KEYS = "space stops, r resets, q quits\n"
 
 
 def show_estop(a: argparse.Namespace) -> int:
-    """`loco estop`: stop or reset robots, once or at each key.
+    """`loco estop`: stop or reset robots, once or at each key press.
 
     Returns:
-        0 if every robot did it, else 1.
+        0 if every robot confirmed, else 1.
 
     Raises:
-        GraphError: No robot runs.
+        GraphError: No robot is running.
         ParameterError: The rate of the heartbeat is out of range.
     """
     if not 0.0 <= a.heartbeat <= 1000.0:
@@ -55,7 +55,7 @@ def show_estop(a: argparse.Namespace) -> int:
 
 
 def _beat(namespace: str, rate: float) -> int:
-    """Say that the operator is there, until the user ends it."""
+    """Publish the operator's heartbeat until the user ends it."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     row = topic("heartbeat")
@@ -74,7 +74,7 @@ def _beat(namespace: str, rate: float) -> int:
 
 
 class _Stopper:
-    """Clients of the services of all plants that are meant."""
+    """Service clients of all selected plants."""
 
     def __init__(self, namespace: str | None):
         self._wanted = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
@@ -110,7 +110,7 @@ class _Stopper:
         raise GraphError(f"no robot offers the service{where or ' ' + _SERVICE} on domain {domain}")
 
     def send(self, stop: bool) -> bool:
-        """Stop or reset all; says what each answered."""
+        """Stop or reset all plants, and print the answer of each."""
         done = []
         for name, client in self._clients.items():
             client.wait_for_service(timeout_sec=_PATIENCE)
@@ -125,7 +125,7 @@ class _Stopper:
 
 
 def _keys() -> Iterator[str]:
-    """Keys as they are pressed, until the end of the input."""
+    """Pressed keys, until the end of the input."""
     with _unbuffered():
         while key := sys.stdin.read(1):
             yield key
@@ -133,7 +133,7 @@ def _keys() -> Iterator[str]:
 
 @contextlib.contextmanager
 def _unbuffered() -> Iterator[None]:
-    """A terminal gives each key at once, not each line."""
+    """Context in which the terminal delivers each key immediately, not line by line."""
     if not sys.stdin.isatty():
         yield
         return

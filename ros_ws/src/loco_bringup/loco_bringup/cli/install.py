@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco install` in an environment without a clone's script: packages of extras, by pip.
+"""`loco install` outside a clone: install the packages of extras with pip.
 
-In a clone the script `loco` installs them itself, at the versions of its lock file.
+In a clone the script `loco` installs them, at the versions of its lock file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ EXTRA = re.compile(r"\s*(?:and)?\s*extra\s*==\s*['\"]([\w-]+)['\"]")
 
 
 def requirements() -> dict[str, list[str]]:
-    """Requirements of each extra, as pip takes them."""
+    """Requirements of each extra, in pip's notation."""
     found: dict[str, list[str]] = {}
     for line in importlib.metadata.requires(DISTRIBUTION) or ():
         for extra in EXTRA.findall(line):
@@ -33,7 +33,7 @@ def requirements() -> dict[str, list[str]]:
 
 
 def install(a: argparse.Namespace) -> int:
-    """Install what only some commands need; returns the exit code.
+    """Install the packages of an extra; returns the exit code.
 
     Raises:
         NameUnknownError: There is no such extra.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco list` and `loco schema`: what there is to run, and what its files may say."""
+"""`loco list` and `loco schema`: names that commands accept, and schemas of the YAML files."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def show_schema(a: argparse.Namespace) -> int:
 
     Raises:
         NameUnknownError: There is no such kind of file.
-        ParameterError: Neither a kind nor a folder is named.
+        ParameterError: Neither a kind nor a folder is given.
     """
     if a.kind is None and a.out is None:
         raise ParameterError(f"name a kind of file ({', '.join(KINDS)}), or a folder with --out")
@@ -116,7 +116,7 @@ def show_schema(a: argparse.Namespace) -> int:
 
 
 def show_completion(a: argparse.Namespace) -> int:
-    """`loco completion`: the words after each command, as a function of the shell.
+    """`loco completion`: print a shell function that completes commands and options.
 
     A word that is no option and follows no command completes to files, and for ``run``,
     ``study``, ``list`` and ``schema`` to the names that these take.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco record` and `loco replay`."""
+"""Commands `loco record` and `loco replay`."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..record.replayer import Cut, replay_bag
 
 
 def record(a: argparse.Namespace) -> int:
-    """`loco record`."""
+    """`loco record`: record topics to a bag."""
     limits = Limits(a.max_bag_size, a.max_bag_duration)
     return record_topics(a.topics, a.out, a.exclude, a.duration, a.stamps, a.messages, limits)
 
 
 def replay(a: argparse.Namespace) -> int:
-    """`loco replay`."""
+    """`loco replay`: publish a recorded bag."""
     return replay_bag(
         a.bag, a.speed, a.topics, Cut(a.start, a.end), a.loop, a.pause, tuple(a.remap)
     )

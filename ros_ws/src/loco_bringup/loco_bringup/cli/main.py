@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The `loco` command: its help, and one clear line for every mistake."""
+"""Entry point of the `loco` command: help, and one error line for every mistake."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ examples:
   loco run my_experiment.yaml --seed 3 --set gait.speed=0.3
   loco report bags/hyq_trot_reflex_...       one HTML page with figures and a GIF
 """
-# What to do about an error of the operating system.
+# Advice for errors of the operating system.
 REMEDIES = {
     errno.ENOSPC: "free some space, or choose another place with --out",
     errno.EDQUOT: "free some space, or choose another place with --out",
@@ -43,9 +43,9 @@ REMEDIES = {
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run the command line; every mistake becomes one line on stderr and an exit code."""
+    """Run the command line; an error prints one line on stderr and sets the exit code."""
     logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
-    os.environ["PYTHONSAFEPATH"] = "1"  # children import nothing of the current folder
+    os.environ["PYTHONSAFEPATH"] = "1"  # child processes import nothing from the current folder
     try:
         sys.exit(_run(sys.argv[1:] if argv is None else argv))
     except LocoError as error:
@@ -78,7 +78,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def summary() -> str:
-    """All commands by group, for ``loco --help``."""
+    """Text of ``loco --help``: all commands by group."""
     width = max(map(len, COMMANDS)) + 2
     parts = [HEAD]
     for title, commands in GROUPS.items():

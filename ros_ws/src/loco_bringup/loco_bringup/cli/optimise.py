@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco optimise`: gaits from several seeds, with a live line, and what they came to."""
+"""`loco optimise`: search a gait from several seeds, with live progress and a summary."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def optimise_gait(
     start: Path | None = None,
     gif: bool = False,
 ) -> int:
-    """Search a gait from several seeds; resumes what the folder holds.
+    """Search a gait from several seeds; resumes the search in the folder.
 
-    Writes ``seed_N/evaluations.jsonl`` and ``seed_N/gait.yaml`` per seed, and the best as
-    ``gait.yaml`` beside ``convergence.png`` and, if asked for, ``gait.gif``.
+    Writes ``seed_N/evaluations.jsonl`` and ``seed_N/gait.yaml`` per seed, the best gait as
+    ``gait.yaml``, ``convergence.png`` and, if `gif` is set, ``gait.gif``.
 
     Returns:
-        0 when the best gait walks, 3 when even the best falls.
+        0 if the best gait walks, 3 if it falls.
 
     Raises:
-        ParameterError: `seeds` is below 1, or what the search refuses.
+        ParameterError: `seeds` is below 1, or a parameter of the search is invalid.
     """
     if seeds < 1:
         raise ParameterError(f"seeds must be at least 1, got {seeds}")
@@ -74,7 +74,7 @@ def optimise_gait(
 
 
 def show_search(name: str, budget: int, run: Callable[[Callable[[Progress], Any]], Any]) -> Any:
-    """Run something that reports `Progress`, with a live line; returns what it returns."""
+    """Call `run` and display the `Progress` it reports in a live line; returns its result."""
     columns = "{task.completed}/{task.total} evaluations", "{task.fields[now]}"
     with bar(*columns) as progress:
         task = progress.add_task(name, total=budget, now="starting")
@@ -113,7 +113,7 @@ def _table(found: list[tuple]) -> Table:
 
 
 def run(a: argparse.Namespace) -> int:
-    """`loco optimise`."""
+    """`loco optimise`: search a gait; returns the exit code."""
     params = GaitSearchParams(
         **{key: getattr(a, key) for key in ("gait", "frequency", "duration", "randomise")},
         robot=a.robot or a.gait.split("_")[0],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco run --layout rollout`: an experiment without ROS, into the same bag."""
+"""`loco run --layout rollout`: run an experiment without ROS and record the same bag."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def run(a: argparse.Namespace) -> int:
     """Run an experiment in this process; returns the exit code.
 
     Raises:
-        ParameterError: There is an option of topics, clocks or the kernel.
+        ParameterError: An option concerns topics, clocks or the kernel, which a rollout lacks.
     """
     experiment = load(a.experiment, overrides(a.set, a.seed, a.engine, a.duration))
     for name in ("fault", "tick", "realtime"):
@@ -34,7 +34,7 @@ def run(a: argparse.Namespace) -> int:
 
 
 def finish(outcome: Outcome, report: bool, view: bool = False) -> int:
-    """Write the report of a run and show it if that is wanted; returns the exit code of the run."""
+    """Write the report of a run and open the view if requested; returns the run's exit code."""
     if report and not outcome.interrupted:
         console.print("report:", end=" ")
         call("report", outcome.folder)
@@ -46,7 +46,7 @@ def finish(outcome: Outcome, report: bool, view: bool = False) -> int:
 def show_run(
     experiment: Experiment, start: Callable[[Callable[[Progress], None]], Outcome]
 ) -> Outcome:
-    """Run something that reports `Progress`, with a live line, and print its summary."""
+    """Call `start`, display the `Progress` it reports in a live line, and print a summary."""
     duration = duration_of(experiment)
     columns = "{task.completed:6.1f}/{task.total:.0f} s", "{task.fields[rtf]:.1f} x real time"
     with bar(*columns, "{task.fields[phase]}") as progress:
@@ -68,7 +68,7 @@ def show_run(
 
 
 def _punctual(outcome: Outcome) -> list[str]:
-    """Lateness of the ticks of a realtime run, and the requests that the kernel granted."""
+    """Lateness of the ticks of a real-time run, and the kernel settings that were granted."""
     t = outcome.timing
     lines = [] if not t else [
         f"ticks began {t['lateness_p50_ms']:.2f} ms late (median), {t['lateness_p99_ms']:.2f} ms "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco run`: an experiment as a graph, with a live line and a summary."""
+"""`loco run`: run an experiment as a ROS graph, with live progress and a summary."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .rollout import finish, show_run
 
 
 def run(a: argparse.Namespace) -> int:
-    """`loco run`: an experiment as a ROS graph; returns the exit code.
+    """`loco run`: run an experiment as a ROS graph; returns the exit code.
 
     Raises:
-        LocoError: An option is wrong, or the graph does not run.
+        LocoError: An option is wrong, or the graph does not start.
     """
     experiment = load(a.experiment, overrides(a.set, a.seed, a.engine, a.duration))
     tick = values_of("--tick", a.tick, "late=safe-stop")
@@ -29,7 +29,7 @@ def run(a: argparse.Namespace) -> int:
     from_dict(TickParams, tick, "tick")
     realtime = values_of("--realtime", a.realtime, "fifo=80")
     if "cpus" in realtime:
-        realtime["cpus"] = str(realtime["cpus"])  # one alone is a number
+        realtime["cpus"] = str(realtime["cpus"])  # a single CPU is parsed as a number
     limits = Limits(a.max_bag_size, a.max_bag_duration)
     folder = a.out or runner.default_folder(experiment)
     outcome = show_run(

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of commands, and the only place that imports a module when it is needed.
+"""Table of the commands and their lazy import.
 
-A command is two functions, each written ``module:function``, with modules named from this
-package (`loco_bringup`) or, for work on loco itself, from ``tests/workshop`` of a clone: one
-adds its options to a parser and imports nothing heavy, so that help and mistakes answer at
-once; the other takes the parsed options and returns the exit code. Importing the second loads
-all that the command uses.
+A command consists of two functions, each written ``module:function``. Modules are named
+relative to this package (`loco_bringup`) or, for developer commands, to ``tests/workshop`` of
+a clone. The first function adds the options to a parser and imports nothing slow, so that help
+and error messages appear quickly. The second takes the parsed options and returns the exit
+code; its import loads everything that the command uses.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Command(NamedTuple):
 
 
 ROS = ("rclpy", "builtin_interfaces", "rcl_interfaces", "ament_index_python")
-# Packages that only some commands need, and where they come from.
+# Packages that only some commands need, and the extra that installs them.
 EXTRAS: dict[tuple[str, ...], str] = {
     ROS: "this command speaks ROS 2: `./loco` in a clone of the repository brings it. Without ROS "
     "there are gap, export-model, report, export, calibrate, optimise, reinforce, study, robot, "
@@ -265,7 +265,7 @@ COMMANDS = {name: command for group in GROUPS.values() for name, command in grou
 
 
 class Store(argparse._StoreAction):
-    """Value of an option: lists of one that is given again grow, a single value is refused."""
+    """Action of an option: a repeated list option is extended, a repeated value is refused."""
 
     def __call__(
         self,
@@ -274,7 +274,7 @@ class Store(argparse._StoreAction):
         values: Any,
         option_string: str | None = None,
     ) -> None:
-        """Take what the command line gives; argparse calls this."""
+        """Store a value of the command line; called by argparse."""
         if option_string:
             given: dict[str, Any] = parser.given  # type: ignore[attr-defined]
             several = isinstance(values, list)
@@ -288,10 +288,10 @@ class Store(argparse._StoreAction):
 
 
 class Parser(argparse.ArgumentParser):
-    """Options of one command; a mistake is an exception, as any other wrong input is.
+    """Parser of one command, which raises an exception on wrong input.
 
     Attributes:
-        given: Values of the options that stand in the command line, by destination.
+        given: Values of the options on the command line, by destination.
     """
 
     def __init__(self, **more: Any):
@@ -301,21 +301,21 @@ class Parser(argparse.ArgumentParser):
             self.register("action", kind, Store)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Options and words that are none; argparse calls this."""
+        """Parsed options and the remaining arguments; called by argparse."""
         self.given = {}
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Refuse the command line; argparse calls this."""
+        """Raise an exception for a wrong command line; called by argparse."""
         raise ParameterError(f"{cut(message, 400)}; see `{self.prog} --help`")
 
 
 def load(target: str) -> Callable[..., Any]:
-    """Function that a table names as ``module:function``; imports its module.
+    """Import and return a function written as ``module:function``.
 
     Raises:
-        MissingPackageError: It needs a package that `EXTRAS` names and that is not installed.
-        MissingFileError: It is of a clone, and there is none.
+        MissingPackageError: A package of `EXTRAS` that the module needs is not installed.
+        MissingFileError: The module is in ``tests/workshop``, and there is no clone.
     """
     module, _, function = target.partition(":")
     if module.startswith(f"{clone.WORKSHOP}."):
@@ -333,10 +333,10 @@ def load(target: str) -> Callable[..., Any]:
 
 
 def split(arguments: list[str]) -> tuple[str, list[str]]:
-    """Name of the command and what follows it.
+    """Name of the command and the arguments after it.
 
     A name is a word (``gap``), a word and a sub-command (``gap next``), or a word and an option
-    that stands anywhere among the arguments (``gap --live``) and stays there.
+    at any position (``gap --live``), which remains among the arguments.
 
     Raises:
         NameUnknownError: There is no such command.
@@ -366,14 +366,14 @@ def parser(name: str) -> Parser:
 
 
 def parse(arguments: list[str]) -> tuple[str, argparse.Namespace | list[str]]:
-    """Name of a command and its options, or its arguments where they are passed on.
+    """Name of a command and its parsed options, or its arguments if they are passed on.
 
     Args:
         arguments: The command line after ``loco``, at least one word.
 
     Raises:
         NameUnknownError: There is no such command.
-        ParameterError: It has no such option, or a value is missing or wrong.
+        ParameterError: The command has no such option, or a value is missing or wrong.
     """
     name, rest = split(arguments)
     return name, parser(name).parse_args(rest) if COMMANDS[name].options else rest
@@ -383,9 +383,9 @@ def call(*arguments: Any) -> int:
     """Run a command line; returns the exit code.
 
     Args:
-        arguments: Words after ``loco``; a command may so continue with another one.
+        arguments: Words after ``loco``; a command can run another one this way.
     """
     name, options = parse([str(word) for word in arguments])
     if getattr(options, "engine", None):
-        os.environ["LOCO_ENGINE"] = options.engine  # of all that names none, in workers too
+        os.environ["LOCO_ENGINE"] = options.engine  # default engine, also in worker processes
     return load(COMMANDS[name].run)(options)

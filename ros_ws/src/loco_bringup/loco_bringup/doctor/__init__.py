@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco doctor`: why nothing moves."""
+"""`loco doctor`: diagnosis of a graph that does not run."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checks of `loco doctor` before it listens: environment, messages, other domains."""
+"""Checks of `loco doctor` without the graph: environment, messages, other domains."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ..graph import shm
 from ..graph.process_info import node_processes
 
 RANGES = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
-DOMAINS = range(102)  # above, the ports of Fast DDS meet those of the system
-_LOW = 64e6  # free shared memory below which runs fail [bytes]
+DOMAINS = range(102)  # above, the ports of Fast DDS overlap with ephemeral ports of the system
+_LOW = 64e6  # free shared memory below which runs can fail [bytes]
 _PACKAGES = ("loco_msgs", "tf2_msgs")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that keeps a graph from moving.
+    """One problem that keeps a graph from running.
 
     ``fault`` names it in one or two words, ``grave`` is false for what may be intended.
     """
@@ -34,7 +34,7 @@ class Finding:
 
 
 def check_environment(env: Mapping[str, str]) -> list[Finding]:
-    """Variables of ROS that make a graph deaf."""
+    """ROS environment variables that prevent communication."""
     findings = []
     domain = env.get("ROS_DOMAIN_ID", "0")
     if not domain.isdigit() or int(domain) not in DOMAINS:
@@ -82,10 +82,10 @@ def _has_library(rmw: str) -> bool:
 def check_messages(
     sources: Path | None = None, prefix: Path = Path(sys.prefix), path: list[str] | None = None
 ) -> list[Finding]:
-    """Message packages: there, and built from the definitions of this clone.
+    """Check that message packages are installed and match the definitions of this clone.
 
     Args:
-        sources: Folder with the source packages; None to find that of the clone, if any.
+        sources: Folder with the source packages; default that of the clone, if there is one.
         prefix: Folder into which packages are installed.
         path: Folders in which Python looks for packages, default `sys.path`.
     """
@@ -120,7 +120,7 @@ def _same(source: Path, installed: Path) -> bool:
 
 
 def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:
-    """Room in shared memory, and what killed processes left there."""
+    """Free space in shared memory, and stale files of killed processes."""
     findings, leftovers = [], shm.leftovers(folder)
     size = sum(path.stat().st_size for path in leftovers if path.exists())
     free = shutil.disk_usage(folder).free
@@ -134,7 +134,7 @@ def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:
 
 
 def check_elsewhere(env: Mapping[str, str]) -> list[Finding]:
-    """Graphs of this user on other domains; only told if none is on ours."""
+    """Graphs of this user on other domains; reported only if no graph is on this domain."""
     here, counts = env.get("ROS_DOMAIN_ID", "0") or "0", {}
     for pid, domain, _ in node_processes():
         if domain == here:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The checks of `loco doctor` on a running graph: each reads a `View` and names faults."""
+"""Checks of `loco doctor` on a running graph: each examines a `View` and returns findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SLOW_SHARE = 0.95  # real-time factor below which the clock realtime is not met
 
 
 def check_graph(view: View) -> list[Finding]:
-    """All faults of the graphs that are seen, worst first."""
+    """All faults of the observed graphs, worst first."""
     if not view.endpoints and not view.reports and not view.processes:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         text = f"nobody is on ROS domain {domain}"
@@ -31,16 +31,16 @@ def check_graph(view: View) -> list[Finding]:
         check_ticks, check_plants, check_reports, check_events,
     ]  # fmt: skip
     findings = [finding for check in checks for finding in check(view)]
-    if any(finding.fault == "ticks" for finding in findings):  # then all who wait say so
+    if any(finding.fault == "ticks" for finding in findings):  # then every waiting node reports it
         findings = [f for f in findings if f.fault != "warning" or ": silence" not in f.text]
     return sorted(dict.fromkeys(findings), key=lambda finding: not finding.grave)
 
 
-# ---- which topics there should be
+# ---- expected topics
 
 
 def tables(view: View) -> dict[str, dict[str, Topic]]:
-    """Topic table of each namespace in which a graph runs: the one that fits best."""
+    """Best matching topic table of each namespace in which a graph runs."""
     result = {}
     for space in view.namespaces():
         endpoints = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
@@ -73,7 +73,7 @@ def _endpoints(row: Topic) -> tuple[str, ...]:
 
 
 def check_types(view: View) -> list[Finding]:
-    """One topic with two types, or with another definition of ours."""
+    """Topics with several types, or with a definition of a loco message that differs."""
     findings = []
     for name in sorted({e.topic for e in view.endpoints}):
         endpoints = [e for e in view.endpoints if e.topic == name]
@@ -100,7 +100,7 @@ def _known(end: Endpoint) -> bool:
 
 
 def check_qos(view: View) -> list[Finding]:
-    """Writers that offer less than a reader asks for."""
+    """Writers whose QoS is incompatible with that of a reader."""
     findings = []
     for reader in (e for e in view.endpoints if not e.writes):
         for writer in view.of(reader.topic, True):
@@ -118,7 +118,7 @@ def check_qos(view: View) -> list[Finding]:
 
 
 def check_writers(view: View) -> list[Finding]:
-    """Two graphs on one domain and namespace."""
+    """Topics with several writers: two graphs in one domain and namespace."""
     findings = []
     for space, table in tables(view).items():
         for row in _paced(table):
@@ -132,7 +132,7 @@ def check_writers(view: View) -> list[Finding]:
 
 
 def check_endpoints(view: View) -> list[Finding]:
-    """Writers and readers of the table that are not there."""
+    """Missing writers and readers of the topic table."""
     missing: dict[str, list[str]] = {}
     for space, table in tables(view).items():
         nodes = {e.node for e in view.endpoints}
@@ -143,7 +143,7 @@ def check_endpoints(view: View) -> list[Finding]:
                     continue
                 what = "does not write" if writes else "does not read"
                 if who not in nodes and who in view.processes:
-                    continue  # it is there and does not answer
+                    continue  # its process runs but does not answer; see `check_answers`
                 key = f"{who} {what}" if who in nodes else f"{who} is missing: nobody"
                 verb = "" if who in nodes else ("writes " if writes else "reads ")
                 missing.setdefault(key, []).append(verb + name)
@@ -154,7 +154,7 @@ def check_endpoints(view: View) -> list[Finding]:
 
 
 def check_answers(view: View) -> list[Finding]:
-    """Nodes that have endpoints and say nothing."""
+    """Nodes without a recent diagnostic report."""
     findings = []
     loco_nodes = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
     for node in sorted(loco_nodes | view.reports.keys() | view.processes.keys()):
@@ -176,7 +176,7 @@ def _state(pid: int) -> str:
 
 
 def check_ticks(view: View) -> list[Finding]:
-    """Plants that stand still, and who owes them what."""
+    """Plants that do not advance, and the nodes they wait for."""
     findings = []
     for name, report in view.reports.items():
         if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
@@ -195,7 +195,7 @@ def check_ticks(view: View) -> list[Finding]:
 
 
 def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: set[str]) -> str:
-    """The node that keeps a node waiting, followed to the one that waits for nobody."""
+    """Chain of nodes that wait for each other, from `node` to the one that causes the wait."""
     visited.add(node)
     missing = [m for m in view.reports[node].values.get("missing", "").split(", ") if m]
     for name in missing:
@@ -215,7 +215,7 @@ def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: 
 
 
 def check_plants(view: View) -> list[Finding]:
-    """Time-outs, a latched emergency stop, and a clock that is not met."""
+    """Time-outs, latched emergency stops, and plants slower than their real-time clock."""
     findings = []
     for name, report in view.reports.items():
         if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
@@ -235,7 +235,7 @@ def check_plants(view: View) -> list[Finding]:
 
 
 def check_reports(view: View) -> list[Finding]:
-    """Warnings of nodes about themselves."""
+    """Warnings in the diagnostic reports of nodes."""
     return [
         Finding("warning", f"{name}: {report.message}", "see its log", grave=report.level > 1)
         for name, report in view.reports.items()
@@ -244,7 +244,7 @@ def check_reports(view: View) -> list[Finding]:
 
 
 def check_events(view: View) -> list[Finding]:
-    """Errors, falls and refusals that were told once."""
+    """Errors, falls and refusals among the published events."""
     event_names = {"error": "error", "fall": "fall", "model refused": "model refused"}
     return [
         Finding(

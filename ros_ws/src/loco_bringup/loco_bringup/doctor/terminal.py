@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco doctor` at the terminal."""
+"""Terminal output of `loco doctor`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .environment import (
 )
 from .graph import MUTE, check_graph
 
-PATIENCE = 10.0  # listened to again, before a node whose process runs is called silent [s]
+PATIENCE = 10.0  # second listening time before a running node is called silent [s]
 
 
 def show_doctor(a: argparse.Namespace) -> int:
     """`loco doctor`: examine environment and graph, and print what is wrong.
 
     Returns:
-        0 if nothing grave was found, else 1.
+        0 if there is no grave finding, else 1.
     """
     if a.clean:
         files, size = shm.clean()
@@ -47,14 +47,14 @@ def show_doctor(a: argparse.Namespace) -> int:
 
 
 def examine(seconds: float) -> list[Finding]:
-    """All findings. The graph is left out if the environment does not let us hear it."""
+    """All findings; the graph is skipped if the environment prevents communication."""
     findings = check_environment(os.environ) + check_messages()
     if findings:
         return findings
     with Onlooker() as observer:
         view = observer.listen(seconds)
         graph = check_graph(view)
-        if any(MUTE in finding.text for finding in graph):  # or is the machine busy?
+        if any(MUTE in finding.text for finding in graph):  # the machine may just be busy
             view = observer.listen(PATIENCE, PATIENCE)
             graph = check_graph(view)
     other_domains = check_elsewhere(os.environ) if not view.reports else []

@@ -12,14 +12,14 @@ from ..graph.view import SILENT, Onlooker, Report, View
 _COLUMNS = ("node", "pid", "cpu %", "MB", "ticks/s", "mean ms", "max ms", "late", "stale",
             "dropped", "state")  # fmt: skip
 _LEVELS = ("ok", "warning", "ERROR", "stale")
-_MAX_AGE = 30.0  # and after which it is left out [s]
+_MAX_AGE = 30.0  # age after which a node is left out [s]
 
 
 def show_top(a: argparse.Namespace) -> int:
-    """`loco top`: print the graph over and over until Ctrl-C, or once.
+    """`loco top`: print the graph every second until Ctrl-C, or once.
 
     Returns:
-        0; with ``--once`` 1 if no node was heard.
+        0; with ``--once`` 1 if no node reported.
     """
     with Onlooker() as observer:
         view = _first(observer)
@@ -34,7 +34,7 @@ def show_top(a: argparse.Namespace) -> int:
 
 
 def _first(observer: Onlooker) -> View:
-    """The graph, when every node that can speak has spoken, or after a while."""
+    """The graph, once every responsive node has reported, or after a time limit."""
     view = observer.listen(2.0)
     for _ in range(8):
         nodes = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `loco export-model`: a model for other simulators, and a replay that checks it."""
+"""Command `loco export-model`: export a model to other simulators and check it by replay."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replay of held-out records in the exported MJCF, in a process that has MuJoCo but not loco."""
+"""Replay of held-out records with the exported MJCF, in a process with MuJoCo but not loco."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 
 SCRIPT = Path(str(files("loco_sim.export") / "replay_mjcf.py"))
-FINER, FASTEST = (16, 8, 4, 2, 1), 20000.0  # parts of a physics step, most of them in a second [Hz]
+FINER, FASTEST = (16, 8, 4, 2, 1), 20000.0  # substeps per physics step, largest rate [Hz]
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Compared:
     Attributes:
         name: Name of the record.
         ours: Root mean square of measured minus predicted position by loco [rad], over all joints.
-        theirs: The same of MuJoCo with the exported file alone.
-        joints: Both by joint.
+        theirs: The same error [rad] of MuJoCo with the exported file.
+        joints: Both errors [rad] by joint.
     """
 
     name: str
@@ -52,18 +52,18 @@ def compare(
     gear: str = ELASTIC,
     starts: Mapping[str, np.ndarray] | None = None,
 ) -> tuple[list[Compared], list]:
-    """Errors on records, and sentences on those that cannot be compared.
+    """Errors on records, and notes on records that cannot be compared.
 
-    Where a search moved the state in which a record begins, both begin there (`starts`, by name:
-    change of positions, then velocities of the joints [rad, rad/s], (2n,)).
+    If a search corrected the initial state of a record, both simulators use it (`starts`, by
+    name: change of the positions, then velocities of the joints [rad, rad/s], (2n,)).
 
-    Both run in a sixteenth of the model's physics step, or as fine as `FASTEST` allows: the errors
-    of their integrators shrink in proportion to it.
+    Both use a sixteenth of the model's physics step, or the finest step that `FASTEST` allows:
+    the integration errors are proportional to the step.
 
-    ``replay_N.xml`` and ``replay_N.npz`` stay in the folder, for ``replay.py`` there.
+    ``replay_N.xml`` and ``replay_N.npz`` stay in the folder, as input of ``replay.py`` there.
 
     Raises:
-        DivergedError: MuJoCo cannot play the file.
+        DivergedError: MuJoCo cannot simulate the file.
     """
     found, notes = [], []
     for number, record in enumerate(records, 1):
@@ -122,14 +122,14 @@ def _given(
 def begins(
     record: Record, robot: Robot, forward: Forward, index: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of the joints in which a record of a forward model begins."""
+    """Initial joint positions [rad] and velocities [rad/s] of a record, (n,) each."""
     effects = from_list(forward.model.effects)
     starts = true_starts(record, robot, effects, forward.starts[index])
     return (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
 
 
 def commands(made: Portable, told: running.Orders) -> np.ndarray:
-    """Commands of the actuators of `mjcf`, (T, nu)."""
+    """Actuator commands of the exported MJCF, (T, nu)."""
     columns = []
     for index, joint in enumerate(made.joints):
         q, dq, tau = (table[:, index] for table in (told.q, told.dq, told.tau))
@@ -142,13 +142,13 @@ def commands(made: Portable, told: running.Orders) -> np.ndarray:
 
 
 def _rounded(made: Portable, joint: Joint, q: np.ndarray) -> np.ndarray:
-    """Positions wanted [rad], as the servo's own resolution takes them, (T,)."""
+    """Position commands rounded to the resolution of the servo [rad], (T,)."""
     step = made.robot.drives[joint.name].resolution
     return step * np.floor((q + joint.offset) / step + 0.5) - joint.offset if step else q
 
 
 def _played(path: Path) -> dict[str, float]:
-    """Root mean square error of each joint, as the script in a process of its own prints it."""
+    """Root mean square error of each joint [rad], from the replay script in a separate process."""
     command = [sys.executable, "-I", SCRIPT, path.with_suffix(".xml"), path]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     if done.returncode:

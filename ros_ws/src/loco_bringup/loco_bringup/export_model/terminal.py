@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco export-model`: the files, what they cannot say, and the replay beside our prediction."""
+"""Terminal output of `loco export-model`: files, what is not exported, errors of the replay."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .write import export_model
 
 
 def show_export(a: argparse.Namespace) -> int:
-    """Write the files and print what they are worth."""
+    """Write the files and print the result; returns the exit code."""
     done = export_model(a.model, a.to, a.out, a.replay, a.mapping, a.gear)
     for text in done.lost:
         sys.stdout.write(f"not in it: {text}\n")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of an exported model: text, meshes, ranges to randomise in, and the replay."""
+"""Files of an exported model: text, meshes, ranges for domain randomisation, replay."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Exported:
     Attributes:
         folder: Folder of the files.
         files: Names of the files.
-        lost: Sentences on what they cannot say.
-        compared: Errors on held-out records, of MJCF alone.
-        notes: Sentences on what was not done.
+        lost: Sentences on what the format cannot represent.
+        compared: Errors on held-out records; empty unless the target is MJCF.
+        notes: Sentences on skipped steps.
     """
 
     folder: Path
@@ -66,14 +66,14 @@ def export_model(
         model: Robot, model.yaml, or the folder of results of `loco gap`.
         to: One of `TARGETS`.
         out: Folder; default ``exports/ROBOT_TARGET``.
-        replay: Recordings of the bolted robot to check the MJCF with; default those that
-            `loco gap` held out.
+        replay: Recordings of the robot with a fixed base, to check the MJCF; default the
+            held-out ones of `loco gap`.
         mapping: Mapping of the recordings.
         gear: Gears of servos in MJCF: "elastic", the default, has a joint for each rotor;
-            "rigid" makes rotors armature, so that the file has the robot's joints alone.
+            "rigid" adds the rotors as armature, so that the file has only the robot's joints.
 
     Raises:
-        LocoError: There is no such model, target or gear, or a recording is of no use.
+        LocoError: There is no such model, target or gear, or a recording is invalid.
     """
     if to not in TARGETS:
         raise NameUnknownError("target of an export", to, TARGETS)
@@ -137,7 +137,7 @@ WRITERS: dict[str, Callable[[Portable, Sequence[Range]], Texts]] = {
 
 
 def _claim(folder: Path) -> None:
-    """Refuse a folder with files that no export wrote."""
+    """Raise an error if the folder has files that are not of an export."""
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
     known = re.compile(
@@ -151,7 +151,7 @@ def _claim(folder: Path) -> None:
 def _records(
     model: Model, replay: Sequence[Any], mapping: Any, found: Path | None
 ) -> tuple[list[Record], list[str]]:
-    """Records to compare on, and why there are none."""
+    """Records for the comparison, and the reasons if there are none."""
     if replay:
         robot = model.make_robot()
         return [r for path in replay for r in load_records(path, robot, mapping)], []
@@ -165,12 +165,12 @@ def _records(
 
 
 def _starts(path: Path) -> dict[str, Any]:
-    """By how much a search moved the state in which each record begins, by its name."""
+    """Correction of the initial state of each record by a search, by record name."""
     return {r.name: r.start for r in load_curves(path).records} if path.is_file() else {}
 
 
 def _with_meshes(text: str, folder: Path) -> str:
-    """The text with meshes named below the folder, to which they are copied."""
+    """Copy the meshes into the folder; returns the text with their new file names."""
     for name in sorted(set(re.findall(r'file(?:name)?="(/[^"]+)"', text))):
         mesh = Path(name)
         if mesh.is_file():

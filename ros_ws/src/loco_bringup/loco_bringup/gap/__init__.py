@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap`: bags and a model in; the missing effect and the mended model out."""
+"""`loco gap`: find the effects that a model lacks in recordings, and write the mended model."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap check`: the worth of recordings before a search, on the terminal and as a page."""
+"""`loco gap check`: quality of recordings before a search, on the terminal and as a page."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from .importing import load, mapping_of
 PAGE, JSON = "check.html", "check.json"
 READY, WARNED, REFUSED = "ready", "usable, with warnings", "not usable as it is"
 WRONG = "set-up to be mended first"
-MOST_ALIKE = 3  # names of look-alikes in a cell
+MOST_ALIKE = 3  # largest number of indistinguishable effects named in a table cell
 Checked = Mapping[str, Any]
 
 
 def show_check(a: argparse.Namespace) -> int:
-    """`loco gap check`: look, print, write the page.
+    """`loco gap check`: examine the recordings, print the result, write the page.
 
     Returns:
         The exit code: 2 where a recording is refused.
 
     Raises:
-        LocoError: An unknown robot, or no recording is of use.
+        LocoError: The robot is unknown, or no recording is usable.
     """
     if not a.robot:
         raise ParameterError("loco gap check wants --robot: a robot, robot.yaml or model.yaml")
@@ -78,7 +78,7 @@ def checked(
 ) -> dict[str, Any]:
     """Contents of ``check.json``.
 
-    A recording that cannot be read is listed with the reason, and the others are looked at.
+    A recording that cannot be read is listed with the reason; the others are examined.
 
     Args:
         robot: Robot, robot.yaml or model.yaml.
@@ -88,7 +88,7 @@ def checked(
         tell: Called with the share done and the stage.
 
     Raises:
-        LocoError: An unknown robot, or no recording is of use: the reason of the first.
+        LocoError: The robot is unknown, or no recording is usable (with the reason of the first).
     """
     model = models.load_any(robot)
     plant, records = model.make_robot(), list[Record]()
@@ -98,7 +98,7 @@ def checked(
             records += load(bag, plant, mapping)
         except LocoError as error:
             errors[str(bag)] = error
-    if not records:  # what is wrong in all of them is a matter of the set-up
+    if not records:  # a fault in all recordings is a fault of the set-up
         records = [r for bag in bags for r in load(bag, plant, mapping, judge=False)]
         errors = {}
     refused = [{"recording": bag, "reason": str(error)} for bag, error in errors.items()]
@@ -109,20 +109,20 @@ def checked(
 def fix(
     robot: str, bags: Sequence[str], given: Path | None, found: Checked, folder: Path
 ) -> dict[str, Path]:
-    """Write a mapping and a model with the lines that mend the set-up; old files stay.
+    """Write a new mapping and model that correct the set-up; existing files are kept.
 
     Args:
         robot: Robot, robot.yaml or model.yaml.
         bags: Recordings.
-        given: Mapping file that was given, or None.
+        given: Mapping file from the command line, or None.
         found: Contents of ``check.json``.
         folder: Folder of the files.
 
     Returns:
-        Files by the option of `loco gap` that takes them; none where there is nothing to mend.
+        Files by the option of `loco gap` that takes them; empty if nothing needs correction.
 
     Raises:
-        ParameterError: The recordings have mappings of their own.
+        ParameterError: The recordings have different mappings.
     """
     changes = [Change(**line) for one in found["setup"] for line in one["mends"]]
     made: dict[str, Path] = {}
@@ -144,7 +144,7 @@ def fix(
 
 
 def free(path: Path) -> Path:
-    """The path, or the first of path_2, path_3, ... that nothing is at."""
+    """The first of path, path_2, path_3, ... that does not exist."""
     others = (path.with_stem(f"{path.stem}_{k}") for k in itertools.count(2))
     return next(p for p in itertools.chain([path], others) if not p.exists())
 
@@ -152,7 +152,7 @@ def free(path: Path) -> Path:
 def next_lines(
     robot: str, bags: Sequence[str], found: Checked, fixed: Mapping[str, Path]
 ) -> list[str]:
-    """Files with the mended set-up and the command that goes on with them, or how to get them."""
+    """Corrected files and the command to continue with, or the option that writes the files."""
     if not fixed:
         some = any(one["mends"] for one in found["setup"])
         return ["--fix writes these lines into new files"] if some else []
@@ -171,7 +171,7 @@ def verdict(found: Checked, refused: Sequence[Any]) -> str:
 
 
 def sentences(found: Checked) -> list[str]:
-    """Objections to the recordings, the worst first."""
+    """Problems of the recordings as sentences, worst first."""
     lines = [f"{r['recording']} is refused: {r['reason']}" for r in found["refused"]]
     lines += [one["says"] for one in found["setup"]]
     lines += [f"{r['name']}: {w}" for r in found["recordings"] for w in r["warnings"]]
@@ -179,7 +179,7 @@ def sentences(found: Checked) -> list[str]:
 
 
 def readings(found: Checked) -> list[str]:
-    """Notes of reading, each once, after the names of the recordings that have it."""
+    """Notes from reading the recordings, each once, with the names of the recordings."""
     names: dict[str, list[str]] = {}
     for recording in found["recordings"]:
         for note in recording["notes"]:
@@ -188,7 +188,7 @@ def readings(found: Checked) -> list[str]:
 
 
 def counts(found: Checked) -> dict[str, int]:
-    """Number of effects at a place by whether they would show."""
+    """Number of candidate effects (effect and place) by whether the data would reveal them."""
     seen: dict[tuple[str, str, str], str] = {}
     for row in found["effects"]:
         key = row["effect"], row["variant"], row["place"]
@@ -198,7 +198,7 @@ def counts(found: Checked) -> dict[str, int]:
 
 
 def by_effect(found: Checked) -> list[list[str]]:
-    """Rows of a table: effect, places where it shows, from which size on, and look-alikes."""
+    """Rows of a table: effect, places where it is detectable, smallest size, similar effects."""
     groups: dict[tuple[str, str], list[Any]] = {}
     for row in found["effects"]:
         groups.setdefault((row["effect"], row["parameter"]), []).append(row)
@@ -243,7 +243,7 @@ def recording_rows(found: Checked) -> list[list[str]]:
 
 
 def signals(found: Checked) -> list[str]:
-    """Signals and commands, a line for each set of recordings that have the same."""
+    """Signals and commands, one line per set of recordings with the same ones."""
     having: dict[str, list[str]] = {}
     for r in found["recordings"]:
         line = ", ".join([*r["signals"], *(f"command {c}" for c in r["commands"])])
@@ -257,7 +257,7 @@ RECORDING_HEAD = ("Recording", "Base", "Length", "Rate", "Jitter", "Missing", "B
 
 
 def search_line(found: Checked) -> str:
-    """Time that a search will take, in words."""
+    """Estimated duration of a search as text."""
     if not found["search_seconds"]:
         return "no effect was tried: the set-up has to be mended first"
     low, high = (_time(s) for s in found["search_seconds"])
@@ -326,7 +326,7 @@ def _effects(found: Checked) -> Markup:
 
 
 def _matrix(found: Checked) -> Markup:
-    """Smallest size by effect and place, as many tables as there are units of places."""
+    """Smallest detectable size by effect and place, one table per unit."""
     places = list(dict.fromkeys(row["place"] for row in found["effects"]))
     rows: dict[str, dict[str, Any]] = {}
     for row in found["effects"]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any numeric field of any topic, by a path such as ``position[knee]`` or ``data[2]``."""
+"""Read a numeric field of a topic by a path such as ``position[knee]`` or ``data[2]``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\]]+)\])?$")
 
 
 class FieldSource:
-    """Columns of a bag whose topics a mapping names.
+    """Columns of a bag that a mapping names by topic and field.
 
     Args:
         bag: The recording.
@@ -59,7 +59,7 @@ class FieldSource:
         for row, message in enumerate(messages):
             try:
                 value, names = _value(message, steps, column)
-            except NameUnknownError as error:  # of another publisher on the topic
+            except NameUnknownError as error:  # message of another publisher on the topic
                 lacking = error
                 continue
             rows.append(row)
@@ -73,7 +73,7 @@ class FieldSource:
         return t[rows], np.array(values)
 
     def _messages(self, topic: str) -> tuple[np.ndarray, np.ndarray, list]:
-        """Stamps of the headers, 0 without one, and times of logging [ns], and the messages."""
+        """Header stamps (0 without a header) and log times [ns], and the messages."""
         messages = self._bag.messages(topic)
         if not messages:
             raise BagError(f"{self._bag.path.name} has no message on {topic}")
@@ -87,7 +87,7 @@ def _stamp(message: Any) -> int:
 
 
 def _value(message: Any, steps: list[re.Match], column: Column) -> tuple[float, tuple[str, ...]]:
-    """A number of a message, and the names beside which it stands, which tell the publisher."""
+    """A number of a message, and the names in the same list, which identify the publisher."""
     value, names = message, ()
     for step in steps:
         field, index = step.groups()
@@ -105,7 +105,7 @@ def _value(message: Any, steps: list[re.Match], column: Column) -> tuple[float, 
 
 
 def _item(names: list[str], values: Any, index: str, column: Column) -> Any:
-    """Element by number, or by a name that the message lists, as JointState does."""
+    """Element by index, or by a name listed in the message, as in JointState."""
     if index.isdigit():
         row = int(index)
     elif index in names and len(values):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings for `loco gap`: bags of our graphs, bags of standard messages, mapped tables."""
+"""Read recordings for `loco gap`: loco bags, bags of standard messages, tables with a mapping."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..outcome import STEP
 from . import topics as gap_topics
 from .fields import FieldSource
 
-_KNOWN = ("fixed_base", "height")  # what a run's experiment may say of the robot that ran
+_KNOWN = ("fixed_base", "height")  # keys of an experiment about how the robot was held
 
 
 @understood("whole recording")
@@ -30,15 +30,16 @@ def load(
     """Records of a bag, a table, or a folder of tables.
 
     Args:
-        path: Bag folder, a bag's file (MCAP, SQLite, ROS 1), table (`tables.KINDS`), or a folder of them.
+        path: Bag folder, file of a bag (MCAP, SQLite, ROS 1), table (`tables.KINDS`), or a folder
+            of tables.
         robot: Robot that was measured.
-        mapping_file: ``mapping.yaml``, or the folder with it; without it, one that lies with
-            the recording is used. A bag with our topics needs none.
-        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
+        mapping_file: ``mapping.yaml``, or the folder with it; default the one beside the
+            recording. A bag with the topics of loco needs none.
+        judge: Refuse signals that are probably in a wrong unit; else `setup.family` reports them.
 
     Raises:
         MissingFileError: There is no recording, or a table has no mapping.
-        LocoError: The recording cannot be what it is said to be.
+        LocoError: The recording contradicts its mapping or robot.
     """
     path = Path(path)
     if not path.exists():
@@ -60,7 +61,7 @@ def load(
 
 
 def mapping_of(path: Path, given: str | Path | None) -> Mapping | None:
-    """Mapping of a recording: the one that is given, or one that lies with it; None without."""
+    """Mapping of a recording: `given`, or the one beside the recording; None if there is none."""
     if given is not None:
         return mapping.load(given)
     beside = (path if path.is_dir() else path.parent) / mapping.FILE
@@ -108,7 +109,7 @@ def _cut(track: Track, rule: mapping.Rule) -> Track:
 
 
 def _experiment(bag: Bag) -> dict:
-    """Values that say how the robot was held, if the bag is a run of ours, without its effects."""
+    """Values of the experiment about how the robot was held; empty if it is no loco run."""
     if "experiment.yaml" not in bag.attachments():
         return {}
     values = bag.yaml("experiment.yaml")
@@ -117,7 +118,7 @@ def _experiment(bag: Bag) -> dict:
 
 
 def _simulated(bag: Bag) -> float:
-    """Physics step of the plant that was recorded [s]; 0 of a machine, or where nothing tells."""
+    """Physics step of the recorded simulation [s]; 0 for a real robot or if unknown."""
     about = bag.metadata
     try:
         step = 0.0 if "hardware" in about else float(about.get(STEP, 0.0))

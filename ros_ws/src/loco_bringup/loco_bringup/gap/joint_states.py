@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of JointState as tracks: the readings that there are, each on its own stamp."""
+"""Read JointState topics as tracks: samples with their own time stamps."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ FIELDS = ("position", "velocity", "effort")
 
 @dataclass
 class Layout:
-    """Messages that have the same joints in one order and the same fields.
+    """Messages with the same joints in the same order and the same fields.
 
     Attributes:
         names: Joints in the order of the arrays.
-        codec: Reader of the messages.
-        rows: Numbers of the messages on their topic.
-        values: Arrays (n,) by field, of each message.
+        codec: Decoder of the messages.
+        rows: Indices of the messages in their topic.
+        values: Per message, arrays (n,) by field.
     """
 
     names: tuple[str, ...]
@@ -35,18 +35,18 @@ class Layout:
 
 
 def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> list[Track]:
-    """Signals of a topic, of the fields that its messages have.
+    """Signals of a topic, one per joint and field of its messages.
 
-    Several publishers may each tell of joints of their own, or of other fields.
+    Several publishers may send different joints or fields on one topic.
 
     Args:
         bag: The recording.
         topic: Topic of JointState.
         roles: Roles of the signals by field.
-        notes: Takes sentences on clocks and publishers.
+        notes: List to which sentences on clocks and publishers are appended.
 
     Raises:
-        BagError: Messages are damaged, or two of different joints name the same one.
+        BagError: Messages are damaged, or a joint occurs in messages with different joint lists.
     """
     logged, data = bag.raw(topic)
     publishers: dict[frozenset[str], list[Layout]] = {}
@@ -69,10 +69,10 @@ def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> lis
 
 
 def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
-    """Messages of a topic by their layout, in the order of the first of each.
+    """Messages of a topic grouped by layout, in the order of first occurrence.
 
     Raises:
-        LocoError: The bytes are no JointState, or a field has not a value for each joint.
+        LocoError: The bytes are no JointState, or a field lacks values for some joints.
     """
     known: dict[tuple, Layout] = {}
     last: Layout | None = None
@@ -81,7 +81,7 @@ def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
         if values is None:
             last = _layout(bag, topic, message, known)
             values = last.codec.own(message)
-        if values is None:  # bytes in another order, which the codec does not write
+        if values is None:  # other byte order, which the codec does not support
             decoded = bag.message(topic, message)
             arrays = {f: np.array(getattr(decoded, f), float) for f in FIELDS}
             values = {name: array for name, array in arrays.items() if len(array)}
@@ -110,10 +110,10 @@ def _layout(bag: Bag, topic: str, message: bytes, known: dict[tuple, Layout]) ->
 def _apart(
     bag: Bag, topic: str, publishers: dict[frozenset[str], list[Layout]], notes: list[str]
 ) -> None:
-    """A note for each publisher, none of which tells of a joint of another.
+    """Check that no joint has two publishers, and append a note for each publisher.
 
     Raises:
-        BagError: Two do: which of two series is the joint's is not for us to choose.
+        BagError: Two publishers send the same joint, so its signal is ambiguous.
     """
     counts: dict[str, list[int]] = {}
     for joints, some in publishers.items():
@@ -128,7 +128,7 @@ def _apart(
 
 
 def two_publishers(bag: Bag, topic: str, joint: str, sizes: list[int]) -> str:
-    """Why a joint in messages with different joints is not read."""
+    """Error message for a joint that occurs in messages with different joint lists."""
     return (
         f"{bag.path.name}: {topic} tells of {joint} in messages with different joints "
         f"({' and '.join(map(str, sizes))} of them): two publishers, of which one may be a "
@@ -139,7 +139,7 @@ def two_publishers(bag: Bag, topic: str, joint: str, sizes: list[int]) -> str:
 def _of_publisher(
     some: list[Layout], t: np.ndarray, topic: str, roles: dict[str, str]
 ) -> list[Track]:
-    """Tracks of messages of the same joints; who leaves a field out has no readings of it."""
+    """Tracks of messages with the same joints; messages without a field add no samples of it."""
     found = []
     for name, role in roles.items():
         having = [layout for layout in some if layout.values and name in layout.values[0]]
@@ -155,7 +155,7 @@ def _of_publisher(
             for joint in having[0].names
         }  # fmt: skip
         if role not in ("q", "command_position") and not any(map(np.any, columns.values())):
-            continue  # drivers fill what they do not measure with zeros
+            continue  # drivers fill unmeasured fields with zeros
         found += [Track(role, joint, t[rows[order]], x, topic) for joint, x in columns.items()]
     return found
 
@@ -163,17 +163,17 @@ def _of_publisher(
 def clock(
     stamps: np.ndarray, logged: np.ndarray, topic: str, notes: list[str], which: str = ""
 ) -> np.ndarray:
-    """Times of messages [s]: their stamps, or times of logging where they have none.
+    """Times of messages [s]: their stamps, or the log times if they have no stamps.
 
     Args:
-        stamps: Stamps of the messages [ns]; 0 throughout where they have none.
-        logged: Times of logging, at which the recorder received them [ns].
-        topic: Their topic, for messages.
-        notes: Takes a sentence on how both differ.
-        which: One of `mapping.CLOCKS`; empty takes the stamps if there are some.
+        stamps: Stamps of the messages [ns]; all 0 if they have none.
+        logged: Log times, at which the recorder received the messages [ns].
+        topic: Name of the topic, for notes and error messages.
+        notes: List to which a sentence on the difference of both clocks is appended.
+        which: One of `mapping.CLOCKS`; empty for the stamps if there are any.
 
     Raises:
-        ParameterError: Stamps are asked for and there are none.
+        ParameterError: Stamps are requested, but the messages have none.
     """
     if not np.any(stamps):
         if which == "stamp":

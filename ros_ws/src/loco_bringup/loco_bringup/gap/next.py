@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments as files: the one that a gap proposes next, or the whole library of a robot."""
+"""Write experiments as files: the next one that a gap proposes, or all for a robot."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ ALWAYS = ("kind", "frequency", "amplitude", "offset", "phase", "start_time", "ra
 def write_next(
     folder: str | Path, rank: int = 1, out: str | Path | None = None
 ) -> tuple[Path, dict[str, Any]]:
-    """Write an experiment that results propose.
+    """Write an experiment proposed by the results of `loco gap`.
 
     Args:
         folder: Results of `loco gap`.
-        rank: 1 for the best.
+        rank: Rank of the proposal; 1 is the best.
         out: YAML file; by default in the folder.
 
     Returns:
         The file, and the row of gap.json.
 
     Raises:
-        LocoError: No such results or proposal, or a motion beyond the robot's limits.
+        LocoError: There is no such result or proposal, or the motion exceeds the robot's limits.
     """
     folder = Path(folder)
     rows = runner.read_json(folder / runner.RESULT, runner.ResultFile)["next"] or []
@@ -59,7 +59,7 @@ def write_library(robot: str, folder: str | Path) -> list[Path]:
     """Write every experiment for a robot, each within its limits.
 
     Raises:
-        LocoError: No such robot, or the folder cannot be written.
+        LocoError: The robot is unknown, or the folder cannot be written.
     """
     made = []
     for experiment in pool.pool(models.load_any(robot)):
@@ -68,7 +68,7 @@ def write_library(robot: str, folder: str | Path) -> list[Path]:
 
 
 def write(experiment: Experiment, path: Path, comment: str = "") -> Path:
-    """Write an experiment as short as it can be said.
+    """Write an experiment as YAML without its default values.
 
     Raises:
         MissingFileError: The file cannot be written.
@@ -91,6 +91,6 @@ def write(experiment: Experiment, path: Path, comment: str = "") -> Path:
 
 
 def _target(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a target that say something: the usual ones, and what is not the default."""
+    """Values of a target to write: the usual keys, and those that differ from the default."""
     default = to_dict(CpgParams())
     return {k: v for k, v in values.items() if k in ALWAYS or v != default[k]}

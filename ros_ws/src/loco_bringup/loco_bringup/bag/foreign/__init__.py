@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of other recorders: in SQLite, packed, of ROS 1."""
+"""Readers of bags from other recorders: SQLite, compressed bags, ROS 1."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording of any recorder as a `Bag`."""
+"""Open a recording of any recorder as a `Bag`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KINDS = {".mcap": Bag, sqlite.SUFFIX: sqlite.SqliteBag, ros1.SUFFIX: ros1.Ros1Ba
 
 
 def suffix_of(path: Path) -> str:
-    """Ending, of `KINDS`, of a bag's files; empty where a path is no bag.
+    """Extension of a bag's files, one of `KINDS`; empty if the path is no bag.
 
     Args:
         path: File, or folder of a bag.
@@ -24,14 +24,14 @@ def suffix_of(path: Path) -> str:
 
 
 def open_bag(path: str | Path) -> Bag:
-    """The bag at a path: MCAP, SQLite or ROS 1, packed or not.
+    """The bag at a path: MCAP, SQLite or ROS 1, compressed or not.
 
     Args:
         path: Folder of a bag, or one of its files.
 
     Raises:
-        MissingFileError: No bag lies at the path.
+        MissingFileError: There is no bag at the path.
         BagError: The bag is damaged.
-        MissingPackageError: It is of ROS 1, and rosbags is not installed.
+        MissingPackageError: It is a ROS 1 bag, and rosbags is not installed.
     """
     return KINDS.get(suffix_of(Path(path)), Bag)(path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files and messages that `ros2 bag record --compression-mode` packed, by zstd or lz4."""
+"""Decompression of files and messages from `ros2 bag record --compression-mode` (zstd, lz4)."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ import zstandard
 from loco_control.exceptions import BagError
 
 PACKINGS = (".zstd", ".zst", ".lz4")
-MOST = 1 << 32  # bytes of an unpacked file
-_PART = 1 << 14  # bytes that are unpacked at a time: a few hundred unpack to many
-_ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"  # with which frames begin, and no CDR does
+MOST = 1 << 32  # largest decompressed file [bytes]
+_PART = 1 << 14  # compressed bytes read at a time; a few hundred can decompress to many
+_ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"  # first bytes of frames; CDR has others
 
 
 def is_packed(path: Path) -> bool:
-    """The name of a file says that it is packed."""
+    """Whether the file name has the extension of a compressed file."""
     return path.suffix in PACKINGS
 
 
 def plain_name(name: str) -> str:
-    """Name of a file without the ending of its packing."""
+    """Name of a file without the extension of its compression."""
     return next((name.removesuffix(end) for end in PACKINGS if name.endswith(end)), name)
 
 
 def without_twins(folder: Path, suffix: str) -> list[Path]:
-    """Files of a folder by name, packed or not; of a file that lies there twice the plain one.
+    """Sorted files of a folder; if a file exists plain and compressed, the plain one.
 
     Args:
         folder: Folder of a bag.
-        suffix: Ending of the plain files.
+        suffix: Extension of the plain files.
     """
-    every = {path.name: path for path in folder.iterdir() if path.is_file()}  # a FIFO has no end
+    every = {path.name: path for path in folder.iterdir() if path.is_file()}  # no FIFOs
     names = [name for name in every if plain_name(name).endswith(suffix)]
     return [every[n] for n in sorted(names) if plain_name(n) == n or plain_name(n) not in every]
 
 
 def unpacked(path: Path, most: int = MOST) -> bytes:
-    """Content of a packed file.
+    """Decompressed content of a file.
 
     Args:
-        path: File whose name ends as one of `PACKINGS`.
-        most: Bytes that are believed.
+        path: File whose extension is one of `PACKINGS`.
+        most: Largest decompressed size [bytes].
 
     Raises:
-        BagError: It is damaged, or unpacks to more than `most` bytes.
+        BagError: The file is damaged, or its content exceeds `most` bytes.
     """
     hand = f"unpack it with `{'lz4' if path.suffix == '.lz4' else 'zstd'} -d {path.name}`"
     parts, size = [], 0
@@ -68,7 +68,7 @@ def _lz4_parts(path: Path) -> Iterator[bytes]:
 
 
 def _zstd_parts(path: Path) -> Iterator[bytes]:
-    """Content of a file of one frame or several, of which the last one has to end."""
+    """Decompressed parts of a file with one or more frames; the last frame must be complete."""
     frame = None
     with open(path, "rb") as stream:
         for packed in iter(lambda: stream.read(_PART), b""):
@@ -87,13 +87,13 @@ def decoded(
     """Messages of a topic as CDR.
 
     Args:
-        data: Messages as they lie in the file.
-        decode: Function that makes CDR of one; None where they are CDR.
-        what: File, for messages.
-        most: Bytes of all together that are believed.
+        data: Messages as stored in the file.
+        decode: Function that converts one message to CDR; None if they are CDR already.
+        what: Name of the file for error messages.
+        most: Largest total size of the decoded messages [bytes].
 
     Raises:
-        BagError: A message is damaged, or they are more.
+        BagError: A message is damaged, or the total size exceeds `most`.
     """
     if decode is None:
         return data
@@ -107,7 +107,7 @@ def decoded(
 
 
 def unpacker(data: bytes) -> Callable[[bytes], bytes] | None:
-    """Function that unpacks messages like this one; None where it is not packed."""
+    """Function that decompresses messages of this format; None if `data` is not compressed."""
     if data[:4] == _ZSTD:
         return _zstd
     return _lz4 if data[:4] == _LZ4 else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags that are read message by message: all that the reading of them has in common."""
+"""Base class of bags that are read message by message."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..reader import Bag, TopicInfo, records_from
 
 
 class RawBag(Bag):
-    """A bag whose class says what `raw` gives for a topic; it is read as a `Bag` of MCAP is.
+    """A bag with the interface of `Bag`, whose subclass implements `raw`.
 
     Args:
         paths: Files of the bag, in their order.
 
     Attributes:
-        definitions: Definitions of messages by their type, as the bag carries them.
+        definitions: Message definitions stored in the bag, by message type.
     """
 
     def __init__(self, paths: list[Path]):
@@ -33,48 +33,48 @@ class RawBag(Bag):
         self.definitions: dict[str, str] = {}
         self._kinds: dict[str, type[Message]] = {}
 
-    coding = ""  # what is done to messages before they are CDR, in words
+    coding = ""  # description of the conversion to CDR
 
     @cached_property
     def _span(self) -> tuple[int, int]:
-        """First and last time of logging [ns]."""
+        """First and last log time [ns]."""
         times = [self.times(name) for name, topic in self.topics.items() if topic.count]
         times = [t for t in times if len(t)]
         return (min(t.min() for t in times), max(t.max() for t in times)) if times else (0, 0)
 
     @property
     def start(self) -> float:
-        """Time of logging of the first message [s]."""
+        """Log time of the first message [s]."""
         return self._span[0] / 1e9
 
     @property
     def end(self) -> float:
-        """Time of logging of the last message [s]."""
+        """Log time of the last message [s]."""
         return self._span[1] / 1e9
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Metadata of a run of loco: such bags have none."""
+        """Metadata of a loco run: always empty, since such bags have none."""
         return {}
 
     def attachment(self, name: str) -> bytes:
-        """Content of a file inside the bag: such bags have none.
+        """Content of an attachment; such bags have none, so it always raises.
 
         Raises:
-            NameUnknownError: No bag of this kind has files inside.
+            NameUnknownError: Bags of this kind have no attachments.
         """
         raise NameUnknownError(f"attachment in {self.path.name}", name, ())
 
     def attachments(self) -> dict[str, int]:
-        """Files inside the bag: such bags have none."""
+        """Attachments of the bag: always empty."""
         return {}
 
     def times(self, topic: str) -> np.ndarray:
-        """Times of logging of a topic [ns], shape (n,), as its messages arrived."""
+        """Log times of a topic [ns], shape (n,), in the order of arrival."""
         return self.raw(topic)[0]
 
     def offered(self, topic: str) -> str:
-        """YAML text of the QoS profiles of a topic: none is known."""
+        """YAML text of the QoS profiles of a topic: always empty, since none is recorded."""
         return "[]"
 
     def check(self) -> None:
@@ -87,7 +87,7 @@ class RawBag(Bag):
             self.raw(name)
 
     def records_of(self, topics: Iterable[str]) -> dict[str, np.ndarray]:
-        """Records of several topics of constant layout, by the names given.
+        """Records of several topics of constant layout, by the requested names.
 
         Raises:
             BagError: A topic is empty or its messages differ in layout.

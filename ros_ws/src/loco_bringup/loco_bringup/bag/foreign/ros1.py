@@ -64,7 +64,7 @@ class Ros1Bag(RawBag):
             self._converters[kind], self.definitions[kind] = converter(kind, text, str(file))
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
-        """Times of logging [ns], shape (n,), and messages of one topic as CDR, by time."""
+        """Log times [ns], shape (n,), and messages of one topic as CDR, sorted by time."""
         name, times, data = self.resolve(topic), [], []
         convert = self._converters[self.topics[name].type]
         for file in self.paths:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of ROS 1, in its own bags or in MCAP, are made CDR by the rosbags library."""
+"""Conversion of ROS 1 messages, from ROS 1 bags or MCAP, to CDR with the rosbags library."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from loco_control.exceptions import BagError, MissingPackageError
 
-ROS1 = "ros1"  # encoding of the messages of a channel of MCAP
+ROS1 = "ros1"  # message encoding of an MCAP channel
 _HEADER = "std_msgs/msg/Header"
 
 
@@ -17,8 +17,8 @@ def library(name: str, what: str) -> Any:
     """A module of rosbags.
 
     Args:
-        name: Name of the module, without that of the library.
-        what: File that needs it, for messages.
+        name: Name of the module inside the package ``rosbags``.
+        what: File that needs it, for error messages.
 
     Raises:
         MissingPackageError: rosbags is not installed.
@@ -33,20 +33,20 @@ def library(name: str, what: str) -> Any:
 
 
 def kind_of(name: str) -> str:
-    """Type of ROS 2 of a type of ROS 1, ``package/msg/Type``."""
+    """ROS 2 name, ``package/msg/Type``, of a ROS 1 type."""
     return name if "/msg/" in name else name.replace("/", "/msg/", 1)
 
 
 def converter(name: str, text: str, what: str) -> tuple[Callable[[bytes], bytes], str]:
-    """Function that makes CDR of the bytes of ROS 1, and the definition for ROS 2.
+    """Function that converts serialised ROS 1 messages to CDR, and the ROS 2 definition.
 
     Args:
-        name: Type of the messages, as ROS 1 or ROS 2 writes it.
-        text: Definition of ROS 1 with all that it contains.
-        what: File, for messages.
+        name: Type of the messages, in the notation of ROS 1 or ROS 2.
+        text: ROS 1 definition, including the definitions of nested types.
+        what: File name for error messages.
 
     Raises:
-        BagError: The text is no definition.
+        BagError: The text is not a valid definition.
         MissingPackageError: rosbags is not installed.
     """
     types, kind = library("typesys", what), kind_of(name)

@@ -23,11 +23,11 @@ from .packing import decoded, is_packed, plain_name, unpacked, unpacker, without
 from .raw import RawBag
 
 SUFFIX = ".db3"
-MOST = 2**30  # bytes of all messages of a topic
-# Steps of SQLite's machine for one question: a row takes some ten, and some bytes of the file.
-_STEPS = 1_000_000  # that any file may take
+MOST = 2**30  # largest size of all messages of a topic [bytes]
+# Limit on the steps of SQLite's virtual machine per query; a row takes about ten steps.
+_STEPS = 1_000_000  # allowed for any file
 _STEPS_A_BYTE = 10
-_PLAIN = re.compile(r"CREATE TABLE \W?\w+\W?\s*\([^()]*\)", re.IGNORECASE)  # nothing computed
+_PLAIN = re.compile(r"CREATE TABLE \W?\w+\W?\s*\([^()]*\)", re.IGNORECASE)  # no computed columns
 _READ = ("topics", "messages", "message_definitions")
 _SAFE = """
 PRAGMA query_only = ON; PRAGMA trusted_schema = OFF; PRAGMA ignore_check_constraints = ON;
@@ -36,7 +36,7 @@ PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0;
 
 
 class SqliteBag(RawBag):
-    """A bag given as its folder or as one ``.db3`` file, packed or not.
+    """A bag given as its folder or as one ``.db3`` file, compressed or not.
 
     Raises:
         MissingFileError: There is no such file.
@@ -53,15 +53,15 @@ class SqliteBag(RawBag):
         super().__init__(files)
         self._files = files
         if any(map(is_packed, files)):
-            self._unpacked = TemporaryDirectory(prefix="loco_")  # as long as the bag is in use
+            self._unpacked = TemporaryDirectory(prefix="loco_")  # exists while the bag is in use
             self._files = [_unpacked(file, Path(self._unpacked.name)) for file in files]
-        self._numbers: list[dict[str, set[int]]] = []  # of each topic, in each file
+        self._numbers: list[dict[str, set[int]]] = []  # topic ids by topic name, per file
         for file in self._files:
             with _opened(file) as database:
                 self._define(file, database)
 
     def _define(self, file: Path, database: sqlite3.Connection) -> None:
-        """Take the topics of a file, the count of their messages, and definitions of types."""
+        """Add the topics of a file, their message counts, and the type definitions."""
         counts = Counter(number for (number,) in database.execute("SELECT topic_id FROM messages"))
         numbers: dict[str, set[int]] = {}
         for number, name, kind, encoding in database.execute(
@@ -90,7 +90,7 @@ class SqliteBag(RawBag):
             }
 
     def raw(self, topic: str) -> tuple[np.ndarray, list[bytes]]:
-        """Log times [ns], shape (n,), and serialised messages of one topic, by time."""
+        """Log times [ns], shape (n,), and serialised messages of one topic, sorted by time."""
         name, rows, total = self.resolve(topic), [], 0
         for file, numbers in zip(self._files, self._numbers, strict=True):
             wanted = numbers.get(name, set())
@@ -122,12 +122,12 @@ def _unpacked(file: Path, folder: Path) -> Path:
 
 @contextlib.contextmanager
 def _opened(file: Path) -> Iterator[sqlite3.Connection]:
-    """A database of plain tables, open for reading only; work in it is bounded by its size.
+    """A database of plain tables, opened read-only; the work per query is bounded by its size.
 
-    Its pages are looked through first, so none is met twice and no value is longer than the file.
+    The page structure is checked first: no page is used twice, no value is longer than the file.
 
     Raises:
-        BagError: It is no database, is damaged, or a table of it is computed.
+        BagError: The file is no database, is damaged, or has a computed table.
     """
     left = _STEPS + _STEPS_A_BYTE * file.stat().st_size
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the commands that learn from many runs, such as study, optimise and reinforce."""
+"""Options of the commands that evaluate many runs, such as study, optimise and reinforce."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def reinforce_ppo(p: ArgumentParser) -> None:
 
 
 def _episodes(p: ArgumentParser) -> None:
-    """Options of both ways to reinforce a readout."""
+    """Options that both methods to reinforce a readout share."""
     engine(p)
     p.add_argument("experiment", help="one with a reflex network, e.g. tigrillo_bound_reflex")
     p.add_argument("--weights", type=Path, metavar="FILE",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the commands that run robots and look at the running graph."""
+"""Options of the commands that run robots or inspect the running graph."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def run(p: ArgumentParser) -> None:
 
 
 def split(p: ArgumentParser) -> None:
-    """Options of all commands that write bags of any length."""
+    """Options for splitting a bag, of all commands that record."""
     p.add_argument("--max-bag-size", type=int, default=0, metavar="BYTES",
                    help="begin the next file of the bag after so many bytes")  # fmt: skip
     p.add_argument("--max-bag-duration", type=float, default=0.0, metavar="S",
@@ -92,7 +92,7 @@ def split(p: ArgumentParser) -> None:
 
 
 def engine(p: ArgumentParser) -> None:
-    """Option of all commands that simulate."""
+    """Option for the physics engine, of all commands that simulate."""
     text = "physics engine (default the experiment's, or the first one installed)"
     p.add_argument("--engine", choices=ENGINES, help=text)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the commands that work on loco itself."""
+"""Options of the commands for developers of loco."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap mapping`: drafts of mappings for tables and bags."""
+"""`loco gap mapping`: draft of a mapping file for tables and bags."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap mapping` at the terminal."""
+"""Terminal command `loco gap mapping`."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .topics import of_bag
 
 
 def show_draft(a: argparse.Namespace) -> int:
-    """Print a draft, or write it where nothing lies yet.
+    """Print a draft, or write it to a new file.
 
     Returns:
         The exit code.
 
     Raises:
-        LocoError: The recording cannot be read, or the file is there already.
+        LocoError: The recording cannot be read, or the file exists already.
     """
     if a.out and a.out.exists():
         raise ParameterError(f"{a.out} is there already; choose another --out, or remove it")
@@ -42,11 +42,11 @@ def draft(path: str | Path, joints: Sequence[str]) -> str:
     """Text of a mapping for a recording.
 
     Args:
-        path: Bag, table, or folder of tables, of which the first is looked at.
-        joints: Joints of the robot; empty where it is not known.
+        path: Bag, table, or folder of tables, of which the first is used.
+        joints: Joints of the robot; empty if the robot is unknown.
 
     Raises:
-        LocoError: The recording cannot be read, or nothing in it says what it is.
+        LocoError: The recording cannot be read, or the role of no signal can be guessed.
     """
     path = Path(path)
     if not path.exists():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of a bag as lines of a draft, by the types and names of their messages."""
+"""Draft of a mapping for the topics of a bag, from message types and topic names."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
 
     Args:
         bag: The recording.
-        joints: Joints of the robot; empty where it is not known.
+        joints: Joints of the robot; empty if the robot is unknown.
 
     Raises:
-        ParameterError: No topic is of a type that is read.
+        ParameterError: No topic has a supported message type.
     """
     lines: list[Line] = []
     for name, topic in sorted(bag.topics.items()):
