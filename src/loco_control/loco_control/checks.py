@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values against annotations: those of files that others wrote, and arguments of functions.
+"""Checks of values against type annotations: contents of input files, arguments of functions.
 
-An annotation is the schema: a `TypedDict` for the keys of a file, the signature of a function for
-its arguments. What does not fit is one line that names the place, what is wanted and the value.
+The annotation is the schema: a `TypedDict` for the keys of a file, the signature of a function for
+its arguments. The error is one line that names the location, the expected type and the value.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from .reading import read_json, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_WHOLE = "it"  # the name of all of a file
-_LARGEST = 2**63  # whole numbers below it fit into arrays and messages
+_WHOLE = "it"  # name of the whole file in messages
+_LARGEST = 2**63  # integers below this bound fit into arrays and messages
 _WORDS = {
     numbers.Real: "a number", bool: "true or false", int: "a whole number", float: "a finite number", str: "a text",
     Any: "any value", type(None): "nothing", dict: "a mapping", list: "a list",
@@ -44,22 +44,22 @@ class Between:
 
 @dataclass(frozen=True)
 class Naming:
-    """Name or path that a system can have, as in ``Annotated[str | Path, Naming()]``."""
+    """Name or path that a file system accepts, as in ``Annotated[str | Path, Naming()]``."""
 
-    longest: int = 255  # bytes of a name
-    whole: int = 4095  # bytes of a path
+    longest: int = 255  # longest path component [bytes]
+    whole: int = 4095  # longest path [bytes]
 
 
 def check(value: Any, hint: Any, name: str) -> None:
     """Refuse a value that does not fit an annotation.
 
-    Numbers are finite, whole ones below 2**63, and neither is true or false. A `TypedDict` may
-    have more keys than it names; of one that is ``total=False`` none has to be there.
+    Numbers must be finite, integers below 2**63 in magnitude; a boolean is not a number. A mapping
+    may have keys beyond those of its `TypedDict`; with ``total=False`` all keys are optional.
 
     Args:
         value: The value.
         hint: A type, a union, ``list[...]``, ``dict[str, ...]``, a `TypedDict` and the like.
-        name: Place of the value, for the message.
+        name: Location of the value, for the message.
 
     Raises:
         ParameterError: The value does not fit.
@@ -93,7 +93,7 @@ def check_file(values: Any, hint: Any, path: str | Path) -> None:
     """Refuse values of a file that do not fit an annotation; see `check`.
 
     Raises:
-        ParameterError: They do not fit; the message names file and key.
+        ParameterError: A value does not fit; the message names file and key.
     """
     try:
         check(values, hint, "")
@@ -106,7 +106,7 @@ def read_as(path: str | Path, hint: Any, what: str = "file") -> Any:
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not JSON, or does not fit.
+        ParameterError: The file is not JSON, or its values do not fit the annotation.
     """
     values = read_json(path, what)
     check_file(values, hint, path)
@@ -118,7 +118,7 @@ def _inside(name: str, key: str) -> str:
 
 
 def _is(value: Any, kind: Any) -> bool:
-    """Whether a value is of a plain kind."""
+    """Whether a value has a type; numbers must be finite, a boolean is not a number."""
     if kind in (int, float):
         real = isinstance(value, numbers.Integral if kind is int else numbers.Real)
         bound = _LARGEST if isinstance(value, numbers.Integral) else math.inf
@@ -129,14 +129,14 @@ def _is(value: Any, kind: Any) -> bool:
 
 
 def _takes(value: Any, count: int) -> bool:
-    """Whether a value is a function that can be called with so many arguments."""
+    """Whether a value is a function that can be called with `count` positional arguments."""
     if not callable(value):
         return False
     try:
         inspect.signature(value).bind(*[None] * count)
     except TypeError:
         return False
-    except ValueError:  # some of Python's own do not tell
+    except ValueError:  # some built-in functions have no signature
         return not isinstance(value, type)
     return True
 
@@ -158,13 +158,13 @@ def _check_marks(value: Any, marks: tuple, name: str) -> None:
 
 
 def _check_union(value: Any, hint: Any, kinds: tuple, name: str) -> None:
-    """The value fits one of several; else the error of the one that it fits best."""
+    """Refuse a value that fits no member of a union, with the error of the closest member."""
     deeper = None
     for kind in kinds:
         try:
             return check(value, kind, name)
         except ParameterError as error:
-            if getattr(error, "place", None) != name:  # of its right kind, wrong inside
+            if getattr(error, "place", None) != name:  # right container, wrong value inside
                 deeper = error
     if deeper:
         raise deeper
@@ -205,7 +205,7 @@ def _wrong(value: Any, hint: Any, name: str) -> ParameterError:
 
 
 def words(hint: Any) -> str:
-    """The values that an annotation allows, in words."""
+    """Description of the values that an annotation allows, for messages."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
         return words(inner[0])
@@ -229,7 +229,7 @@ def checked(function: F) -> F:
     """Decorator: every argument is checked against its annotation before the function runs.
 
     Raises:
-        ParameterError: An argument does not fit, lacks, or is not one of the function's.
+        ParameterError: An argument does not fit, is missing, or is not a parameter of the function.
     """
     signature = inspect.signature(function)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of loco: each is a `LocoError` and the built-in kind it stands for.
+"""Errors of loco: each is a `LocoError` and also the built-in exception that fits it.
 
 A command-line user sees the message alone, so a message names the value, the
-limit and the legal choices. Values of others may be of any length: each is cut by `cut`.
+limit and the legal choices. Quoted input may have any length; `cut` shortens it.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from collections.abc import Iterable
 from typing import Any
 
 MOST = 200  # characters of a value in a message
-SHOWN = 60  # characters of a value that `shown` shows, if nothing else is asked for
-_WHOLE = 2000  # characters of a message
-_TAIL = 79  # characters of the end that stay of a cut value: the name of a file
-# A text in quotes, and a word: an apostrophe within a word is none.
+SHOWN = 60  # default number of characters of a value in `shown`
+_WHOLE = 2000  # longest message [characters]
+_TAIL = 79  # characters retained from the end of a cut value: the name of a file
+# Quoted texts, and words; an apostrophe within a word does not begin a quotation.
 _VALUE = re.compile(
     r"(?<!\w)'(?:[^'\\]|\\.){%d,}?'(?!\w)|\"(?:[^\"\\]|\\.){%d,}?\"|\S{%d,}" % (MOST, MOST, MOST + 1)
 )
@@ -24,15 +24,15 @@ _OPEN, _CLOSE = "[{", "]}"
 
 
 def cut(text: str, most: int = MOST) -> str:
-    """A text of at most so many characters, with a sign where its middle is missing."""
+    """A text of at most `most` characters, with a mark where its middle was removed."""
     tail = min(_TAIL, most // 2)
     return text if len(text) <= most else f"{text[: most - tail - 1]}…{text[-tail:]}"
 
 
 def shown(value: Any, max_length: int = SHOWN) -> str:
-    """A value as messages show it: its repr, cut after `max_length` characters."""
+    """The repr of a value for a message, cut after `max_length` characters."""
     if isinstance(value, (str, bytes)):
-        value = value[: max_length + 1]  # the repr of a whole file takes long
+        value = value[: max_length + 1]  # the repr of a large value takes long
     try:
         text = repr(value)
     except Exception:  # noqa: BLE001, a number of 5,000 digits, and objects of others
@@ -41,7 +41,7 @@ def shown(value: Any, max_length: int = SHOWN) -> str:
 
 
 def short(message: str) -> str:
-    """A message whose values have at most `MOST` characters each: words, quoted texts, lists."""
+    """A message with each of its words, quoted texts and lists cut to `MOST` characters."""
     if len(message) <= MOST:
         return message
     parts, depth, start = [], 0, 0
@@ -61,10 +61,10 @@ def short(message: str) -> str:
 
 
 class LocoError(Exception):
-    """Base of every error that a user's input can cause; its message is cut by `short`.
+    """Base of every error that a user's input can cause; `short` limits its message.
 
     Attributes:
-        lines: Whether a message may have several lines; else those of a value become one.
+        lines: Whether a message may have several lines; else line breaks become spaces.
     """
 
     lines = False
@@ -81,7 +81,7 @@ class ParameterError(LocoError, ValueError):
 
 
 class NameUnknownError(LocoError, KeyError):
-    """A name is not in its registry; the message lists the names that are."""
+    """A name is not in its registry; the message lists the known names."""
 
     def __init__(self, kind: str, name: str, names: Iterable[str]):
         names, given = sorted(names), shown(name, MOST)
@@ -89,10 +89,10 @@ class NameUnknownError(LocoError, KeyError):
         hint = f" (did you mean {close[0]!r}?)" if close else ""
         super().__init__(f"no {kind} named {given}{hint}; available: {', '.join(names) or 'none'}")
 
-    def __str__(self) -> str:  # KeyError would print the repr
+    def __str__(self) -> str:  # KeyError would print the repr of the message
         return str(self.args[0])
 
-    def __reduce__(self) -> tuple:  # an error of a worker comes back with its message
+    def __reduce__(self) -> tuple:  # the message survives pickling between worker processes
         return _again, (type(self), self.args)
 
 
@@ -101,7 +101,7 @@ class MissingFileError(LocoError, FileNotFoundError):
 
 
 class BagError(LocoError, ValueError):
-    """A bag cannot be read, or does not hold what was asked of it."""
+    """A bag cannot be read, or lacks the requested data."""
 
 
 class MissingPackageError(LocoError, ImportError):
@@ -111,7 +111,7 @@ class MissingPackageError(LocoError, ImportError):
 class GraphError(LocoError, RuntimeError):
     """The node graph did not start, lost a node or stopped ticking."""
 
-    lines = True  # the last ones of a process that died
+    lines = True  # the message quotes the last lines of the log of a process that ended
 
 
 class DivergedError(LocoError, ArithmeticError):
@@ -119,7 +119,7 @@ class DivergedError(LocoError, ArithmeticError):
 
 
 def _again(kind: type[LocoError], arguments: tuple) -> LocoError:
-    """An error of a kind with the arguments that it had."""
+    """The error of a pickled class and its arguments."""
     error = kind.__new__(kind)
     error.args = arguments
     return error

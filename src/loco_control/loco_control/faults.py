@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of a topic: what happens to its messages between writer and readers.
+"""Faults of a topic: damage to its messages between the writer and the readers.
 
-A fault turns each message into none, one or several. Faults of one topic act one after the
-other, in the order in which they are given. Texts such as
-``motion_command:drop:probability=0.1:start=2`` say them.
+A fault turns each message into none, one or several. Faults of one topic are applied in the order
+in which they are listed. A fault is specified by a text such as
+``motion_command:drop:probability=0.1:start=2``.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ EXAMPLE = "motion_command:drop:probability=0.1:start=2:stop=4"
 
 
 class Body(Protocol):
-    """The changes that a fault can make to the bytes of a message."""
+    """Interface for the changes that a fault makes to the bytes of a message."""
 
     def with_numbers(self, data: bytes, source: bytes | None) -> bytes:
-        """The message with the numbers of another one, or with NaN if that is None."""
+        """The message with the numbers of `source`, or with NaN if that is None."""
 
     def later(self, data: bytes, seconds: float) -> bytes:
-        """The message with another stamp, and the tick that goes with it."""
+        """The message with its stamp shifted by `seconds` [s], and its tick accordingly."""
 
 
 @dataclass(frozen=True)
 class Fault(Params):
-    """Base of faults; a kind overrides `hit`."""
+    """Base class of faults; each kind overrides `hit`."""
 
     start: float = parameter(0.0, "when it begins, simulated time", "s", 0.0)
     stop: float = parameter(np.inf, "when it ends, simulated time", "s", 0.0)
@@ -43,7 +43,7 @@ class Fault(Params):
     seed: int = parameter(0, "of the draws", "-", 0)
 
     kind: ClassVar[str]
-    needs: ClassVar[str] = ""  # what a message must have: numbers or a stamp
+    needs: ClassVar[str] = ""  # contents that a message must have: numbers or a stamp
 
     def __init_subclass__(cls, kind: str, needs: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -51,55 +51,55 @@ class Fault(Params):
         FAULTS[kind] = cls
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """Messages to pass on in place of one that is hit."""
+        """Messages to publish in place of one that the fault affects."""
         raise NotImplementedError
 
     def passed(self, data: bytes, memory: Memory) -> list[bytes]:
-        """Messages to pass on in place of one that is not hit, also after the end."""
+        """Messages to publish in place of one that the fault does not affect, also after `stop`."""
         held, memory.held = memory.held, []
         return [*held, data]
 
 
 @dataclass(frozen=True)
 class Drop(Fault, kind="drop"):
-    """Messages get lost."""
+    """Messages are lost."""
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """None."""
+        """An empty list: the message is lost."""
         return []
 
 
 @dataclass(frozen=True)
 class Delay(Fault, kind="delay"):
-    """Messages come late, in their order."""
+    """Messages arrive late, in order."""
 
     messages: int = parameter(1, "how many messages later", "messages", 1, 1000)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """The oldest that is held, once there are enough."""
+        """The oldest held message, once as many are held as the delay is long."""
         memory.held.append(data)
         return [memory.held.pop(0)] if len(memory.held) > self.messages else []
 
 
 @dataclass(frozen=True)
 class Duplicate(Fault, kind="duplicate"):
-    """Messages come more than once."""
+    """Messages arrive more than once."""
 
     times: int = parameter(1, "how often again", "-", 1, 100)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """Several of it."""
+        """Several copies of the message."""
         return [data] * (1 + self.times)
 
 
 @dataclass(frozen=True)
 class Reorder(Fault, kind="reorder"):
-    """Messages come in groups, the newest first."""
+    """Messages arrive in groups, the newest first."""
 
     messages: int = parameter(2, "size of a group", "messages", 2, 1000)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """None until a group is whole."""
+        """An empty list until a group is complete, then the group, newest first."""
         memory.held.append(data)
         if len(memory.held) < self.messages:
             return []
@@ -109,54 +109,54 @@ class Reorder(Fault, kind="reorder"):
 
 @dataclass(frozen=True)
 class Nan(Fault, kind="nan", needs="numbers"):
-    """All numbers of a message are not a number; stamp and tick stay."""
+    """All numbers of a message become NaN; stamp and tick are unchanged."""
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """The same without numbers."""
+        """The message with NaN for all its numbers."""
         return [memory.body.with_numbers(data, None)]
 
 
 @dataclass(frozen=True)
 class Freeze(Fault, kind="freeze"):
-    """The message of its beginning comes again and again, stamp and all."""
+    """The first message of the fault is repeated, including its stamp."""
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """An older one."""
+        """The repeated message."""
         memory.kept = data if memory.kept is None else memory.kept
         return [memory.kept]
 
 
 @dataclass(frozen=True)
 class ClockJump(Fault, kind="clock_jump", needs="stamp"):
-    """Stamp and tick are those of another time."""
+    """Stamp and tick are shifted in time."""
 
     offset: float = parameter(0.2, "how far ahead; below 0: behind", "s", -1e6, 1e6)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """The same of another time."""
+        """The message with shifted stamp and tick."""
         return [memory.body.later(data, self.offset)]
 
 
 @dataclass(frozen=True)
 class Stuck(Fault, kind="stuck", needs="numbers"):
-    """Numbers stay as they were when it began; stamp and tick go on."""
+    """Numbers are frozen at their values when the fault began; stamp and tick advance."""
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """The same with older numbers."""
+        """The message with the frozen numbers."""
         memory.kept = data if memory.kept is None else memory.kept
         return [memory.body.with_numbers(data, memory.kept)]
 
 
 class Memory:
-    """State of one fault at work.
+    """State of one active fault.
 
     Args:
-        fault: A fault of one kind with its settings.
+        fault: The fault and its settings.
         topic: Name of the damaged topic.
         body: Reads and writes the messages of the topic.
 
     Attributes:
-        held: Messages that are kept back, oldest first.
+        held: Messages that are held back, oldest first.
         kept: Message that is repeated.
     """
 
@@ -168,7 +168,7 @@ class Memory:
         self.kept: bytes | None = None
 
     def feed(self, messages: list[bytes], t: float) -> list[bytes]:
-        """Messages to pass on for one that was written at simulated time t [s]."""
+        """Messages to publish for `messages`, written at simulated time t [s]."""
         fault = self._fault
         if t < fault.start - 1e-9 or (t >= fault.stop - 1e-9 and not self.held):
             return messages
@@ -183,7 +183,7 @@ def parse(text: str) -> tuple[str, Fault]:
     """Topic and fault of ``TOPIC:KIND[:NAME=VALUE]…``.
 
     Raises:
-        ParameterError: The text is none, or a value is out of range.
+        ParameterError: The text is not a fault, or a value is out of range.
         NameUnknownError: There is no such kind or value.
     """
     parts = text.split(":")
@@ -211,7 +211,7 @@ def parse(text: str) -> tuple[str, Fault]:
 
 
 def to_text(topic: str, fault: Fault) -> str:
-    """Text that `parse` reads: values that are not the defaults."""
+    """Text that `parse` reads, with the values that differ from the defaults."""
     values = [
         f":{f.name}={getattr(fault, f.name):.10g}"
         for f in dataclasses.fields(fault)
@@ -221,7 +221,7 @@ def to_text(topic: str, fault: Fault) -> str:
 
 
 def check(specs: Sequence[str], topics: dict[str, set[str]]) -> list[tuple[str, Fault]]:
-    """Faults of texts, for a graph.
+    """Topics and faults parsed from texts and checked against a graph.
 
     Args:
         specs: Faults as a user writes them, ``TOPIC:KIND:KEY=VALUE,...``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files and folders that exist whole or not at all, and locks of this machine."""
+"""Atomic writes of files and folders, and locks between the processes of this machine."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from typing import Any, BinaryIO
 
 from .exceptions import ParameterError, cut
 
-_NAME = 100  # longest name of an abstract socket that is used as it is [bytes]
+_NAME = 100  # longest name of an abstract socket that is used unhashed [bytes]
 
 
 def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], Any]) -> Path:
     """Write a file such that readers see its old content or its new one, never a part.
 
-    The content goes into a file beside it, is flushed to the disk, and then takes the name.
-    The folder is made if it is missing; whatever goes wrong, the old file stays as it was. The file
-    beside it that a killed process leaves is used and gone when the same is written again.
+    The content is written to a temporary file in the same folder, flushed to the disk and renamed.
+    A missing folder is created; after an error the old file is unchanged. The temporary file of a
+    killed process is reused, and thereby removed, by the next write of the same file.
 
     Args:
         path: The file.
@@ -55,7 +55,7 @@ def write_whole(path: str | Path, content: str | bytes | Callable[[BinaryIO], An
 
 
 def _is_unused(path: Path) -> BinaryIO:
-    """An empty file that this process alone has open; waits for others that write the same."""
+    """An empty file, locked by this process; waits while another process writes the same file."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         try:
@@ -67,16 +67,16 @@ def _is_unused(path: Path) -> BinaryIO:
         except BaseException:
             os.close(handle)
             raise
-        os.close(handle)  # whoever had it has just given it its name
+        os.close(handle)  # the previous owner of the lock has just renamed the file
 
 
 @contextlib.contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """A folder whose content appears at once, when the block ends without an error.
+    """Context of a folder whose content appears atomically when the block ends without an error.
 
-    The block writes into an empty folder of the same name elsewhere on the same disk. If the folder
-    exists, the new files replace those of their names. After an error everything is as before,
-    folders above included.
+    The block writes into an empty temporary folder on the same disk. If the target folder exists,
+    new files replace files of the same name. After an error the target is unchanged, and parent
+    folders created here are removed.
 
     Args:
         path: The folder.
@@ -105,13 +105,13 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
 
 def check_writable(folder: str | Path) -> None:
-    """Refuse a folder in which nothing can be written, before work whose result goes there.
+    """Refuse an unwritable folder, before a computation whose result belongs there.
 
     Args:
-        folder: The folder; it need not exist, and is not made.
+        folder: The folder; it need not exist, and is not created.
 
     Raises:
-        ParameterError: No file can be made in it or in the nearest folder above it.
+        ParameterError: No file can be created in it or in its nearest existing parent.
     """
     folder_path = Path(folder).absolute()
     try:
@@ -120,7 +120,7 @@ def check_writable(folder: str | Path) -> None:
         with tempfile.TemporaryFile(dir=folder_path) as file:
             file.write(b"x")
     except (OSError, ValueError) as error:
-        # A ValueError is a null byte in the name, for which Pythons have different words.
+        # A ValueError is a null byte in the name; its message depends on the version of Python.
         system = isinstance(error, OSError)
         reason = error.strerror or error if system else "the name holds a null byte"
         raise ParameterError(
@@ -129,15 +129,15 @@ def check_writable(folder: str | Path) -> None:
 
 
 def claim(folder: Path, *own_files: str) -> None:
-    """Refuse a folder for results that holds something else or cannot be written.
+    """Refuse a results folder that contains unrelated files or cannot be written.
 
     Args:
-        folder: The folder; it need not exist, and is not made.
-        own_files: Names of files of which earlier results of the same command have one; they are
-            replaced.
+        folder: The folder; it need not exist, and is not created.
+        own_files: Names of files by which earlier results of the same command are recognised; such
+            results are replaced.
 
     Raises:
-        ParameterError: The folder is a file, holds other files, or nothing can be written in it.
+        ParameterError: The folder is a file, contains other files, or cannot be written.
     """
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
@@ -151,7 +151,7 @@ def claim(folder: Path, *own_files: str) -> None:
 
 
 def _exists(path: Path) -> bool:
-    """Whether a file is there; `Path.exists` takes names that cannot be for missing ones."""
+    """Whether a file exists; unlike `Path.exists`, raises for names that no file can have."""
     try:
         path.stat()
     except FileNotFoundError:
@@ -161,17 +161,17 @@ def _exists(path: Path) -> bool:
 
 @contextlib.contextmanager
 def locked(name: str) -> Iterator[None]:
-    """A lock of this machine: one process of all users has it at a time, and a killed one frees it.
+    """Context of a machine-wide lock, across users, that is released when its process ends.
 
-    It is the name of an abstract Unix socket, and so of no file: nothing is left over, and it holds
-    in one network namespace, as the traffic of ROS does.
+    The lock is an abstract Unix socket and not a file, so nothing has to be cleaned up. It is valid
+    within one network namespace, as is the traffic of ROS.
 
     Args:
         name: Name of the lock.
 
     Raises:
-        BlockingIOError: Another process, or another part of this one, has it.
-        OSError: The system has no such sockets.
+        BlockingIOError: Another process, or another part of this one, holds the lock.
+        OSError: The system has no abstract Unix sockets.
     """
     name = name if len(name.encode()) <= _NAME else hashlib.sha256(name.encode()).hexdigest()
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as held:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ticks at absolute times, and how late they begin.
+"""Schedule of ticks at absolute times, and statistics of their lateness.
 
-Tick n is due n periods after the start, on the clock that nobody can set. Nothing adds up:
-a tick that began late does not move the next one.
+Tick n is due n periods after the start, on the monotonic clock. Errors do not accumulate:
+a late tick does not delay the next one.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _FINE, _PER_DECADE, _DECADES = 1e-6, 100, 7  # bins of lateness: from 1 µs to 1
 
 
 class Lateness:
-    """Lateness of ticks, as counts in bins, so that a long run takes no more memory.
+    """Histogram of the lateness of ticks, with constant memory.
 
     Attributes:
-        worst: The latest [s].
+        worst: Largest lateness [s].
     """
 
     def __init__(self) -> None:
@@ -32,13 +32,13 @@ class Lateness:
         self.worst = 0.0
 
     def add(self, late: float) -> None:
-        """A tick began so late [s]."""
+        """Count a tick that began `late` [s] after it was due."""
         self.worst = max(self.worst, late)
         bin_ = math.log10(max(late, _FINE) / _FINE) * _PER_DECADE
         self._counts[min(int(bin_), len(self._counts) - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """Lateness that this share of the ticks does not pass [s], to 2.3 %; 0 without ticks."""
+        """Quantile of the lateness [s], accurate to 2.3 %; `share` in [0, 1]; 0 without ticks."""
         total = int(self._counts.sum())
         if not total:
             return 0.0
@@ -47,20 +47,20 @@ class Lateness:
 
 
 class Deadlines:
-    """When ticks are due, at a rate that does not drift.
+    """Due times of ticks at a constant rate, without drift.
 
-    After a stall the ticks that were missed are made up at once, `catch_up` at most. The
-    others are dropped: the ticks after them are due that much later.
+    After a stall, up to `catch_up` missed ticks are executed at once. The other missed ticks are
+    dropped, and later ticks are due that much later.
 
     Args:
         rate: Ticks per second [Hz].
-        catch_up: Ticks that are made up after one stall, at most.
-        clock: Time [s] that only grows.
+        catch_up: Maximum number of missed ticks that are executed after one stall.
+        clock: Function that returns a monotonic time [s].
 
     Attributes:
         lateness: Lateness of all ticks [s].
-        missed: Ticks that began a period or more too late.
-        dropped: Ticks that were left out.
+        missed: Number of ticks that began a period or more too late.
+        dropped: Number of ticks that were skipped.
     """
 
     def __init__(self, rate: float, catch_up: int, clock: Callable[[], float] = time.monotonic):
@@ -71,11 +71,11 @@ class Deadlines:
 
     @property
     def next(self) -> float:
-        """When the next tick is due [s]."""
+        """Time at which the next tick is due [s]."""
         return self._start + (self._tick + 1) / self._rate
 
     def due(self) -> int:
-        """The number of ticks to be done now; they count as done."""
+        """Number of ticks that are due now; they are counted as executed."""
         late = self._clock() - self.next
         if late < 0.0:
             return 0

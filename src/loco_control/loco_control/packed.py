@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Packed files of others: what they may fill once unpacked is bounded by their own size.
+"""Safe unpacking of compressed input files, with a limit on the unpacked size.
 
-Nothing is unpickled, and no size that a file states is believed before the bytes are there.
-Errors are those of the parsers; `reading` makes one of ours of them.
+Nothing is unpickled, and a size stated by a file is checked against its actual bytes.
+Errors are those of the parsers; `reading` converts them into a `LocoError`.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-FREE = 64 * 2**20  # bytes that any file may fill: a log of constants packs a thousandfold
-RATIO = 100  # bytes that each byte of a larger file may fill
-MOST_BYTES = 2**30  # bytes of a file, as it is and unpacked
-_MEMBERS = 100_000  # files in a zip
-_KINDS = "biufcUS"  # of NumPy's types: numbers, truth values and texts
+FREE = 64 * 2**20  # bytes that any file may unpack to: a log of constants compresses a thousandfold
+RATIO = 100  # largest ratio of unpacked to packed size of larger files
+MOST_BYTES = 2**30  # largest size of a file, packed or unpacked [bytes]
+_MEMBERS = 100_000  # largest number of files in a zip
+_KINDS = "biufcUS"  # accepted kinds of NumPy types: numbers, booleans and texts
 
 
 def room(size: int) -> int:
-    """Most bytes that a packed file of this size [bytes] may fill once it is unpacked."""
+    """Largest unpacked size of a packed file of this size, both in bytes."""
     return min(MOST_BYTES, max(FREE, RATIO * size))
 
 
 def check_room(filled: int, size: int) -> None:
-    """Refuse what fills more than `room`.
+    """Refuse contents larger than `room`.
 
     Args:
         filled: Size once unpacked [bytes].
         size: Size of the file [bytes].
 
     Raises:
-        ValueError: The contents fill more.
+        ValueError: The contents are larger.
     """
     if filled > room(size):
         raise ValueError(
@@ -46,8 +46,8 @@ def unzip(data: bytes) -> dict[str, bytes]:
     """Contents of each file in a zip, by name.
 
     Raises:
-        ValueError: It fills more than `room`, or is packed by another method than deflation.
-        zipfile.BadZipFile: It is no zip, or a check sum is wrong.
+        ValueError: The contents exceed `room`, or use a compression method other than deflation.
+        zipfile.BadZipFile: The data is not a zip, or a checksum is wrong.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as files:
         members = files.infolist()
@@ -64,8 +64,8 @@ def array(data: bytes) -> np.ndarray:
     """Array of the bytes of a ``.npy`` file.
 
     Raises:
-        ValueError: It is none, holds other things than numbers and texts, or has another length
-            than its shape needs.
+        ValueError: The data is not a ``.npy`` file, has elements other than numbers and texts, or
+            its length does not match its shape.
     """
     import numpy as np  # the command line imports this module, and NumPy takes long
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One place per parameter: frozen dataclasses whose fields carry unit and range.
 
-YAML overrides them (`from_dict`), ROS parameters are declared from them
-(`loco_control.ros.parameters`), and the tables in ``docs/`` are printed from
-them. Nothing is listed twice.
+YAML overrides the defaults (`from_dict`); the ROS parameters
+(`loco_control.ros.parameters`) and the tables in ``docs/`` are generated from
+these classes, so nothing is listed twice.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def parameter(
     """Field of a `Params` class with its meaning, unit and legal values.
 
     Args:
-        default: Value when nothing is said, of the type of the field; or a function that
-            gives it.
+        default: Default value, of the type of the field, or a function that returns it.
         doc: Meaning of the parameter, for tables and ROS parameter descriptions.
         unit: SI unit, ``-`` when there is none.
         low: Smallest legal value (each element for tuples).
         high: Largest legal value (each element for tuples).
-        choices: Legal texts, for fields that are names.
-        any_length: A tuple may have any number of values from one, not only as many as `default`.
+        choices: Legal values, for fields that are names.
+        any_length: Whether a tuple may have any number of values from one, instead of as many as
+            `default`.
     """
     meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
     meta["any_length"] = any_length
@@ -54,7 +54,7 @@ def parameter(
 
 
 def limits(kind: type, name: str) -> tuple[float, float]:
-    """Smallest and largest legal value of a field made by `parameter`, infinite without bound."""
+    """Smallest and largest legal value of a field made by `parameter`; infinite if unbounded."""
     meta = kind.__dataclass_fields__[name].metadata
     low, high = meta.get("low"), meta.get("high")
     return -math.inf if low is None else low, math.inf if high is None else high
@@ -76,7 +76,7 @@ class Params:
 
 _field_types = functools.cache(
     typing.get_type_hints
-)  # reading annotations takes longer than all else
+)  # cached: reading annotations dominates the run time
 
 
 def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T:
@@ -111,7 +111,7 @@ def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T
 
 
 def to_dict(params: Params) -> dict[str, Any]:
-    """Plain nested values, ready for YAML: tuples become lists, absent blocks are left out."""
+    """Nested plain values for YAML: tuples become lists, blocks that are None are omitted."""
     values = {}
     for f in dataclasses.fields(params):
         value = getattr(params, f.name)
@@ -125,7 +125,7 @@ def to_dict(params: Params) -> dict[str, Any]:
 
 
 def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
-    """Value of a field in the type of its default, or a ParameterError."""
+    """Value of a field, converted to the type of its default; raises ParameterError if illegal."""
     factory = f.metadata.get("factory", lambda: None)
     default = f.default if f.default is not dataclasses.MISSING else factory()
     if default is None or dataclasses.is_dataclass(value):
@@ -157,7 +157,7 @@ def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
             raise NameUnknownError(f"choice for {name}", value, choices)
         return value
     unit = meta.get("unit", "-")
-    huge = isinstance(value, int) and abs(value) >= 10**300  # beyond floating point
+    huge = isinstance(value, int) and abs(value) >= 10**300  # beyond the range of floating point
     if huge or isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
         raise ParameterError(f"{name} must be a number [{unit}], got {shown(value)}")
     low, high = meta.get("low"), meta.get("high")
@@ -171,7 +171,7 @@ def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
         finite = " and finite" if infinite else ""
         raise ParameterError(f"{name} must be in [{low}, {high}] {unit}{finite}, got {shown(value)}")
     if isinstance(default, int):
-        if value != int(value) or abs(value) >= 2**63:  # larger ones fit into no array
+        if value != int(value) or abs(value) >= 2**63:  # larger integers do not fit into arrays
             raise ParameterError(f"{name} must be a whole number below 2**63, got {shown(value)}")
         return int(value)
     return float(value)

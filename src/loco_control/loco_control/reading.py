@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one place where files and texts of others are parsed: YAML, JSON, CSV, gzip and NPZ.
+"""Parsing of all input files and texts: YAML, JSON, CSV, gzip and NPZ.
 
-Whatever is wrong with such a text becomes a `ParameterError` that names the source, the line
-where there is one, and the limit. Size, depth and what aliases expand to are bounded before
-anything is built, so a small file cannot fill the memory or end the process.
+Any fault of such a text becomes a `ParameterError` that names the source, the line if known, and
+the limit. Size, nesting depth and expanded aliases are bounded before any object is created, so a
+small file cannot exhaust the memory or crash the process.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ __all__ = [
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-FOLDERS = ("bags",)  # that peers may name files of, unless the operator says others
-MOST_YAML = 2 * 2**20  # characters of a YAML text
-DEEPEST = 64  # mappings and lists within each other
-MOST_NODES = 200_000  # values of a YAML text with its aliases written out
+FOLDERS = ("bags",)  # default folders whose files network peers may name
+MOST_YAML = 2 * 2**20  # largest length of a YAML text [characters]
+DEEPEST = 64  # largest nesting depth of mappings and lists
+MOST_NODES = 200_000  # largest number of values of a YAML text, aliases expanded
 
-# What the parsers raise beside their own errors: dates that are none, numbers of too many
-# digits, keys that cannot be hashed, files that end early.
+# Errors that parsers raise in addition to their own: invalid dates, numbers with too many
+# digits, unhashable keys, truncated files.
 _BROKEN = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError,
     MemoryError, NotImplementedError, RuntimeError, SyntaxError, EOFError, OSError,
@@ -56,21 +56,21 @@ _BROKEN = (
 
 
 def read_bytes(path: str | Path, what: str = "file", max_size: int = MOST_BYTES) -> bytes:
-    """Contents of a file; of one whose name ends in ``.gz``, decompressed.
+    """Contents of a file, decompressed if its name ends in ``.gz``.
 
     Args:
         path: The file.
         what: Kind of file, for messages.
-        max_size: Limit of its size, compressed and not [bytes].
+        max_size: Limit of its size, before and after decompression [bytes].
 
     Raises:
         MissingFileError: There is no such file, or it cannot be read.
-        ParameterError: It is larger than `max_size`, decompressed larger than `packed.room`, or it is
-            not gzip as its name says.
+        ParameterError: It is larger than `max_size`, decompressed larger than `packed.room`, or
+            named ``.gz`` without being gzip.
     """
     path = Path(path)
     try:
-        # A FIFO or a device has no end.
+        # A FIFO or a device never ends.
         if not path.is_file():
             raise MissingFileError(f"there is no {what} at {path}")
         with open(path, "rb") as file:
@@ -132,7 +132,7 @@ def read_npz(path: str | Path, what: str = "file") -> dict[str, np.ndarray]:
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not such an archive, or unpacked larger than `packed.room`.
+        ParameterError: The file is not a NumPy archive, or unpacked larger than `packed.room`.
     """
     data = read_bytes(path, what)
     try:
@@ -153,7 +153,7 @@ def as_text(data: bytes, source: str | Path) -> str:
         source: Name of the source, for messages.
 
     Raises:
-        ParameterError: They are not UTF-8.
+        ParameterError: The bytes are not UTF-8.
     """
     try:
         return data.decode("utf-8-sig")
@@ -165,7 +165,7 @@ def as_text(data: bytes, source: str | Path) -> str:
 
 
 def parse_yaml(text: str, source: str | Path, max_size: int = MOST_YAML) -> Any:
-    """Values of a YAML text: ``1e-3`` is a number, and no key may be given twice.
+    """Values of a YAML text: ``1e-3`` is a number, and duplicate keys are refused.
 
     Args:
         text: The text.
@@ -173,7 +173,7 @@ def parse_yaml(text: str, source: str | Path, max_size: int = MOST_YAML) -> Any:
         max_size: Limit of its length [characters].
 
     Raises:
-        ParameterError: It is not YAML, or beyond `max_size`, `DEEPEST` or `MOST_NODES`.
+        ParameterError: The text is not YAML, or exceeds `max_size`, `DEEPEST` or `MOST_NODES`.
     """
     if len(text) > max_size:
         raise ParameterError(f"{source} has {len(text)} characters, at most {max_size} are read")
@@ -201,7 +201,7 @@ def parse_json(text: str, source: str | Path) -> Any:
         source: Name of the source, for messages.
 
     Raises:
-        ParameterError: It is not JSON, or nested too deeply.
+        ParameterError: The text is not JSON, or nested too deeply.
     """
     try:
         return json.loads(text)
@@ -214,7 +214,7 @@ def parse_json(text: str, source: str | Path) -> Any:
 
 
 def parse_csv(lines: Iterable[str], source: str | Path, **format: Any) -> list[list[str]]:
-    """Rows of a table.
+    """Rows of a CSV table.
 
     Args:
         lines: Lines of the table.
@@ -222,7 +222,7 @@ def parse_csv(lines: Iterable[str], source: str | Path, **format: Any) -> list[l
         format: Arguments of `csv.reader`.
 
     Raises:
-        ParameterError: It is not such a table.
+        ParameterError: The lines are not CSV of this format.
     """
     reader = csv.reader(lines, **format)
     rows: list[list[str]] = []
@@ -234,10 +234,10 @@ def parse_csv(lines: Iterable[str], source: str | Path, **format: Any) -> list[l
 
 
 def understood(what: str) -> Callable[[F], F]:
-    """Decorator of a function that loads a file: values of a wrong kind are one error of ours.
+    """Decorator of a function that loads a file: values of a wrong type raise `ParameterError`.
 
-    The checks of a loader name what is wrong; this is the net below them, for a list where a name
-    should be and its like. The first argument of the function is the name or path of the file.
+    A fallback for values that the loader's own checks miss, such as a list in place of a name.
+    The first argument of the function is the name or path of the file.
 
     Args:
         what: Kind of file, for messages.
@@ -256,10 +256,10 @@ def understood(what: str) -> Callable[[F], F]:
 
 @contextlib.contextmanager
 def understanding(source: Any, what: str) -> Iterator[None]:
-    """Block in which values of a file are taken apart; see `understood`.
+    """Context in which values of a wrong type raise `ParameterError`; see `understood`.
 
     Raises:
-        ParameterError: A value is of a wrong kind.
+        ParameterError: A value has a wrong type.
     """
     try:
         yield
@@ -273,15 +273,15 @@ def understanding(source: Any, what: str) -> Iterator[None]:
 
 
 def within(folder: str | Path, name: str, what: str = "name") -> Path:
-    """Path of a name in a folder.
+    """Path of a file in a folder, for a name from untrusted input.
 
     Args:
         folder: The folder.
-        name: A name that a file or a message gave: one component, no path.
-        what: Kind of thing that the name is of, for messages.
+        name: A name from a file or a message: a single path component.
+        what: Kind of the named object, for messages.
 
     Raises:
-        ParameterError: It would lead out of the folder, or no file can have it.
+        ParameterError: The name would lead out of the folder, or is not legal for a file.
     """
     is_invalid = name in ("", ".", "..") or any(c in "/\\" or not c.isprintable() for c in name)
     if is_invalid or len(name.encode("utf-8", "replace")) > 200:
@@ -293,17 +293,17 @@ def within(folder: str | Path, name: str, what: str = "name") -> Path:
 
 
 def allowed(path: str | Path, folders: Iterable[str | Path], what: str = "file") -> Path:
-    """Path that somebody on the network named, if it lies below a folder of the operator's.
+    """Path requested over the network, checked to lie below one of the allowed folders.
 
-    Nothing outside the folders is looked at, so the answer does not tell what exists.
+    Paths outside the folders are not accessed, so the answer does not reveal which files exist.
 
     Args:
         path: The path.
-        folders: Folders whose files may be read; none for no file at all.
+        folders: Folders whose files may be read; if empty, no file may be read.
         what: Kind of file, for messages.
 
     Raises:
-        ParameterError: It lies elsewhere, also by way of ``..`` or a link.
+        ParameterError: The path leads elsewhere, also by way of ``..`` or a link.
     """
     try:
         real = Path(path).resolve()
@@ -317,11 +317,11 @@ def allowed(path: str | Path, folders: Iterable[str | Path], what: str = "file")
     )
 
 
-# ---- what PyYAML leaves open
+# ---- extensions of PyYAML
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe YAML with bounds that reads 1e-3 as a number and refuses a key given twice."""
+    """Safe YAML loader with limits, which reads 1e-3 as a number and refuses duplicate keys."""
 
     _depth = 0
 
@@ -371,10 +371,10 @@ _Loader.add_implicit_resolver(
 
 
 def _expanded(node: Any, depth: int, sizes: dict[int, tuple[int, int]]) -> tuple[int, int]:
-    """Number of values and depth of a node with its aliases written out.
+    """Number of values and depth of a YAML node with its aliases expanded.
 
     Raises:
-        ComposerError: There are more than `MOST_NODES`, or they contain themselves.
+        ComposerError: There are more than `MOST_NODES` values, or an alias contains itself.
     """
     if id(node) in sizes:
         return sizes[id(node)]
@@ -382,7 +382,7 @@ def _expanded(node: Any, depth: int, sizes: dict[int, tuple[int, int]]) -> tuple
     if not isinstance(node, yaml.ScalarNode):
         pairs = isinstance(node, yaml.MappingNode)
         for child in (c for item in node.value for c in (item if pairs else (item,))):
-            if depth >= DEEPEST:  # an alias to what holds it never ends
+            if depth >= DEEPEST:  # an alias that contains itself never ends
                 problem = f"nested more than {DEEPEST} levels deep with its aliases"
                 raise yaml.composer.ComposerError(None, None, problem, child.start_mark)
             more, deeper = _expanded(child, depth + 1, sizes)
@@ -405,7 +405,7 @@ def _why(error: BaseException) -> str:
     """Reason of an error, in one line."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    if isinstance(error, gzip.BadGzipFile):  # its words quote the file
+    if isinstance(error, gzip.BadGzipFile):  # its message quotes the file
         return "it does not begin as one, or its checksum is wrong"
     if isinstance(error, RecursionError):
         return "it is nested too deeply"

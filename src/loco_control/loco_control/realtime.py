@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests of a process to the kernel for punctual ticks; each is tried, none is required."""
+"""Optional real-time settings of a process: scheduling, memory locking, processors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 @dataclass(frozen=True)
 class RealtimeParams(Params):
-    """Requests to the kernel; none by default."""
+    """Real-time settings requested from the kernel; none by default."""
 
     fifo: int = parameter(0, "priority under SCHED_FIFO of all threads, 0 for none", "-", 0, 99)
     cpus: str = parameter("", "processors that the threads may use, such as 1 or 0,2; empty: all")
@@ -48,12 +48,12 @@ class RealtimeParams(Params):
 
 
 def prepare(requests: RealtimeParams) -> list[str]:
-    """Ask for what is wanted, for this process and all its threads.
+    """Apply the requested settings to this process and all its threads.
 
-    Threads that start later take it over from those that start them.
+    Threads that start later inherit them.
 
     Returns:
-        A line for each request: what, and granted, or refused and why.
+        A line for each request: granted, or refused with the reason.
     """
     steps: list[tuple[str, Callable[[], None], str]] = []
     if requests.fifo:
@@ -80,7 +80,7 @@ def _try(name: str, request: Callable[[], None], need: str) -> str:
 
 
 def _of_all_threads(request: Callable[[int], None]) -> None:
-    """Ask for each thread of this process; one that has just ended does not matter."""
+    """Apply a request to each thread of this process; threads that have just ended are ignored."""
     for name in os.listdir("/proc/self/task"):
         with contextlib.suppress(ProcessLookupError):
             request(int(name))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of one tick as plain dataclasses of arrays.
+"""Messages of one tick as plain dataclasses of arrays.
 
 Each class has a message of the same name and the same fields in ``loco_msgs``
 (a test compares them). ``tick`` counts control periods from 0 and ``t`` is
@@ -33,7 +33,7 @@ class RobotState:
 
 @dataclass
 class GroundTruth:
-    """Truth that only the simulator knows; no controller reads it."""
+    """True state of the robot, known only to the simulator; controllers do not use it."""
 
     tick: int
     t: float  # [s]
@@ -54,9 +54,9 @@ class GaitTarget:
     foot_position: np.ndarray  # in the base frame [m], (4, 3)
     foot_velocity: np.ndarray  # in the base frame [m/s], (4, 3)
     phase: np.ndarray  # stride phase, 0 at touchdown [-], in [0, 1), (4,)
-    speed: float  # forward speed asked for, smoothed [m/s]
-    frequency: float  # stride frequency asked for, smoothed [Hz]
-    stance: np.ndarray  # the gait clock says stance, (4,) bool
+    speed: float  # requested forward speed, smoothed [m/s]
+    frequency: float  # requested stride frequency, smoothed [Hz]
+    stance: np.ndarray  # stance according to the gait clock, (4,) bool
 
 
 @dataclass
@@ -71,24 +71,24 @@ class MotionCommand:
 
 @dataclass
 class Stance:
-    """Legs that carry the trunk, and the estimator that says so."""
+    """Estimated stance of each leg, and the estimator used."""
 
     tick: int
     t: float  # [s]
-    foot_height: np.ndarray  # of the commanded foot, averaged, over its stance height [m], (4,)
-    stance: np.ndarray  # (4,) bool
+    foot_height: np.ndarray  # mean height of the commanded foot above its stance height [m], (4,)
+    stance: np.ndarray  # leg is in stance, (4,) bool
     estimator: int  # index in `loco_control.stance.controller.ESTIMATORS`
 
 
 @dataclass
 class TrunkTorque:
-    """Feed-forward torque of the trunk controller, and the legs it stands on."""
+    """Feed-forward torque of the trunk controller, and the stance legs."""
 
     tick: int
     t: float  # [s]
-    tau: np.ndarray  # [N·m], (12,); zero for swing legs
-    wrench: np.ndarray  # wanted at the trunk, horizontal frame, force then moment [N, N·m], (6,)
-    stance: np.ndarray  # (4,) bool; the plant picks stance or swing gains by it
+    tau: np.ndarray  # joint torque [N·m], (12,); zero for swing legs
+    wrench: np.ndarray  # desired at the trunk, horizontal frame, force then moment [N, N·m], (6,)
+    stance: np.ndarray  # (4,) bool; selects stance or swing gains in the plant
 
 
 @dataclass
@@ -98,8 +98,8 @@ class LearningState:
     tick: int
     t: float  # [s]
     prediction: np.ndarray  # HFE, KFE positions [rad] then velocities [rad/s], leg-major, (16,)
-    error: float  # rms over the 8 positions of prediction minus target [rad]
+    error: float  # RMS of prediction minus target over the 8 positions [rad]
     weight_norm: float  # Frobenius norm of the readout [-]
     phase: int  # index in `loco_learning.reflex.network.PHASES`
-    driving: bool  # the prediction, not the target, is in `motion_command`
-    learning: bool  # the readout was updated at this tick
+    driving: bool  # whether `motion_command` carries the prediction instead of the target
+    learning: bool  # whether the readout was updated at this tick

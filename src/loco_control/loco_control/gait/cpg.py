@@ -36,7 +36,7 @@ from numba import njit
 
 from ..legs.kinematics import inverse
 
-SPEED, FREQUENCY, DUTY, HEIGHT, LATERAL, YAW = range(6)  # of the vector `gait`
+SPEED, FREQUENCY, DUTY, HEIGHT, LATERAL, YAW = range(6)  # indices into the vector `gait`
 X, Z, Y = range(3)  # columns of a foot path
 SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the gait
 SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
@@ -82,15 +82,15 @@ def sigmoid(u):
 
 @njit(cache=True)
 def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
-    """Move oscillators and feet on by one control period, in place; return the foot velocity.
+    """Advance oscillators and feet by one control period, in place; return the foot velocity.
 
     Args:
         state: Oscillators (x, z) in units of their ellipse, (4, 2).
         foot: Foot paths (x, z, y) about the foot centre [m], (4, 3).
         gait: speed [m/s], frequency [Hz], duty factor [-], step height [m], speed to the left
             [m/s] and turning rate to the left [rad/s], (6,).
-        cosine: cos of the wanted phase leads, (4, 4).
-        sine: sin of the wanted phase leads, (4, 4).
+        cosine: cos of the desired phase leads, (4, 4).
+        sine: sin of the desired phase leads, (4, 4).
         shape: K, alpha [1/s], b, k_vf and k_c [1/s], named by `SHAPE`, (5,).
         dt: Control period [s].
         substeps: Euler steps per period.
@@ -100,7 +100,7 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
     duty, height, h = gait[DUTY], gait[HEIGHT], dt / substeps
     stance_rate = math.pi * gait[FREQUENCY] / duty
     d_state, d_foot, correction = np.empty((4, 2)), np.empty((4, 3)), np.zeros(4)
-    for leg in range(4):  # the legs hear of each other once per period
+    for leg in range(4):  # the coupling is updated once per control period
         for other in range(4):
             coupling_sum = cosine[leg, other] * state[other, 1] - sine[leg, other] * state[other, 0]
             correction[leg] += gain * coupling_sum
@@ -137,10 +137,10 @@ def smooth(gait, halfway, target_gait, blend, moving):
 
     Args:
         gait: Parameters that the oscillators follow.
-        halfway: Between the two lags, (6,).
+        halfway: Output of the first lag, (6,).
         target_gait: Requested parameters.
-        blend: Share of the way that a lag goes per control period.
-        moving: Whether the robot moves; at rest all but the speeds is taken at once.
+        blend: Fraction of the remaining difference that each lag covers per control period.
+        moving: Whether the robot moves; at rest all parameters except the speeds change at once.
     """
     for i in range(6):
         if moving:
@@ -152,20 +152,20 @@ def smooth(gait, halfway, target_gait, blend, moving):
 
 @njit(cache=True)
 def target(moving, memory, target_gait, blend, coupling, shape, dt, substeps, centre, legs):
-    """One control period of the generator: the values of a `GaitTarget`, after its time.
+    """One control period of the generator: the fields of a `GaitTarget` after its time.
 
     Args:
-        moving: The gait has begun; before, the robot stands on its foot centres.
+        moving: Whether the gait has begun; before, the robot stands on its foot centres.
         memory: `state` and `foot` of `advance`, `gait` and `halfway` of `smooth`; all four
             are changed in place.
-        target_gait: Requested parameters, as `smooth` takes them.
-        blend: Share of the change, as `smooth` takes it.
+        target_gait: Requested parameters, as in `smooth`.
+        blend: Fraction of the change per period, as in `smooth`.
         coupling: Coupling, from `coupling_matrices`.
-        shape: Shape of the stride, as `advance` takes it.
+        shape: Shape of the stride, as in `advance`.
         dt: Control period [s].
         substeps: Euler steps per period.
         centre: Foot centres in the base frame [m], (4, 3).
-        legs: The robot, see `legs.geometry.COLUMNS`, (4, 16).
+        legs: Leg geometry, columns named by `legs.geometry.COLUMNS`, (4, 16).
     """
     state, foot, gait, halfway = memory
     feet, velocity, stance = centre.copy(), np.zeros((4, 3)), np.ones(4, dtype=np.bool_)
@@ -176,7 +176,7 @@ def target(moving, memory, target_gait, blend, coupling, shape, dt, substeps, ce
             for i, axis in enumerate((0, 2, 1)):  # x, z and y
                 feet[leg, axis] += foot[leg, i]
                 velocity[leg, axis] = foot_velocity[leg, i]
-            velocity[leg, 1] += 0.0  # no negative zero
+            velocity[leg, 1] += 0.0  # turns -0.0 into 0.0
             stance[leg] = state[leg, 1] <= 0.0
     q, dq = inverse(feet, velocity, legs)
     phase = stride_phase(state, gait[DUTY])

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that make a robot show its body: chirp, triangle and steps, exact in time.
+"""Excitation signals for identification: chirp, triangle and steps, with exact derivatives.
 
 Each is a function of the time t since the start and of the phase p of the joint [strides]
 (how far it is ahead), with values in [-1, 1] and an exact time derivative:
 
 - ``chirp``: sin(theta(t) + 2 pi p), the frequency f(t) going from f0 to f1 in `sweep`
   seconds, even in the logarithm, and back: f = f0 (f1/f0)^(s/sweep).
-- ``triangle``: constant speed up and down, f t + p turns from the middle upwards; slow, it
-  shows friction, play and stiffness and no inertia.
+- ``triangle``: constant speed up and down, f t + p turns from the middle upwards; a slow one
+  excites friction, play and stiffness but not inertia.
 - ``steps``: one of `levels` after another, each for 1/f, reached in `rise` by 3u² - 2u³;
-  long levels are still poses.
+  long levels are static poses.
 
 Source: Pintelon and Schoukens 2012, System identification, chapter 5 (excitation signals).
 """
@@ -60,9 +60,9 @@ def triangle(t: float, phase: np.ndarray, frequency: float) -> Motion:
 def steps(
     t: float, phase: np.ndarray, frequency: float, levels: Sequence[float], rise: float
 ) -> Motion:
-    """Levels in turn, each for 1 / `frequency`, reached in `rise` [s]; before the first is 0.
+    """Levels in turn, each for 1 / `frequency`, reached in `rise` [s]; the initial level is 0.
 
-    A `rise` longer than a level lasts is as long as it.
+    A `rise` longer than the duration of a level is limited to that duration.
     """
     listed = np.asarray(levels, dtype=float)
     turn = np.maximum(frequency * t + np.asarray(phase, dtype=float), 0.0)

@@ -23,10 +23,10 @@ PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
     "bound": (0.0, 0.0, 0.5, 0.5),
     "pace": (0.0, 0.5, 0.0, 0.5),
 }
-# What may change at run time, in the order of the vector `gait` of `cpg.advance`.
+# Parameters that may change at run time, in the order of the vector `gait` of `cpg.advance`.
 LIVE = ("speed", "frequency", "duty_factor", "step_height", "lateral_speed", "yaw_rate")
 TWIST = ("speed", "lateral_speed", "yaw_rate")  # of the trunk
-HALVINGS = 7  # a twist out of reach is cut to within a percent of what can be reached
+HALVINGS = 7  # bisection steps for an unreachable twist; the largest reachable share is met to 1 %
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def standing_pose(origin: tuple[float, float, float], legs: np.ndarray | None = 
     """Joint positions of the robot standing on its foot centres [rad], (12,).
 
     Args:
-        origin: Foot centre, as `GaitParams` has it.
+        origin: Foot centre, as in `GaitParams`.
         legs: Geometry, columns named by `legs.geometry.COLUMNS`, (4, 16); default HyQ's.
 
     Raises:
@@ -111,8 +111,8 @@ class TargetGenerator:
     """Foot paths and joint references of a gait, one `step` per control period.
 
     The robot stands until `start_time`; then the oscillators grow from a small
-    seed and the speed rises from zero. What `set` or the schedule changes goes
-    through two cascaded lags.
+    seed and the speed rises from zero. Changes by `set` or by the schedule are
+    smoothed by two cascaded lags.
 
     Args:
         params: The gait.
@@ -149,7 +149,7 @@ class TargetGenerator:
         self.reset()
 
     def reset(self) -> None:
-        """Stand again at time 0; changes made by `set` are forgotten."""
+        """Return to standing at time 0 and discard changes made by `set`."""
         self._goal = self.params.replace(schedule=None)
         self._changes = list(self._schedule)
         self._wanted = self._vector(self._goal)
@@ -158,18 +158,18 @@ class TargetGenerator:
         self._memory = (self._cpg.seed_state(self._offsets), np.zeros((4, 3)), gait, gait.copy())
 
     def set(self, **changes: float) -> None:
-        """Change what `LIVE` names smoothly from now on.
+        """Change parameters named in `LIVE`, smoothly from the next step on.
 
         Raises:
             NameUnknownError: The parameter cannot change at run time.
-            ParameterError: The value is out of range, or its steps are out of reach.
+            ParameterError: The value is out of range, or its steps exceed the reach of the legs.
         """
         goal = self._goal.replace(**_live(changes))
         self._wanted = self._vector(goal)
         self._goal = goal
 
     def follow(self, speed: float, lateral_speed: float, yaw_rate: float) -> dict[str, float]:
-        """Take the twist of the trunk over, or the nearest in its direction that legs can reach.
+        """Request a twist of the trunk, scaled down to what the reach of the legs allows.
 
         Args:
             speed: Speed forwards [m/s].
@@ -197,7 +197,7 @@ class TargetGenerator:
         return {name: share * value for name, value in requested.items()}
 
     def _takes(self, twist: dict[str, float], share: float) -> bool:
-        """Follow a share of a twist, if the legs reach that far."""
+        """Set `share` times a twist; False if that exceeds the reach of the legs."""
         try:
             self.set(**{name: share * value for name, value in twist.items()})
         except ParameterError:
@@ -215,7 +215,7 @@ class TargetGenerator:
         return self._cpg.target(moving, self._memory, self._wanted, *self._constants)
 
     def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
-        """Times and changes of the schedule in order; raises when one is out of reach."""
+        """Times and changes of the schedule in order; raises if a step is out of reach."""
         goal, planned = params.replace(schedule=None), []
         for change in sorted(params.schedule or (), key=lambda change: change["time"]):
             values = {name: value for name, value in change.items() if name != "time"}
@@ -225,7 +225,7 @@ class TargetGenerator:
         return planned
 
     def _vector(self, params: GaitParams) -> np.ndarray:
-        """References of the oscillators, (6,); raises when a step leaves the reach of the legs."""
+        """References of the oscillators, (6,); raises if a step exceeds the reach of the legs."""
         forward_speed = params.speed - params.yaw_rate * self._centre[:, 1]
         left = params.lateral_speed + params.yaw_rate * self._centre[:, 0]
         half_time = 0.5 * params.duty_factor / params.frequency

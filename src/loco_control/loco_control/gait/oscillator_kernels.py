@@ -19,7 +19,7 @@ TURN = 2.0 * math.pi
 
 @njit(cache=True)
 def warp(phase, duty):
-    """Angle on the cycle from a phase that is even in time [rad]; 0 and whole turns stay."""
+    """Angle on the cycle from a phase linear in time [rad]; whole turns map to themselves."""
     turns = math.floor(phase / TURN)
     part = phase - TURN * turns
     if part < TURN * duty:
@@ -29,7 +29,7 @@ def warp(phase, duty):
 
 @njit(cache=True)
 def unwarp(angle, duty):
-    """Phase that is even in time from an angle on the cycle [rad]; the inverse of `warp`."""
+    """Phase linear in time from an angle on the cycle [rad]; the inverse of `warp`."""
     turns = math.floor(angle / TURN)
     part = angle - TURN * turns
     if part < math.pi:
@@ -39,16 +39,16 @@ def unwarp(angle, duty):
 
 @njit(cache=True)
 def rates(kind, state, duty, gain, lead, shape, out):
-    """Time derivative of all oscillators into `out`.
+    """Time derivative of the state of all oscillators, written into `out`.
 
     Args:
         kind: `AMPLITUDE_PHASE` or `RIGHETTI`.
         state: Radius and phase [rad], or x and y, (m, 2).
         duty: Share of the period in which the output falls, (m,).
-        gain: c_ij, how strongly i hears j [1/s], (m, m).
-        lead: psi_ij = off_j - off_i, the wanted phase of j ahead of i [rad], (m, m).
+        gain: c_ij, strength of the coupling from j to i [1/s], (m, m).
+        lead: psi_ij = off_j - off_i, desired phase lead of j over i [rad], (m, m).
         shape: frequency [Hz], convergence [1/s], sharpness [-], (3,).
-        out: Written, (m, 2).
+        out: Result, overwritten, (m, 2).
     """
     count = state.shape[0]
     frequency, pull, sharp = shape[0], shape[1], shape[2]
@@ -78,7 +78,7 @@ def rates(kind, state, duty, gain, lead, shape, out):
 
 @njit(cache=True)
 def advance(kind, state, duty, gain, lead, shape, dt, substeps):
-    """Move the oscillators on by `dt` [s] in `substeps` Runge-Kutta steps, in place."""
+    """Advance the oscillators by `dt` [s] in `substeps` Runge-Kutta steps, in place."""
     h = dt / substeps
     k1, k2 = np.empty_like(state), np.empty_like(state)
     k3, k4 = np.empty_like(state), np.empty_like(state)

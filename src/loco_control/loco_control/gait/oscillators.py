@@ -10,16 +10,16 @@ with s rising smoothly from 0 to 1 over `ramp` after `start_time`. x_i falls fro
 
 - ``amplitude_phase``: r' = a (1 - r²) r,  phi_i' = w + Σ_j c sin(phi_j - phi_i - psi_ij),
   x = r cos(phi^), phi^ = phi / 2d while phi < 2 pi d, else (phi + 2 pi (1 - 2d)) / 2 (1 - d).
-  What the author's code used. Departures: psi_ij = off_j - off_i for all pairs, where he has
-  off_j for the first leg and off_i - off_j for the others, a slip by which his legs lock to
-  other phases than he set; all legs hear each other alike; r in units of the amplitude.
+  Used by the author's code. Departures: psi_ij = off_j - off_i for all pairs, where his code has
+  off_j for the first leg and off_i - off_j for the others, an error by which his legs lock to
+  phases other than the requested ones; all couplings are equal; r in units of the amplitude.
 - ``righetti``: x' = a (1 - r²) x - w y + Σ_j c (x_ij - x),
   y' = a (1 - r²) y + w x + Σ_j c (y_ij - y),  w = pi f / [s(b y) d + s(-b y) (1 - d)],
-  s the logistic function; (x_ij, y_ij) is the point of the cycle where oscillator i has to
-  be now, going by j. Source: Righetti and Ijspeert, ICRA 2008, cited by thesis section 5.3.2.
-  Departures: there only y is coupled, by ±y_j, which neither locks unequal duty factors nor
-  leads other than half a turn; ours is silent on the locked cycle and so bends neither its
-  shape nor its period. There the rates of the halves are blended by s, here the times.
+  s the logistic function; (x_ij, y_ij) is the point of the cycle that the phase of oscillator j
+  implies for i. Source: Righetti and Ijspeert, ICRA 2008, cited by thesis section 5.3.2.
+  Departures: there only y is coupled, by ±y_j, which locks neither unequal duty factors nor
+  leads other than half a turn; the coupling here vanishes on the locked cycle, so it changes
+  neither shape nor period. There s blends the rates of the two halves, here their durations.
 - ``sine``: x = sin(2 pi (f t + phase)); no duty factor. The excitation of a calibration.
 - ``chirp``, ``triangle``, ``steps``: no duty factor either; see `excitation`.
 """
@@ -38,10 +38,10 @@ from . import excitation
 OSCILLATORS = ("amplitude_phase", "righetti")
 KINDS = (*OSCILLATORS, "sine", *excitation.KINDS)
 PATTERNS = {  # phase of lf rf lh rh [strides]
-    "walk": (0.0, 0.5, 0.5, 0.0),  # diagonal legs together, as thesis section 5.3.2.2 has it
+    "walk": (0.0, 0.5, 0.5, 0.0),  # diagonal legs together, as in thesis section 5.3.2.2
     "bound": (0.0, 0.0, 0.5, 0.5),  # the front pair, then the hind pair
 }
-LONGEST_STEP = 2e-3  # of the integration [s]
+LONGEST_STEP = 2e-3  # longest integration step [s]
 PER_JOINT = ("amplitude", "offset", "duty_factor", "phase", "bias")
 
 
@@ -134,11 +134,11 @@ class Cpg:
             self.reset()
 
     def reset(self, angle: np.ndarray | None = None, radius: np.ndarray | None = None) -> None:
-        """Start again on the locked cycle.
+        """Restart on the phase-locked cycle.
 
         Args:
-            angle: Phases to start from instead [rad], (m,); they lock within a few strides.
-            radius: Radii to start from instead, in units of the cycle, (m,).
+            angle: Initial phases in place of the locked ones [rad], (m,); they lock within strides.
+            radius: Initial radii instead of 1, in units of the cycle, (m,).
         """
         self._t = 0.0
         if self._exact:
@@ -169,7 +169,7 @@ class Cpg:
 
     @property
     def phase(self) -> np.ndarray:
-        """Phase of each joint, even in time, after the last `step` [strides], in [0, 1), (m,)."""
+        """Phase of each joint, linear in time, after the last `step` [strides], in [0, 1), (m,)."""
         if self._exact:
             return (self.params.frequency * self._t + self._offsets / (2.0 * np.pi)) % 1.0
         angle = self._state[:, 1]
@@ -206,7 +206,7 @@ class Cpg:
 
 
 def coupling(params: CpgParams, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gains c_ij [1/s] and wanted leads psi_ij = off_j - off_i [rad], (m, m) each."""
+    """Gains c_ij [1/s] and desired leads psi_ij = off_j - off_i [rad], (m, m) each."""
     count = len(offsets)
     gain = np.full((count, count), params.coupling)
     np.fill_diagonal(gain, 0.0)

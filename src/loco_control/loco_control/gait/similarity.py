@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gaits and gains of one robot carried over to another of its kind: Froude similarity.
+"""Scaling of gaits and gains from one quadruped to another of different size (Froude similarity).
 
 Two walking robots move alike when inertia, weight and stiffness keep their proportions. With
-leg length L and mass m over those of the reference (HyQ), gravity unchanged,
+leg length L and mass m relative to the reference (HyQ), gravity unchanged,
 
     length ~ L, time ~ sqrt(L), speed ~ sqrt(L), frequency ~ 1 / sqrt(L), force ~ m,
 
-and every other unit follows: N·m/rad ~ m L, N·s/m ~ m / sqrt(L). HyQ's own numbers come out
+and every other unit follows: N·m/rad ~ m L, N·s/m ~ m / sqrt(L). HyQ's own numbers are reproduced
 exactly. Source: Alexander and Jayes, J. Zool. 201 (1983), dynamic similarity of quadrupeds.
 """
 
@@ -43,31 +43,31 @@ POWERS = {
     "N·m/rad": (1.0, 1.0),
     "N·m·s/rad": (1.5, 1.0),
 }
-SETTINGS = ("start_time", "estimator_start", "origin")  # said by an experiment, or by the hips
+SETTINGS = ("start_time", "estimator_start", "origin")  # from the experiment or the hips
 
 
 class Size(NamedTuple):
-    """A robot beside the reference."""
+    """Size of a robot relative to the reference."""
 
-    length: float = 1.0  # of its legs over HyQ's
-    mass: float = 1.0  # over HyQ's
+    length: float = 1.0  # leg length / HyQ's leg length [-]
+    mass: float = 1.0  # mass / HyQ's mass [-]
 
 
 def leg_length(legs: np.ndarray) -> float:
-    """Mean length of a stretched leg from HAA axis to foot [m]; `legs` as in `kinematics`."""
+    """Mean length of stretched legs, HAA axis to foot [m]; `legs` (4, 16) as in `kinematics`."""
     return float(np.mean(legs[:, DOWN : SHANK + 1].sum(axis=1)))
 
 
 def size_of(legs: np.ndarray, mass: float) -> Size:
     """Size of a robot with this geometry, (4, 16), and mass [kg].
 
-    Rounded to six digits, so that HyQ is exactly 1, whatever its masses add up to.
+    Rounded to six digits, so that HyQ is exactly 1 in spite of rounding errors in its total mass.
     """
     return Size(round(leg_length(legs) / leg_length(HYQ), 6), round(mass / MASS, 6))
 
 
 def factor(unit: str, size: Size) -> float:
-    """By what a value of this unit is multiplied."""
+    """Scale factor of a value of this unit for a robot of this size [-]."""
     of_length, of_mass = POWERS.get(unit, (0.0, 0.0))
     return size.length**of_length * size.mass**of_mass
 
@@ -78,7 +78,7 @@ def scaled(params: T, size: Size, only: tuple[str, ...] | None = None) -> T:
     Args:
         params: Parameters of the reference robot.
         size: Size of the robot.
-        only: Fields to scale; default all but `SETTINGS`.
+        only: Fields to scale; default all except `SETTINGS`.
     """
     changes: dict[str, Any] = {}
     for f in dataclasses.fields(params):
@@ -91,7 +91,7 @@ def scaled(params: T, size: Size, only: tuple[str, ...] | None = None) -> T:
 def _times(value: Any, by: float, meta: Any) -> Any:
     if isinstance(value, (tuple, list)):
         return tuple(_times(v, by, meta) for v in value)
-    if not isinstance(value, (int, float)) or value <= 0.0:  # below 0 stands for something
+    if not isinstance(value, (int, float)) or value <= 0.0:  # negative values are codes
         return value
     product = float(f"{value * by:.{DIGITS}g}")
     low, high = meta.get("low"), meta.get("high")
@@ -101,7 +101,7 @@ def _times(value: Any, by: float, meta: Any) -> Any:
 
 
 def foot_origin(legs: np.ndarray, size: Size) -> tuple[float, float, float]:
-    """`GaitParams.origin` for a robot: feet under the hips as HyQ's are [m]."""
+    """`GaitParams.origin` for a robot [m], with the feet relative to the hips as in HyQ."""
     ahead = 0.25 * float(legs[:2, HIP_X].sum() - legs[2:, HIP_X].sum())
     outside = float(np.mean(legs[:, HIP_Y] + legs[:, SIDE]))
     x, y, z = GaitParams().origin

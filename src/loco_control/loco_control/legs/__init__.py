@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Legs of a quadruped: their geometry, kinematics, and what scales with their length."""
+"""Geometry and kinematics of a quadruped's legs."""

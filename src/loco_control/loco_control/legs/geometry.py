@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Geometry of a quadruped's legs as an array: a row per leg (lf rf lh rh), columns by name.
 
-What the columns mean is told in `kinematics`. `loco_sim.robot.legs` reads them from a URDF.
+`kinematics` defines the columns. `loco_sim.robot.legs` reads them from a URDF.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ COLUMNS = (
     *("haa_zero", "hfe_zero", "kfe_zero"),  # URDF angle at which the canonical one is 0 [rad]
 )
 HIP_X, HIP_Y, HIP_Z, SIDE, DOWN, THIGH, SHANK, KNEE, BENT, STRAIGHT = range(10)
-SIGN, ZERO = 10, 13  # first of three columns each
+SIGN, ZERO = 10, 13  # first of three columns for the sign and for the zero angle
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class LegGeometry(Params):
     )
 
     def rows(self) -> np.ndarray:
-        """The robot as the kernels take it, (4, 16), columns named by `COLUMNS`."""
+        """Leg geometry as an array for the kernels, (4, 16), columns named by `COLUMNS`."""
         legs = np.zeros((4, len(COLUMNS)))
         legs[:, HIP_X], legs[:, HIP_Y] = self.hip_x * FRONT, self.hip_y
         legs[:, DOWN : SHANK + 1] = self.hip_length, self.thigh_length, self.shank_length

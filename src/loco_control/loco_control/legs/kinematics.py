@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Closed-form kinematics of four legs with three joints: where the feet are, how they move, back.
+"""Closed-form forward and inverse kinematics of four legs with three joints each.
 
 Each leg has HAA about x, then HFE and KFE about y. Canonical angles are 0 where thigh and
 shank hang straight down; HAA is positive inwards, HFE and KFE swing the foot backwards. With
@@ -12,11 +12,11 @@ s = +1 on the left and -1 on the right, a foot is at
     z = hip_z - D cos haa - side sin haa
 
 in the base frame (x forward, y left, z up), where `side` is how far the plane of thigh and
-shank is outside of the HAA axis. A joint of the URDF turns by sign (q - zero) in these angles.
+shank lies outside of the HAA axis. With q the URDF angle, the canonical angle is sign (q - zero).
 
 A robot is an array with a row per leg (lf rf lh rh) and columns named by `geometry.COLUMNS`; it is
 read from a URDF by `loco_sim.robot.legs`. HyQ's sides, zeros and signs are exactly 0, 0 and 1,
-which leaves its arithmetic as it is without them.
+so they do not change its results.
 Source: hyq-description; the RCF uses generated code for the same.
 """
 
@@ -128,7 +128,7 @@ def feet_and_jacobians(q, legs):
 def inverse(feet, velocity, legs):
     """Joint positions and velocities, each (12,), of feet (4, 3) that move at `velocity` (4, 3).
 
-    The knee stays inside its range, so a foot out of reach is approached, not an error.
+    The knee stays inside its range; a foot out of reach is approached as closely as possible.
     """
     q, dq, canonical = np.empty(12), np.empty(12), np.empty(3)
     for leg in range(4):

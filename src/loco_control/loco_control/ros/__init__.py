@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 rim of loco_control; nothing above this folder imports ROS.
+"""ROS 2 nodes of loco_control and their base classes; no module outside of this folder imports ROS.
 
-Whoever makes a node or listens to one imports this package first. So this is where the graph is
-kept on this machine: rclpy and Fast DDS read these variables when the first node is made.
+Every process that creates a node imports this package first, so here the traffic of the graph is
+restricted to this machine: rclpy and Fast DDS read these variables at the first node.
 """
 
 import logging
@@ -12,29 +12,29 @@ from pathlib import Path
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-IGNORE_OWN = "LOCO_IGNORE_OWN_ENDPOINTS"  # the profiles quote it: a process does not hear itself
-LOOPBACK = str(Path(__file__).with_name("loopback.xml"))  # binds 127.0.0.1 and shared memory alone
+IGNORE_OWN = "LOCO_IGNORE_OWN_ENDPOINTS"  # in the profiles: ignore own endpoints
+LOOPBACK = str(Path(__file__).with_name("loopback.xml"))  # binds only 127.0.0.1 and shared memory
 OPEN = str(Path(__file__).with_name("open.xml"))
-_RANGES = ("", "LOCALHOST", "SYSTEM_DEFAULT", "OFF")  # beside SUBNET
+_RANGES = ("", "LOCALHOST", "SYSTEM_DEFAULT", "OFF")  # legal values in addition to SUBNET
 _OPENS = f"the graph stays on this machine unless {RANGE} is SUBNET"
-# What would reach for other machines.
+# Variables that would open connections to other machines.
 _REACHING = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", "FASTDDS_ENVIRONMENT_FILE")
 
 
 def settle_network(env: MutableMapping[str, str]) -> list[str]:
-    """Keep a graph on this machine unless `RANGE` is SUBNET.
+    """Restrict the traffic of a graph to this machine unless `RANGE` is SUBNET.
 
-    Of a graph that is kept, DDS binds 127.0.0.1 and shared memory alone. rmw_fastrtps itself
-    would bind all addresses for LOCALHOST, so the range becomes SYSTEM_DEFAULT, which leaves
-    addresses to the profile. A profile of the user wins over both.
+    DDS then binds only 127.0.0.1 and shared memory. rmw_fastrtps itself would bind all addresses
+    for LOCALHOST, so the range becomes SYSTEM_DEFAULT, which leaves the addresses to the profile.
+    A profile set by the user takes precedence over both.
 
     Args:
-        env: Environment variables, which are changed; those of the process when imported.
+        env: Environment variables, changed in place; at import those of this process.
 
     Returns:
-        Lines for the user, one for each variable that is ignored or that decides instead.
+        Lines for the user, one for each variable that is ignored or takes precedence.
     """
-    env["SKIP_DEFAULT_XML_FILE"] = "1"  # a profile in the current folder is nobody's wish
+    env["SKIP_DEFAULT_XML_FILE"] = "1"  # ignore a profile that happens to lie in the current folder
     env[IGNORE_OWN] = "false"
     middleware, profile = env.get("RMW_IMPLEMENTATION", ""), env.get(PROFILE, "")
     if middleware and not middleware.startswith("rmw_fastrtps"):
@@ -48,7 +48,7 @@ def settle_network(env: MutableMapping[str, str]) -> list[str]:
         env[PROFILE] = OPEN
         return []
     lines = [f"{name} is ignored; {_OPENS}" for name in _REACHING if env.pop(name, "")]
-    only_here = env.pop("ROS_LOCALHOST_ONLY", "")  # with it rmw_fastrtps binds all addresses
+    only_here = env.pop("ROS_LOCALHOST_ONLY", "")  # it would make rmw_fastrtps bind all addresses
     if scope == "SUBNET":
         lines.append(f"ROS_LOCALHOST_ONLY={only_here} keeps the graph here in spite of SUBNET")
     elif scope not in _RANGES:
@@ -58,7 +58,7 @@ def settle_network(env: MutableMapping[str, str]) -> list[str]:
 
 
 def has_user_profile(env: MutableMapping[str, str]) -> bool:
-    """Whether a Fast DDS profile is set that is none of loco's, of this or another copy of it."""
+    """Whether a Fast DDS profile is set that does not belong to any copy of loco."""
     path = Path(env.get(PROFILE) or LOOPBACK)
     return (path.parts[-3:-1], path.name) not in (
         (("loco_control", "ros"), Path(profile).name) for profile in (LOOPBACK, OPEN)

@@ -15,7 +15,7 @@ from .parameters import declare
 
 
 class JointNode(LocoNode):
-    """Controller of a joint robot: knows the names of the joints, steps by equal stamps.
+    """Base of the controllers of a joint robot: names of the joints, ticks by message stamps.
 
     Attributes:
         joints: All joints, in array order.
@@ -30,16 +30,16 @@ class JointNode(LocoNode):
         tigrillo = [joint_name(leg, kind) for leg in LEGS for kind in ("hfe", "kfe")]
         self.joints = tuple(self.declare_parameter("joints", tigrillo).value)
         driven = self.declare_parameter("driven", tigrillo[::2]).value
-        self.driven = tuple(name for name in driven if name)  # ROS has no empty lists: [""] is none
+        self.driven = tuple(name for name in driven if name)  # [""] is ROS's empty list
 
     def time(self, time_ns: int) -> tuple[int, float]:
-        """Tick and simulated time [s] of a stamp [ns], exact as in the plant."""
+        """Tick and simulated time [s] of a stamp [ns], computed as in the plant."""
         tick = tick_of(time_ns, self.rate)
         return tick, tick * (1.0 / self.rate)
 
 
 class CpgNode(JointNode):
-    """Oscillators of the driven joints."""
+    """Node of the oscillators that drive the joints."""
 
     def __init__(self) -> None:
         super().__init__("target_generator")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process that an endpoint belongs to, read from the id that Fast DDS gives it.
+"""Process of a DDS endpoint, read from the id that Fast DDS assigns.
 
-Bytes 2 to 3 of the id are of the host, 4 to 5 the low half of the process id. So a
-writer can be told from one whose process was killed: DDS believes in it for 20 s more.
+Bytes 2 to 3 of the id are the host, 4 to 5 the low half of the process id. This identifies
+writers whose process was killed, which DDS still lists for 20 s.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 
 _HOST, _PID = slice(2, 4), slice(4, 6)
 ANOTHER = "another graph runs on this ROS domain and namespace"
-_UNNAMED = "_NODE_NAME_UNKNOWN_"  # what rmw says until an endpoint's node is known
+_UNNAMED = "_NODE_NAME_UNKNOWN_"  # name that rmw reports until an endpoint's node is known
 
 
 def host_of(info: Any) -> bytes:
-    """Number of the machine of an endpoint."""
+    """Identifier of the machine of an endpoint."""
     return bytes(info.endpoint_gid[_HOST])
 
 
@@ -28,21 +28,21 @@ def low_pid(info: Any) -> int:
 
 
 def is_named(info: Any) -> bool:
-    """Whether the node of an endpoint is known: that of a dead process may never be."""
+    """Whether the node of an endpoint is known; for a dead process it may never be."""
     return info.node_name != _UNNAMED
 
 
 def own_host(infos: Iterable[Any]) -> bytes:
-    """Number of this machine, from the endpoints of a topic that this process writes or reads.
+    """Identifier of this machine, from the endpoints of a topic that this process writes or reads.
 
-    Empty if none of them is of this process.
+    Empty if none of the endpoints belongs to this process.
     """
     process_id = os.getpid() & 0xFFFF
     return next((host_of(info) for info in infos if low_pid(info) == process_id), b"")
 
 
 def living(infos: Iterable[Any], host: bytes) -> list[Any]:
-    """Endpoints without those of dead processes of this machine.
+    """Endpoints, except those of dead processes of this machine.
 
     Args:
         infos: Endpoints of a topic, as rclpy gives them.
@@ -55,12 +55,12 @@ def living(infos: Iterable[Any], host: bytes) -> list[Any]:
 
 
 def strangers(node: Any, topic: str, host: bytes) -> str:
-    """Names of the writers of a topic that should have one, "" where it has at most one.
+    """Names of the writers of a topic that has more than one; "" otherwise.
 
-    Writers of dead processes do not count, nor those whose node is not known yet.
+    Writers of dead processes and writers whose node is not known yet are not counted.
 
     Args:
-        node: Node that asks, of rclpy.
+        node: rclpy node used for the query.
         topic: Name of the topic.
         host: `own_host`.
     """
@@ -73,7 +73,7 @@ def strangers(node: Any, topic: str, host: bytes) -> str:
 
 
 def _runs(pid: str) -> bool:
-    """Whether a process does; one that ended and that nobody has waited for is there, too."""
+    """Whether a process runs; a zombie counts as ended."""
     try:
         stat = Path("/proc", pid, "stat").read_text(encoding="utf-8", errors="replace")
     except OSError:

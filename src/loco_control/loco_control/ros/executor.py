@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs nodes until a signal; the only way a node is spun.
+"""Execution of the nodes of a process until a signal; every node is spun by `run_nodes`.
 
-``EventsExecutor.spin()`` of the Jazzy wheels burns a core and ignores signals. Waiting for a
+``EventsExecutor.spin()`` of the Jazzy wheels occupies a core and ignores signals. Waiting for a
 future with a time-out does neither and stays in C++ between messages, unlike ``spin_once``,
-but leaves 32 bytes behind each time. So the waits are long, and a timer looks for signals.
+but leaks 32 bytes each time. So the waits are long, and a timer checks for signals.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .node import LocoNode
 
 log = logging.getLogger(__name__)
 
-_CHECK_PERIOD = 0.2  # wall time between two looks for a signal [s]
+_CHECK_PERIOD = 0.2  # wall time between two checks for a signal [s]
 _SLICE = 5.0  # longest wait in C++ [s]
 _WAKE_MARGIN = (
-    1e-4  # wake so long before a deadline and look at the clock: waking takes 0.05 ms [s]
+    1e-4  # wake this long before a deadline, then poll the clock: waking takes 0.05 ms [s]
 )
-_BURST = 20  # messages that are handled between two ticks that are both late
+_BURST = 20  # messages handled between two late ticks
 
 
 def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -44,11 +44,11 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
 
     Args:
         makers: Constructors of the nodes, called after ``rclpy.init``. A plain rclpy node gets
-            a `Herald`, so that it can take the place of one of ours.
+            a `Herald`, so that it can replace a node of loco.
         args: ROS arguments, ``sys.argv`` when None.
 
     Returns:
-        Exit code: 0 after a signal, 2 for a user's mistake.
+        Exit code: 0 after a signal, 2 after a user's error.
     """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
     signals = _listen()
@@ -81,33 +81,33 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     except Exception:
         if rclpy.ok():
             raise
-        code = 0  # somebody else ended the context
+        code = 0  # other code has shut the context down
     finally:
         for node in nodes:
             node.close()
-        executor.shutdown()  # it holds the events of subscriptions, which go with their nodes
+        executor.shutdown()  # before the nodes: it holds the events of their subscriptions
         for node in (*nodes, *guests):
             node.destroy_node()
         rclpy.try_shutdown()
         LocoNode.post = None
-        # Python restores the default of what it handles when it ends, and a signal in that time
-        # would be the end of the process; one that is ignored stays ignored.
+        # At exit Python restores the default handlers, and a signal in that time would kill the
+        # process; an ignored signal stays ignored.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
 
 
 def _listen() -> list[int]:
-    """Keep the signals to end that come from now on; they are looked for between messages.
+    """Record SIGINT and SIGTERM from now on; they are handled between messages.
 
     rclpy would end the context in the middle of a callback, which then fails to publish, and
-    Python's KeyboardInterrupt would come there, too, perhaps with a lock held for good. Nor may a
-    second signal end the process while it closes.
+    Python's KeyboardInterrupt could interrupt a callback that holds a lock. A second signal must
+    not end the process while it closes.
 
     Returns:
-        Numbers of the signals; the list grows.
+        Numbers of the received signals; the list grows.
     """
     signals: list[int] = []
-    previous_handler = signal.getsignal(signal.SIGTERM)  # by who called us, and is told as before
+    previous_handler = signal.getsignal(signal.SIGTERM)  # of the calling program; still called
 
     def note(number: int, frame: Any) -> None:
         signals.append(number)
@@ -120,7 +120,7 @@ def _listen() -> list[int]:
 
 
 def _in_process(executor: Any, makers: Sequence[Any]) -> contextlib.AbstractContextManager:
-    """Hand messages over within the process, where several nodes are there and all are ours."""
+    """Enable in-process messages if the process has several nodes and all are `LocoNode`."""
     all_loco_nodes = all(isinstance(make, type) and issubclass(make, LocoNode) for make in makers)
     if not all_loco_nodes or len(makers) < 2:
         return contextlib.nullcontext()
@@ -132,9 +132,9 @@ def _in_process(executor: Any, makers: Sequence[Any]) -> contextlib.AbstractCont
 
 
 def _prepare(nodes: Sequence[LocoNode]) -> None:
-    """Ask the kernel for what the nodes want, and keep what is there out of garbage collection.
+    """Apply the nodes' real-time settings, and exclude existing objects from garbage collection.
 
-    A full collection takes some 50 ms; what is there now stays to the end anyway.
+    A full collection takes some 50 ms, and existing objects live until the end anyway.
     """
     gc.collect()
     gc.freeze()
@@ -160,11 +160,11 @@ def _spin(executor: Any, nodes: Sequence[LocoNode], stop_requested: Callable[[],
 
 
 def until_deadline(executor: Any, node: LocoNode, max_wait: float) -> None:
-    """Handle a message, or wait for one until the node's deadline, which is absolute.
+    """Handle one message, or wait for one until the absolute deadline of the node.
 
     Args:
         executor: Executor of all nodes of the process.
-        node: The one with deadlines.
+        node: The node that has deadlines.
         max_wait: Longest wait [s].
     """
     left = node.deadline - _WAKE_MARGIN - time.monotonic()
@@ -180,6 +180,6 @@ def until_deadline(executor: Any, node: LocoNode, max_wait: float) -> None:
 
 
 def _handle(executor: Any, max_wait: float) -> None:
-    """Handle one message, of this process first."""
+    """Handle one message, with priority for messages of this process."""
     if not LocoNode.post or not LocoNode.post.hand_over():
         executor.spin_once(timeout_sec=max_wait)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `faults`: stands between the writers and the readers of topics and damages messages.
+"""Node `faults`: damages the messages of topics between their writers and readers.
 
-Readers of a topic in the parameter `faulted` listen to ``faulty/TOPIC``, which this node
-writes. The topic itself stays as it was said. Beginning and end of each fault are events.
+Readers of a topic in the parameter `faulted` subscribe to ``faulty/TOPIC``, which this node
+writes. The topic itself is unchanged. Begin and end of each fault are published as events.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _TIME, _HEADER = "builtin_interfaces/Time", "std_msgs/Header"
 
 
 def abilities(table: str) -> dict[str, set[str]]:
-    """Contents of each topic's messages that a fault may change: numbers, stamp."""
+    """Per topic of a table, the contents that a fault may change: numbers, stamp."""
     kinds_by_topic = {}
     for row in TABLES[table].values():
         has = {"numbers": has_numbers(row.type), "stamp": stamp_at(row.type) is not None}
@@ -43,7 +43,7 @@ def abilities(table: str) -> dict[str, set[str]]:
 
 @functools.cache
 def has_numbers(cls: type) -> bool:
-    """Whether messages have floating-point fields, however deep."""
+    """Whether a message class has floating-point fields, at any nesting depth."""
     for kind in cls.get_fields_and_field_types().values():
         element = kind.removeprefix("sequence<").rstrip(">").partition("[")[0].partition(",")[0]
         if element in ("double", "float") or ("/" in element and has_numbers(_class(element))):
@@ -53,11 +53,11 @@ def has_numbers(cls: type) -> bool:
 
 @functools.cache
 def stamp_at(cls: type) -> int | None:
-    """Byte at which the stamp of a message begins, None if it has none at its beginning."""
+    """Byte offset of the stamp of a message; None if the message does not begin with a stamp."""
     kind = next(iter(cls.get_fields_and_field_types().values()), "")
     if kind in (_TIME, _HEADER):
         return 4
-    if kind.startswith("sequence<"):  # its length comes first
+    if kind.startswith("sequence<"):  # the length of the sequence comes first
         inner = kind.removeprefix("sequence<").rstrip(">")
         return 8 if "/" in inner and stamp_at(_class(inner)) == 4 else None
     return None
@@ -69,10 +69,10 @@ def _class(kind: str) -> type:
 
 
 class Bytes:
-    """Stamp, tick and numbers in the bytes of the messages of a topic.
+    """Access to stamp, tick and numbers in the serialised messages of a topic.
 
     Args:
-        row: The topic.
+        row: Topic, a row of the topic table.
         rate: Ticks per second [Hz].
     """
 
@@ -114,7 +114,7 @@ class Bytes:
         return record.tobytes()
 
     def later(self, data: bytes, seconds: float) -> bytes:
-        """The message with another stamp, not before 0, and the tick that goes with it."""
+        """The message with its stamp shifted by `seconds` [s], not below 0, and its tick."""
         time = max(0, (self.time(data) or 0) + round(seconds * 1e9))
         whole, nanoseconds = divmod(time, 1_000_000_000)
         changed = bytearray(data)
@@ -150,7 +150,7 @@ class FaultNode(LocoNode):
         self.announce_ready()
 
     def _follow(self, row: Topic) -> None:
-        """Know the simulated time from the topic that starts the ticks."""
+        """Subscribe to the topic that starts the ticks, as the source of the simulated time."""
         body = Bytes(row, self._rate)
 
         def receive(data: bytes) -> None:
@@ -172,7 +172,7 @@ class FaultNode(LocoNode):
         output = self.create_publisher(row.type, faulty(row.name), row.qos.writer())
         self._outputs[name] = output
         publish = raw(output)
-        # Without any of these no command comes of the tick. The plant judges commands itself.
+        # If such a message is lost, the tick has no command. The plant validates commands itself.
         waited_for = row.rate > 0 and bool(row.readers)
         for_plant = row.readers == ("robot_sim",)
 
@@ -199,7 +199,7 @@ class FaultNode(LocoNode):
         self.input(name, receive, raw=True)
 
     def unmatched(self) -> list[str]:
-        """As of every node, and the plant must hear of lost ticks."""
+        """As in the base class; the plant must also subscribe to lost ticks."""
         missing = super().unmatched()
         if self._lost.get_subscription_count() < 1:
             missing.append(f"{LOST_TICK.name} (0/1 readers)")
@@ -209,7 +209,7 @@ class FaultNode(LocoNode):
 
 
 def _edges(faults_by_topic: list[tuple[str, faults.Fault]]) -> Iterator[tuple[float, str, str]]:
-    """Time, kind and text of the event at each begin and end."""
+    """Simulated time [s], kind and text of the event at the begin and end of each fault."""
     for name, fault in faults_by_topic:
         text = faults.to_text(name, fault)
         yield fault.start, "fault", text

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plain rclpy node in the place of one of ours.
+"""Support for a plain rclpy node that replaces a node of loco.
 
-The graph begins when every endpoint of its topic table is matched and every node has said
-``ready``. A plain node says nothing and has only the endpoints that it needs, so a `Herald` beside
-it, in the same process, has the others and speaks for it.
+The graph begins when every endpoint of its topic table is matched and every node has published
+the event ``ready``. A plain node publishes no events and has only the endpoints that it needs, so
+a `Herald` in the same process creates the missing endpoints and publishes its events.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from .node import LocoNode
 
 
 class Herald(LocoNode):
-    """Has the endpoints that a plain node leaves out, and says ``ready`` for it.
+    """Creates the endpoints that a plain node lacks, and publishes ``ready`` for it.
 
     Args:
-        guest: The plain node; its name is that of the node whose place it takes.
+        guest: The plain node, with the name of the node that it replaces.
     """
 
     def __init__(self, node: Node):
@@ -43,11 +43,11 @@ class Herald(LocoNode):
         self.announce_ready()
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
-        """Publish an event of the guest."""
+        """Publish an event in the name of the guest."""
         self.publish_event(self._node.get_name(), kind, text, tick, t)
 
     def unmatched(self) -> list[str]:
-        """Topics of guest and herald that still wait for an endpoint."""
+        """Topics of guest and herald with an unmatched endpoint."""
         missing, has = super().unmatched(), topics_of(self._node)
         for row in (row for row in self.table.values() if row.name in has and row.rate > 0):
             if isinstance(endpoint := has[row.name], Publisher):
@@ -60,7 +60,7 @@ class Herald(LocoNode):
 
 
 def table_of(node: Node) -> dict[str, Topic]:
-    """Topic table with the most topics that a node writes or reads under its name.
+    """The topic table that has most of the topics that a node writes or reads under its name.
 
     Args:
         node: A plain node.
@@ -75,7 +75,7 @@ def table_of(node: Node) -> dict[str, Topic]:
 
 
 def topics_of(node: Node) -> dict[str, Any]:
-    """Publishers and subscriptions of a node, by the names of our tables.
+    """Publishers and subscriptions of a node, by topic name as in the tables.
 
     Args:
         node: A plain node.
@@ -87,4 +87,4 @@ def topics_of(node: Node) -> dict[str, Any]:
 
 
 def _exit(data: bytes) -> None:
-    """In the place of the guest, which does not want this topic."""
+    """Callback that discards messages of a topic that the guest does not use."""

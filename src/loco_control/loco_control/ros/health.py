@@ -53,11 +53,11 @@ class HealthParams(Params):
 
 
 def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:
-    """Level and words for the values of a report.
+    """Diagnostic level and message for the values of a report.
 
     Args:
         params: The limits.
-        values: Values by name of their limit; ``real_time_factor`` meets the limit ``slower``.
+        values: Values by name of their limit; the limit of ``real_time_factor`` is ``slower``.
     """
     level, messages = OK, []
     for f in fields(params):
@@ -87,7 +87,7 @@ class PeriodMeter:
         self._count, self._sum, self._max = 0, 0.0, 0.0
 
     def mark(self) -> None:
-        """A tick happens now."""
+        """Record a tick at the current time."""
         time_now = time.perf_counter()
         if self._last:
             period = time_now - self._last
@@ -102,7 +102,7 @@ class PeriodMeter:
         return time.perf_counter() - self._last if self._last else None
 
     def summary(self) -> dict[str, Any]:
-        """Figures since the last call."""
+        """Statistics since the last call."""
         mean = self._sum / self._count if self._count else 0.0
         values = {
             "ticks": self._count,
@@ -120,7 +120,7 @@ class UsageMeter:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def summary(self) -> dict[str, Any]:
-        """Figures since the last call."""
+        """Statistics since the last call."""
         wall, cpu = time.perf_counter(), time.process_time()
         span, used = wall - self._wall, cpu - self._cpu
         self._wall, self._cpu = wall, cpu

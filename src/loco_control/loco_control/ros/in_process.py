@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages between the nodes of one process, handed over as bytes instead of through DDS.
+"""Exchange of messages between the nodes of one process as bytes, without DDS.
 
-Fast DDS is told by our profile not to match endpoints of its own process, so that a node hears
-of its neighbours from the `Post` alone. Everyone else hears them over DDS as before, and they
-hear everyone else.
+The Fast DDS profile of loco does not match endpoints of the same process, so nodes of one process
+receive each other's messages from `Post` alone. Exchange with other processes uses DDS.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from . import IGNORE_OWN, PROFILE, has_user_profile
 
-_AT_ONCE = 32  # messages that are handed over before the executor looks at the rest: four ticks
+_AT_ONCE = 32  # messages handed over before the executor handles other events: four ticks
 
 
 def obstacle() -> str:
-    """Reason why this process cannot keep its messages from DDS, "" if there is none."""
+    """Reason why in-process exchange is impossible here; "" if there is none."""
     if (rmw := get_rmw_implementation_identifier()) != "rmw_fastrtps_cpp":
         return f"the middleware is {rmw}"
     return f"{PROFILE} is set" if has_user_profile(os.environ) else ""
@@ -34,7 +33,7 @@ def obstacle() -> str:
 
 @contextlib.contextmanager
 def deaf_to_itself() -> Iterator[None]:
-    """Within it, the first node of the process must be made; the profile is read then."""
+    """Context in which the first node of the process must be created; it reads the profile."""
     os.environ[IGNORE_OWN] = "true"
     try:
         yield
@@ -43,28 +42,28 @@ def deaf_to_itself() -> Iterator[None]:
 
 
 class Post:
-    """Hands what a node of this process publishes to the readers in this process, in order.
+    """Queue that hands messages published in this process to its readers, in order.
 
-    A message is never handed over while its writer still publishes, but when the executor comes
-    to it, as with DDS. None is lost: the depth of a queue is of no importance here.
+    As with DDS, a message is handed over by the executor and never within the call that publishes
+    it. No message is lost: the queue depth of the QoS profile does not apply.
 
     Args:
         executor: Executor of all nodes of the process.
 
     Attributes:
-        timed: Somebody calls `hand_over` between deadlines; else the executor does.
+        timed: Whether `hand_over` is called between deadlines; else the executor calls it.
     """
 
     def __init__(self, executor: Any):
         self._executor, self.timed = executor, False
-        self._interrupted = False  # the executor will come to us
+        self._interrupted = False  # a task of the executor is pending
         self._queue: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._readers: dict[str, list[Callable[[bytes], None]]] = {}
         self._writers: dict[str, int] = {}
         self._latched: dict[str, deque[bytes]] = {}  # newest messages of latched topics
 
     def publisher(self, *args: Any, **kwargs: Any) -> Publisher:
-        """Make a publisher, as the class that `Node.create_publisher` wants."""
+        """Create a publisher; takes the place of the publisher class in `Node.create_publisher`."""
         publisher = _Publisher(*args, **kwargs)
         name, qos = publisher.topic_name, publisher.qos_profile
         if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
@@ -74,7 +73,7 @@ class Post:
         return publisher
 
     def subscribe(self, subscription: Subscription, callback: Callable) -> None:
-        """Hand what this process publishes on the topic of a subscription to its callback, too."""
+        """Pass messages of this process on the topic of a subscription to `callback`, too."""
         kind, name, receive = subscription.msg_type, subscription.topic_name, callback
         if not subscription.raw:
 
@@ -98,7 +97,7 @@ class Post:
             self._interrupt()
 
     def hand_over(self) -> bool:
-        """Hand the oldest message to its reader; whether there was one."""
+        """Hand the oldest message to its reader; False if the queue was empty."""
         if not self._queue:
             return False
         receive, data = self._queue.popleft()
@@ -122,7 +121,7 @@ class Post:
 
 
 class _Publisher(Publisher):
-    """Publisher over DDS that tells the readers in this process, too."""
+    """DDS publisher that also queues its messages for the readers in this process."""
 
     post: Post
     readers: list[Callable[[bytes], None]]
@@ -135,7 +134,7 @@ class _Publisher(Publisher):
             self.tell(message if isinstance(message, bytes) else serialize_message(message))
 
     def tell(self, data: bytes) -> None:
-        """Tell the readers in this process alone."""
+        """Queue a message for the readers in this process only."""
         if self.kept is not None:
             self.kept.append(data)
         if self.readers:
@@ -149,8 +148,8 @@ class _Publisher(Publisher):
 def raw(publisher: Publisher) -> Callable[[bytes], None]:
     """Function that publishes the bytes of a message.
 
-    It is rclpy's compiled publish without the checks in Python around it, which took 3 % of a
-    composed tick.
+    This is rclpy's compiled publish without its Python checks, which took 3 % of the time of a
+    tick with all nodes in one process.
     """
     send = publisher.handle.publish_raw
     if not isinstance(publisher, _Publisher):

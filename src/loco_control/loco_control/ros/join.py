@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of several topics that belong to one tick."""
+"""Collection of the messages of several topics that belong to one tick."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from ..exceptions import LocoError
 from .health import PeriodMeter
 from .messages.convert import TICK
 
-_PENDING = 8  # messages of a topic that wait for those of others
-_BACK = 4  # ticks that a state may be late; one that is later means that the clock was set back
+_PENDING = 8  # messages of a topic that wait for those of other topics
+_BACK = 4  # largest delay of a message [ticks]; a larger step back means that the clock was reset
 
 
 def loco_tick(data: bytes) -> int:
-    """Tick in the bytes of a message of `loco_msgs`."""
+    """Tick of a serialised message of `loco_msgs`."""
     return int.from_bytes(data[TICK], "little")
 
 
 class TickJoin:
     """Collects one message per topic and calls `step` when all have the same tick.
 
-    A tick is any number that grows: the tick itself, or the stamp. One that was answered
-    already, or an older one, is stale: counted and not answered. A message that cannot be
-    used is refused: nobody steps with numbers that are not finite.
+    A tick is any increasing number: the tick itself, or the stamp. A message of a tick that was
+    answered already, or of an older one, is stale: it is counted and not answered. A message that
+    cannot be decoded or has numbers that are not finite is refused.
 
     Args:
-        readers: Readers by topic: `read` decodes its bytes, ``finite(data, value)`` judges them.
-        step: Gets what they read.
-        meter: Is told of each step.
-        tick_of: Number in the bytes of a message that all messages of a tick share.
-        newest: Newest tick, in plants, that anyone can know of; what claims to be newer
-            is stale, too. Without it a first topic that goes back by more than `_BACK` ticks
-            is believed: the plant's clock was set back. A message more than a tick ahead of
-            the first topic waits, for that may be late; when another one of its topic comes
-            before that tick its clock was wrong, and it is stale.
-        refuse: Is told why a tick was refused: an error in words, or "" for not finite;
-            without it an error is raised. Where it is given without `newest`, by controllers,
-            numbers for which `step` has no answer are refused, too.
+        readers: Readers by topic: `read` decodes its bytes, ``finite(data, value)`` checks them.
+        step: Function called with the decoded messages of a tick.
+        meter: Meter of the tick period, marked at each step.
+        tick_of: Function that extracts the tick from the bytes of a message.
+        newest: Function, for plants, that returns the newest possible tick; messages of later
+            ticks are stale. Without it, a first topic that goes back by more than `_BACK` ticks
+            means that the plant's clock was reset. A message more than a tick ahead of the first
+            topic waits, since the first topic may be late; if another message of its topic
+            arrives before that tick, its clock was wrong and it is stale.
+        refuse: Function called with the reason when a tick is refused: an error message, or ""
+            for numbers that are not finite; without it an error is raised. If it is given without
+            `newest`, by controllers, numbers for which `step` has no solution are refused, too.
     """
 
     def __init__(
@@ -56,8 +56,8 @@ class TickJoin:
         self._step, self._meter = step, meter
         self._newest, self._refuse = newest, refuse
         self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
-        self._heard = -1  # tick of the newest message that waits
-        self._period = 0  # smallest number of a step from one tick to the next, 0 unknown
+        self._heard = -1  # tick of the message received last
+        self._period = 0  # smallest difference between two ticks, 0: unknown
         self._has_begun = -1  # tick of the last message of the first topic
         self.done = -1  # newest tick answered
         self.stale = self.refused = 0
@@ -91,7 +91,7 @@ class TickJoin:
         return receive
 
     def _forget_early(self, own_messages: dict[int, bytes]) -> None:
-        """Another message came after one of a tick that did not begin: its clock was wrong."""
+        """Discard messages that are ahead of the first topic: their clock was wrong."""
         for tick in [
             t for t in own_messages if self._period and t > self._has_begun + self._period
         ]:
@@ -99,7 +99,7 @@ class TickJoin:
             self.stale += 1
 
     def _set_back(self, tick: int) -> bool:
-        """Whether the clock was set back, and not a message late; then begin anew there."""
+        """Whether `tick` means a reset of the clock, not a late message; if so, restart there."""
         has_period = self._period and self._newest is None
         if not has_period or tick >= self.done - _BACK * self._period:
             return False
@@ -109,7 +109,7 @@ class TickJoin:
         return True
 
     def missing(self) -> list[str]:
-        """Topics that the next step still waits for."""
+        """Topics whose message for the next step is missing."""
         return [name for name, messages in self._waiting.items() if self._heard not in messages]
 
     def _answer(self, tick: int, messages_of_tick: list[bytes]) -> None:
@@ -118,12 +118,12 @@ class TickJoin:
         for name, data in zip(self._readers, messages_of_tick, strict=True):
             try:
                 values.append(self._readers[name].read(data))
-            except Exception as error:  # of ours, of rclpy, or whatever these bytes led it to
+            except Exception as error:  # of loco, of rclpy, or any other caused by these bytes
                 if self._refuse is None:
                     raise
                 self.refused += 1
                 for messages in self._waiting.values():
-                    del messages[tick]  # what comes once more may be right
+                    del messages[tick]  # a repeated message may be valid
                 is_loco_error = isinstance(error, LocoError)
                 self._refuse(
                     str(error) if is_loco_error else f"{name}: {len(data)} bytes cannot be read"

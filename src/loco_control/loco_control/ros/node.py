@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The part of every node of the graph: topics from the table, readiness, ticks, diagnostics.
+"""Base class of every node of the graph: topics from the table, readiness, ticks, diagnostics.
 
-`executor.run_nodes` is the only way a node is spun.
+Nodes are spun by `executor.run_nodes` only.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ __all__ = ["LocoNode"]
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _NO_NUMBERS = "numbers that are not finite"
 _SETTLE_TIME = (
-    0.2  # endpoints stay matched this long before a node is ready: others are heard of [s]
+    0.2  # endpoints must be matched this long before a node is ready; discovery takes time [s]
 )
-_LAST_TICK, _LAST_TIME = 2**64 - 1, 2.0**31  # of a message; time in [s]
-_LONGEST = 2000  # characters of the text of an event: others decide what it quotes
+_LAST_TICK, _LAST_TIME = 2**64 - 1, 2.0**31  # largest tick and time [s] of a message
+_LONGEST = 2000  # longest text of an event, which may quote input of any length [characters]
 
 
 class LocoNode(Node):
     """Node whose publishers and subscriptions come from the topic table.
 
-    No message ends it: one that cannot be read or used is refused, which /diagnostics and, the
-    first time on each topic, an event tell. Its parameters are those it began with, except the
-    ones that `parameters.on_change` names.
+    An invalid message does not end the node: it is refused and counted in /diagnostics, and the
+    first one of each topic is reported by an event. Parameters are constant, except those passed to
+    `parameters.on_change`.
 
     Args:
         name: Node name, as in the topic table.
 
     Attributes:
         table: The topic table of the graph that the node belongs to.
-        timed: Ticks are due at times: `on_deadline` is called at each `deadline`.
+        timed: Whether ticks are scheduled by time: `on_deadline` is called at each `deadline`.
         changeable: Full names of the parameters that may be set while it runs.
-        granted: Requests of `RealtimeParams` that were granted and refused.
-        post: Hands messages to nodes of the same process; None where DDS does it.
+        granted: Report lines on the settings of `RealtimeParams` that were granted or refused.
+        post: Queue of the messages between nodes of the same process; None if DDS is used.
     """
 
     post: ClassVar[Post | None] = None
@@ -66,16 +66,16 @@ class LocoNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=False)
         self.changeable = seal(self)
         self.recorded = self.declare_parameter("recorded", False).value
-        # Topics between whose writers and readers the node `faults` stands.
+        # Topics that the node `faults` damages.
         self.faulted = {n for n in self.declare_parameter("faulted", [""]).value if n}
         if not self.declare_parameter("allow_faults", False).value and self.faulted:
             raise ParameterError(
                 f"{name} is told that faults damage {', '.join(sorted(self.faulted))}; that needs "
                 "the parameter allow_faults:=true"
             )
-        self._refused: dict[str, int] = {}  # messages by topic
-        self._reason = ""  # why the newest of them was refused
-        self._reported_refused = 0  # at the last report
+        self._refused: dict[str, int] = {}  # number of refused messages by topic
+        self._reason = ""  # reason of the newest refusal
+        self._reported_refused = 0  # count at the last report
         self._outputs: dict[str, Any] = {}
         self._inputs: dict[str, Any] = {}
         self._health = declare(self, HealthParams(), "diagnostics.")
@@ -83,14 +83,14 @@ class LocoNode(Node):
         self.granted: list[str] = []
         self._periods, self._usage = PeriodMeter(), UsageMeter()
         self._joins: list[TickJoin] = []
-        self._stale_counts = 0  # at the last report
+        self._stale_counts = 0  # counts at the last report
         self._events = self.output("events")
         self._diagnostics = self.output("/diagnostics")
         self._ready_timer = None
         self.create_timer(1.0, self.publish_diagnostics)
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
-        """Make a publisher, as `Node` does; nodes of the same process hear it, too."""
+        """Create a publisher as `Node` does, which also reaches nodes of the same process."""
         if self.post:
             kwargs["publisher_class"] = self.post.publisher
         return super().create_publisher(*args, **kwargs)
@@ -98,7 +98,7 @@ class LocoNode(Node):
     def create_subscription(
         self, kind: type, name: str, callback: Callable, qos: Any, **kwargs: Any
     ) -> Any:
-        """Make a subscription, as `Node` does; it hears nodes of the same process, too."""
+        """Create a subscription as `Node` does, which also hears nodes of the same process."""
         subscription = super().create_subscription(kind, name, callback, qos, **kwargs)
         if self.post:
             self.post.subscribe(subscription, callback)
@@ -112,11 +112,11 @@ class LocoNode(Node):
         clock: Any = _STEADY,
         **kwargs: Any,
     ) -> Any:
-        """Make a timer, as `Node` does; by default no change of the wall clock stops it."""
+        """Create a timer as `Node` does, by default on the steady clock."""
         return super().create_timer(period, callback, callback_group, clock, **kwargs)
 
     def writers(self, subscription: Any) -> int:
-        """Number of writers that a subscription hears."""
+        """Number of writers matched with a subscription."""
         in_process = self.post.writers(subscription.topic_name) if self.post else 0
         return subscription.get_publisher_count() + in_process
 
@@ -139,31 +139,31 @@ class LocoNode(Node):
 
         Args:
             name: Name of the topic in the table.
-            callback: Takes each message that can be read.
-            raw: The callback takes the bytes instead and judges them itself.
+            callback: Function called with each valid message.
+            raw: The callback takes the bytes instead and validates them itself.
         """
         row = self.row(name)
         topic_name = faulty(row.name) if name in self.faulted else row.name
-        # A plant that was told of a lost tick goes on while others still have to read it:
-        # with a queue of one they would find the next tick, too early, and miss both.
+        # After a lost tick the plant goes on while other nodes have not read that tick yet: with
+        # a queue of one they would receive the next tick too early, and miss both.
         qos = row.qos.reader(FAULT_DEPTH if self.faulted else None)
         receive = callback if raw else self.reader(name, row.type, callback)
         self._inputs[name] = self.create_subscription(row.type, topic_name, receive, qos, raw=True)
         return self._inputs[name]
 
     def reader(self, name: str, kind: type, callback: Callable) -> Callable[[bytes], None]:
-        """Callback for the bytes of a topic that hands on the messages that can be read.
+        """Callback for the bytes of a topic that passes on the messages that can be decoded.
 
         Args:
             name: Name of the topic, for `refuse`.
             kind: Class of its messages.
-            callback: Takes a message.
+            callback: Function called with a message.
         """
 
         def receive(data: bytes) -> None:
             try:
                 message = deserialize_message(data, kind)
-            except Exception:  # rclpy's error, or whatever these bytes led it to
+            except Exception:  # an error of rclpy, or any other caused by these bytes
                 self.refuse(name, f"{len(data)} bytes are no {kind.__name__}")
                 return
             callback(message)
@@ -171,11 +171,11 @@ class LocoNode(Node):
         return receive
 
     def refuse(self, name: str, reason: str) -> None:
-        """Count a message that cannot be read or used, and tell of the first one of a topic.
+        """Count an invalid message, and publish an event for the first one of a topic.
 
         Args:
             name: Name of the topic.
-            reason: Reason in words, for people.
+            reason: Human-readable reason.
         """
         repeated = name in self._refused
         self._refused[name] = self._refused.get(name, 0) + 1
@@ -195,14 +195,14 @@ class LocoNode(Node):
         tick_of: Callable[[bytes], int] = loco_tick,
         *limits: Any,
     ) -> TickJoin:
-        """As `join`, with an object per topic whose `read` decodes its bytes.
+        """As `join`, with a reader object per topic in place of a message class.
 
         Args:
             readers: Object per topic whose `read` decodes its bytes.
-            step: Gets what they read, in their order.
-            tick_of: Number in the bytes of a message that all messages of a tick share.
-            limits: `newest` and `refuse` of `TickJoin`; without them a tick that cannot be
-                used is one that the node refuses.
+            step: Function called with the decoded messages, in the order of `readers`.
+            tick_of: Function that extracts the tick from the bytes of a message.
+            limits: `newest` and `refuse` of `TickJoin`; by default the node's `refuse` is called
+                for an invalid tick.
         """
         if not limits:
             limits = None, lambda reason: self.refuse(" + ".join(readers), reason or _NO_NUMBERS)
@@ -218,42 +218,42 @@ class LocoNode(Node):
         self._ready_timer = self.create_timer(0.02, self._check_ready)
 
     def event(self, kind: str, text: str = "", tick: int = 0, t: float = 0.0) -> None:
-        """Publish something that happens once."""
+        """Publish a one-time event."""
         self.publish_event(self.get_name(), kind, text, tick, t)
 
     def publish_event(self, node: str, kind: str, text: str, tick: int, t: float) -> None:
-        """Publish an event of a node, which is this one unless it speaks for another.
+        """Publish an event in the name of this node or of the node that it represents.
 
         Args:
-            node: Name of the node that the event is of.
+            node: Name of the node that the event concerns.
             kind: Kind of the event.
-            text: Details for people.
+            text: Human-readable details.
             tick: Tick at which it happened.
             t: Simulated time [s].
         """
-        text = text.encode("utf-8", "replace").decode()  # others may have sent half a character
+        text = text.encode("utf-8", "replace").decode()  # received text may end within a character
         text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
-        tick = min(max(tick, 0), _LAST_TICK)  # others may have sent any tick and time, too
+        tick = min(max(tick, 0), _LAST_TICK)  # received ticks and times may have any value
         stamp = to_stamp(t if abs(t) < _LAST_TIME else 0.0)
         message = Event(stamp=stamp, tick=tick, node=node, kind=kind, text=text)
         self._events.publish(message)
 
     def heard(self, topic: str, value: Any, tick: int) -> None:
-        """Tell what somebody said and the first tick for which it counts; replay needs it."""
+        """Publish a received value and the first tick to which it applies; needed for replay."""
         self.event("heard", f"{topic} {value}", tick)
 
     def diagnose(self) -> dict[str, Any]:
-        """Values for ``/diagnostics`` beside the tick period; nodes extend it."""
+        """Values for ``/diagnostics`` in addition to the tick period; nodes extend it."""
         return {}
 
     def on_deadline(self) -> None:
-        """A `deadline` has come."""
+        """Called when `deadline` is reached."""
 
     def close(self) -> None:
-        """Free what the node holds (physics client, files); called once at the end."""
+        """Release resources of the node (physics client, files); called once at the end."""
 
     def unmatched(self) -> list[str]:
-        """Topics that still wait for an endpoint, with what is missing."""
+        """Topics with unmatched endpoints, each with a description of the missing endpoint."""
         missing = []
         for name, subscription in self._inputs.items():
             if not self.row(name).paced:
@@ -266,13 +266,13 @@ class LocoNode(Node):
         for name, publisher in self._outputs.items():
             row = self.row(name)
             expected = (1 if name in self.faulted else len(row.readers)) + bool(self.recorded)
-            expected += bool(self.faulted) and row == starts_tick(self.table)  # `faults` follows it
+            expected += bool(self.faulted) and row == starts_tick(self.table)  # `faults` reads it
             if row.paced and publisher.get_subscription_count() < expected:
                 missing.append(f"{name} ({publisher.get_subscription_count()}/{expected} readers)")
         return missing
 
     def _strangers(self) -> str:
-        """Control topic that several nodes write, and their names; "" if there is none."""
+        """First control topic with several writers, and their names; "" if there is none."""
         for name, subscription in self._inputs.items():
             if self.row(name).paced and self.writers(subscription) > 1:
                 if stranger := strangers(self, subscription.topic_name, self._host()):
@@ -280,7 +280,7 @@ class LocoNode(Node):
         return ""
 
     def _refuse_strangers(self) -> None:
-        """A graph does not begin beside another one; a later one does not end it.
+        """Raise an error if another graph writes the control topics; called before the start only.
 
         Raises:
             GraphError: A control topic has a second writer.
@@ -289,7 +289,7 @@ class LocoNode(Node):
             raise GraphError(f"{stranger}; {ANOTHER}")
 
     def _living(self, name: str) -> list[Any]:
-        """Writers of a topic whose processes live."""
+        """Writers of a topic whose processes are running."""
         return living(self.get_publishers_info_by_topic(name), self._host())
 
     def _host(self) -> bytes:
@@ -306,7 +306,7 @@ class LocoNode(Node):
             self.event("ready")
 
     def publish_diagnostics(self) -> None:
-        """Publish the figures since the last call; a timer does it at 1 Hz."""
+        """Publish the statistics since the last call; called at 1 Hz by a timer."""
         strangers = self._strangers()
         if strangers and self._ready_timer is not None:
             self._refuse_strangers()
@@ -333,14 +333,14 @@ class LocoNode(Node):
         self._diagnostics.publish(array)
 
     def _refusals(self) -> dict[str, Any]:
-        """Messages that were refused: all, since the last report, and why the newest was."""
+        """Number of refused messages, in total and since the last report, and the newest reason."""
         total = sum(self._refused.values())
         new, self._reported_refused = total - self._reported_refused, total
         values: dict[str, Any] = {"refused_messages": total, "refused": new}
         return values | ({"refused_last": self._reason} if total else {})
 
     def _inputs_report(self) -> dict[str, Any]:
-        """Late messages, time since the last tick, and the messages that the next one lacks."""
+        """Number of late messages, time since the last tick [s], and missing inputs."""
         if not self._joins:
             return {}
         stale_count = sum(join.stale for join in self._joins)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters declared from the dataclasses of each ``params.py``.
+"""Declaration of ROS parameters from the dataclasses of each ``params.py``.
 
 Type, description and range of a ROS parameter are those of the dataclass
-field, so ``ros2 param describe`` and our own errors say the same thing.
+field, so ``ros2 param describe`` and loco's error messages agree.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ T = TypeVar("T", bound=Params)
 
 
 def declare(node: Node, defaults: T, prefix: str = "", live: frozenset[str] = frozenset()) -> T:
-    """Declare each field of `defaults` and read back what was set.
+    """Declare each field of `defaults` as a parameter and return the values that were set.
 
     Args:
-        node: Node that gets the parameters.
-        defaults: Values when the command line and the YAML say nothing.
-        prefix: Put in front of every name, e.g. ``"gait."``.
+        node: Node on which the parameters are declared.
+        defaults: Values for parameters that neither the command line nor the YAML sets.
+        prefix: Prefix of every name, e.g. ``"gait."``.
         live: Full names that may change while the node runs; all others are read-only.
 
     Raises:
@@ -51,7 +51,7 @@ def declare_legs(node: Node) -> np.ndarray:
     """Geometry of the robot's legs from the parameter ``legs``, (4, 16); HyQ's by default.
 
     Raises:
-        ParameterError: It has another number of values.
+        ParameterError: The parameter has a wrong number of values.
     """
     text = "geometry of the legs, by rows: a row per leg, columns as in legs.geometry"
     descriptor = ParameterDescriptor(description=text, read_only=True)
@@ -62,7 +62,7 @@ def declare_legs(node: Node) -> np.ndarray:
 
 
 def _declare_one(node: Node, name: str, value: Any, meta: Any, read_only: bool) -> Any:
-    # Lists of mappings (schedules) have no ROS type: they travel as JSON text.
+    # Lists of mappings (schedules) have no ROS type: they are passed as JSON text.
     as_text = not isinstance(value, (bool, int, float, str)) and not _is_numbers(value)
     default = json.dumps(value) if as_text else value
     if isinstance(default, tuple):
@@ -89,10 +89,10 @@ def _descriptor(name: str, value: Any, meta: Any, read_only: bool) -> ParameterD
 
 
 def seal(node: Node) -> set[str]:
-    """Refuse to change a parameter that is there, unless its name is in the set returned.
+    """Make all declared parameters read-only, except those whose names are added to the result.
 
-    To be called when the node is made: nobody on the network can set ``use_sim_time`` then,
-    with which the node's timers would follow a clock that others publish.
+    To be called when the node is created. It also protects ``use_sim_time``, with which the node's
+    timers would follow a clock published by other nodes.
     """
     live: set[str] = set()
 
@@ -107,7 +107,7 @@ def seal(node: Node) -> set[str]:
 
 
 def sealed_node(name: str, **options: Any) -> Node:
-    """A node of `rclpy.create_node`, with its options, whose parameters nobody can change."""
+    """A node from `rclpy.create_node`, with its options, whose parameters are read-only."""
     node = rclpy.create_node(name, **options)
     seal(node)
     return node
@@ -118,7 +118,7 @@ def on_change(node: Any, apply: dict[str, Any]) -> None:
 
     Args:
         node: A `LocoNode`.
-        apply: Function by full name of the parameter.
+        apply: Functions by full name of the parameter.
     """
     node.changeable.update(apply)
 

@@ -44,7 +44,7 @@ class StanceControllerNode(LocoNode):
 
     def _step(self, state: RobotState, target: GaitTarget, command: MotionCommand) -> None:
         stance, torque = self.controller.step(state, target, command)
-        self._torque(self._pack_torque(torque))  # first: the plant waits for it
+        self._torque(self._pack_torque(torque))  # published first: the plant waits for it
         self._stance(self._pack_stance(stance))
 
     def _on_estimator(self, message: String) -> None:

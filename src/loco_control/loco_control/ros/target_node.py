@@ -28,7 +28,7 @@ class TargetGeneratorNode(LocoNode):
         gait = declare(self, GaitParams(), "gait.", live)
         self.generator = TargetGenerator(gait, dt, declare_legs(self))
         on_change(self, {f"gait.{name}": self._setter(name) for name in LIVE})
-        self._clipped = ""  # how the last `cmd_vel` differs from what is followed
+        self._clipped = ""  # difference between the last `cmd_vel` and the followed velocity
         self._publish = self.raw_output("gait_target")
         self._pack = Converter(GaitTarget).pack
         self.input("cmd_vel", self._on_velocity)
@@ -69,12 +69,12 @@ class TargetGeneratorNode(LocoNode):
             self.refuse(topic, str(error))
 
     def diagnose(self) -> dict[str, Any]:
-        """Notes on the cuts of the last velocity command."""
+        """Note on the reduction of the last velocity command, for /diagnostics."""
         return {"cmd_vel_clipped": self._clipped} if self._clipped else {}
 
 
 def _difference(requested: tuple[float, ...], followed: dict[str, float]) -> str:
-    """Sentence about a command that legs cannot follow."""
+    """Sentence on the difference between the requested and the followed velocity."""
     pairs = zip(TWIST, requested, followed.values(), strict=True)
     cut = [f"{name} {value:.3g} is cut to {limited:.3g}" for name, value, limited in pairs if value]
     return f"{', '.join(cut)}: out of range, or of reach of the legs"

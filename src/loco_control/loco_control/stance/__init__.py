@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The legs that stand, and the torques that hold the trunk level."""
+"""Stance estimation, and the trunk controller with its ground forces and joint torques."""

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stance controller: which legs stand, by clock or by foot height, and what they push.
+"""Stance controller: stance estimate, by gait clock or foot height, and trunk torques.
 
 PSE (predictive) takes the stance of the gait clock; RSE (reactive) takes a leg
 to stand while the height of the *commanded* foot, averaged over a window, is
 low. Source: thesis 8.2.2, eq. (8.1)-(8.3); threshold, window and hysteresis
-are ours, none are published.
+are not published and were chosen for loco.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ class HeightEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """All feet on the ground since ever."""
+        """Reset the history to zero heights, with all feet on the ground."""
         self._history = np.zeros((self.params.window, 4))
         self._next = 0
         self.stance = np.ones(4, dtype=bool)
 
     def update(self, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Average height [m] and stance, each (4,), after a new height [m], (4,)."""
+        """Average height [m] and stance, each (4,), updated by a new `height` [m], (4,)."""
         p = self.params
         mean, self.stance = self._average(
             self._history, self._next, height, self.stance, p.height_threshold, p.hysteresis
@@ -94,14 +94,14 @@ class StanceController:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the estimator of the parameters, with no past."""
+        """Reset to the estimator of the parameters, without history."""
         self._estimator, self._start = self.params.estimator, self.params.estimator_start
         self._ground: float | None = None
         self._height.reset()
         self.trunk.reset()
 
     def set_estimator(self, name: str) -> None:
-        """Let the estimator `name` decide from the next step on, whatever the time.
+        """Use the estimator `name` from the next step on, regardless of its start time.
 
         Raises:
             NameUnknownError: There is no such estimator.
@@ -113,7 +113,7 @@ class StanceController:
     ) -> tuple[Stance, TrunkTorque]:
         """Stance and trunk torque for the tick of `state`; call it once per tick."""
         if self._ground is None:
-            # Where the robot stands; once only, or the reactive estimator would see the clock.
+            # Ground height of the standing posture; set once, as the clock must not affect RSE.
             self._ground = float(target.foot_position[:, 2].min())
         heights = self._foot_heights(command.q, self._ground, self._legs)
         height, low = self._height.update(heights)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The share of each stance leg in a wrench on the trunk: ground forces on their feet.
+"""Distribution of a wrench on the trunk to ground forces on the stance feet.
 
 Forces f, (n, 3), on n feet make the wrench G f about the origin of the frame.
-More than one f makes the same wrench; the two mappings of the RCF differ in
-which they take. With two feet the moment about the line between them is out of
-reach and both come as near as they can. All arguments are C-contiguous float
+Several f produce the same wrench; the two mappings of the RCF select different
+ones. With two feet the moment about the line between them cannot be produced;
+both mappings minimise the error. All arguments are C-contiguous float
 arrays in one frame. Source: the two options of the RCF controller.
 """
 
@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numba import njit
 
-BASE_WEIGHT, RIDGE = 1000.0, 1e-4  # of the RCF's weighted pseudo-inverse
-TINY = 1e-9  # makes G G^T regular where a direction is out of reach
+BASE_WEIGHT, RIDGE = 1000.0, 1e-4  # weights of the RCF's weighted pseudo-inverse
+TINY = 1e-9  # regularises G G^T where the feet cannot produce a direction
 
 
 @njit(cache=True)
@@ -36,7 +36,7 @@ def grasp_map(feet):
 
 @njit(cache=True)
 def nullspace_forces(wrench, feet, jacobians):
-    """Ground forces of the null-space mapping: nearly the least joint torque.
+    """Ground forces of the null-space mapping: nearly the minimum joint torque.
 
     The RCF projects the wrench by (I - J_h^+ J_h)^T with J_h = [J | G^T] and
     J_h^+ = W J_h^T (J_h W J_h^T + ridge I)^-1. Its joint part is -J^T f with

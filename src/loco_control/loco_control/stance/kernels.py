@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arithmetic of `stance` and `trunk`: compiled, because it runs at every tick.
+"""Compiled arithmetic of the stance estimate and the trunk controller, run at every tick.
 
-`stance` and `trunk` have the parameters and what is remembered between ticks.
+Parameters and state between ticks are in `controller` and `trunk`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from ..legs.kinematics import feet_and_jacobians, turned_feet
 from ..orientation import roll_pitch_yaw, rotation_base_to_horizontal, wrap_angle
 from .forces import dot, minimum_forces, nullspace_forces
 
-GAINS = (  # of `TrunkParams`, in the order of the vector `gains`
+GAINS = (  # fields of `TrunkParams`, in the order of the vector `gains`
     *("roll_kp", "roll_kd", "pitch_kp", "pitch_kd", "yaw_kp", "yaw_kd"),
     *("height_kp", "height_kd", "mass", "gravity"),
 )
 MAX_HEADING_ERROR = math.radians(45.0)
-SLOWEST_TURN = 1e-3  # a gait that turns more slowly keeps its heading [rad/s]
+SLOWEST_TURN = 1e-3  # slower turning rates count as zero, so that the heading is held [rad/s]
 
 
 @njit(cache=True)
@@ -36,11 +36,11 @@ def average_heights(history, newest, height, stance, threshold, hysteresis):
 
     Args:
         history: Last heights [m], (window, 4); row `newest` is overwritten with `height`.
-        newest: Row of the oldest heights.
+        newest: Row of the oldest heights, overwritten with the newest.
         height: Heights now [m], (4,).
         stance: Feet that were low before, (4,) bool.
-        threshold: A foot higher than this swings [m].
-        hysteresis: Share of the threshold by which a landing foot must be below it.
+        threshold: Height above which a foot is in swing [m].
+        hysteresis: Fraction of the threshold by which a landing foot must be below it.
 
     Returns:
         Average heights [m], (4,), and the feet that are low, (4,) bool.
@@ -56,11 +56,10 @@ def average_heights(history, newest, height, stance, threshold, hysteresis):
 
 @njit(cache=True)
 def turning_rate(feet, velocity, stance):
-    """Rate at which a gait turns the trunk [rad/s], from its feet's sideways velocities.
+    """Turning rate of the trunk in a gait [rad/s], from the lateral velocities of its feet.
 
-    Feet on the ground move as the trunk does, backwards, so that their velocity to the left
-    falls with x by the rate. Exactly 0 where no foot moves sideways, and without a stance foot
-    in front of another.
+    Stance feet move opposite to the trunk, so their velocity to the left decreases with x by the
+    rate. Exactly 0 if no foot moves sideways, or if no stance foot is in front of another.
 
     Args:
         feet: Positions of the target's feet, base frame [m], (4, 3).
@@ -88,9 +87,9 @@ def trunk_wrench(roll, pitch, yaw_error, spin, sunk, rise, gains):
     Args:
         roll: Roll of the trunk [rad].
         pitch: Pitch of the trunk [rad].
-        yaw_error: Heading less the wanted one [rad].
-        spin: Angular velocity less the wanted one, horizontal frame [rad/s], (3,).
-        sunk: Wanted height less the height [m].
+        yaw_error: Heading minus desired heading [rad].
+        spin: Angular velocity minus desired value, horizontal frame [rad/s], (3,).
+        sunk: Desired height minus height [m].
         rise: Vertical velocity [m/s].
         gains: Named by `GAINS`, (10,).
     """
@@ -107,7 +106,7 @@ def trunk_wrench(roll, pitch, yaw_error, spin, sunk, rise, gains):
 
 @njit(cache=True)
 def standing(stance, values):
-    """Rows of `values`, (4, n), of the legs that stand."""
+    """Rows of `values`, (4, n), of the stance legs."""
     rows, row = np.empty((stance.sum(), values.shape[1])), 0
     for leg in range(4):
         if stance[leg]:
@@ -121,7 +120,7 @@ def standing(stance, values):
 def trunk_torque(
     q, dq, orientation, angular_velocity, target_feet, heading, stance, gains, options, legs
 ):
-    """Torques of the legs that stand, and the wrench on the trunk they answer.
+    """Joint torques of the stance legs, and the desired wrench on the trunk.
 
     Args:
         q: Joint positions [rad], (12,).
@@ -129,11 +128,11 @@ def trunk_torque(
         orientation: Base to world, x y z w, (4,).
         angular_velocity: Base frame [rad/s], (3,).
         target_feet: Feet of the target, base frame [m], (4, 3).
-        heading: Yaw to keep [rad], and the rate at which to turn [rad/s].
-        stance: Legs that stand, (4,) bool.
+        heading: Desired yaw [rad] and turning rate [rad/s].
+        stance: Stance legs, (4,) bool.
         gains: Named by `GAINS`, (10,).
-        options: Fewest legs to stand on; null-space mapping or not; feet push only or not.
-        legs: The robot, see `legs.geometry.COLUMNS`, (4, 16).
+        options: Minimum number of stance legs; null-space mapping or not; pushing only or not.
+        legs: Leg geometry, columns named by `legs.geometry.COLUMNS`, (4, 16).
 
     Returns:
         Joint torque [N·m], (12,), zero for swing legs, and wrench [N, N·m], (6,); both

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trunk controller: virtual springs on the trunk, carried by the stance legs.
+"""Trunk controller: virtual springs and dampers on the trunk, realised by the stance legs.
 
-The wanted wrench w at the trunk is made of ground forces f on the n stance
-feet, G f = w, and a force on a foot takes the joint torques tau = -J^T f of
-its leg. More than one f makes the same w; the two mappings differ in which.
+The desired wrench w on the trunk is produced by ground forces f on the n stance
+feet, G f = w, and a force on a foot requires the joint torques tau = -J^T f of
+its leg. Several f produce the same w; the two mappings select different ones.
 
 Source: the RCF controller as the author ran it (hyq_ml). Departures: height and its
-velocity are means over all stance feet; the height wanted is that of the target's
+velocity are means over all stance feet; the desired height is that of the target's
 lowest foot; the weight is that of the simulated robot (84.76 kg, author 75 kg).
 """
 
@@ -25,7 +25,7 @@ MAPPINGS = ("nullspace", "minimum_force")
 
 @dataclass(frozen=True)
 class TrunkParams(Params):
-    """Gains of the virtual wrench on the trunk and how the legs share it.
+    """Gains of the virtual wrench on the trunk and its distribution to the legs.
 
     Source: gains of the author's option file (hyq_ml, hyq_sim_options.ini).
     """
@@ -63,18 +63,18 @@ class TrunkController:
         self._gains = np.array([getattr(params, name) for name in stance_kernels.GAINS])
         if not params.heading_hold:
             self._gains[stance_kernels.GAINS.index("yaw_kp")] = 0.0
-        fewest = params.min_stance_legs if params.enabled else 5  # more than there are
+        fewest = params.min_stance_legs if params.enabled else 5  # more legs than exist: disabled
         self._options = (fewest, params.mapping == "nullspace", params.push_only)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the heading; the next step sets it anew."""
+        """Discard the desired heading; the next step sets it to the current heading."""
         self._heading: float | None = None
 
     def step(self, state: RobotState, target: GaitTarget, stance: np.ndarray) -> TrunkTorque:
-        """Torques of the legs that stand, (4,) bool, at the tick of `state`."""
+        """Torques of the legs in `stance`, (4,) bool, at the tick of `state`."""
         rate = self._kernels.turning_rate(target.foot_position, target.foot_velocity, target.stance)
-        if self._heading is None or rate != 0.0:  # a turn ends in the heading to keep
+        if self._heading is None or rate != 0.0:  # the heading at the end of a turn is held
             self._heading = self._kernels.roll_pitch_yaw(state.orientation)[2]
         tau, wrench = self._kernels.trunk_torque(
             *(state.q, state.dq, state.orientation, state.angular_velocity),

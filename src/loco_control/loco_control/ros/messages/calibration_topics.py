@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of a calibration; the robots that it listens to have tables of their own.
+"""Topics of a calibration; the calibrated robots have topic tables of their own.
 
-Beside them are the actions ``calibrate`` (``loco_msgs/action/Calibrate``) and ``find_gap``
+There are also the actions ``calibrate`` (``loco_msgs/action/Calibrate``) and ``find_gap``
 (``loco_msgs/action/FindGap``).
 """
 

@@ -9,9 +9,9 @@ a 12-joint ``JointState`` costs ten times as much (`loco bench messages`).
 
 The layout follows XCDR1 as Fast DDS writes it: four bytes of encapsulation,
 then each primitive aligned to its own size, counted from byte 4. Messages without
-texts and sequences end at a multiple of four bytes. What Fast DDS reserves for padding in front
-of empty sequences at the end, and its Python interface leaves there unused, is no part of a message:
-strict readers, such as rosbags, refuse it.
+texts and sequences end at a multiple of four bytes. Fast DDS reserves padding in front of empty
+sequences at the end, unused by its Python interface; it is omitted here, since strict readers,
+such as rosbags, refuse it.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Codec:
 
     Args:
         template: A filled message, of ROS or of `plain`; its texts and sequence lengths
-            become constants, every number stays a field named by its path with dots,
+            become constants, every number becomes a field named by its dotted path,
             e.g. ``"header.stamp.sec"`` or ``"position"``.
-        size: Bytes of the messages where others wrote them, who may pad the end.
+        size: Size of messages written by other programs, which may pad the end [bytes].
 
     Raises:
-        ParameterError: It has a field that no record can hold, or `size` bytes hold less.
+        ParameterError: A field does not fit into a record, or the template is longer than `size`.
     """
 
     def __init__(self, template: Any, size: int | None = None):
@@ -68,7 +68,7 @@ class Codec:
         return self._bytes
 
     def record(self) -> np.ndarray:
-        """New writable record of shape () that starts as the template."""
+        """New writable record of shape (), initialised with the template."""
         return np.frombuffer(bytearray(self._bytes), dtype=self.dtype)[0:1].reshape(())
 
     def decode(self, data: bytes) -> np.ndarray:
@@ -85,12 +85,12 @@ class Codec:
 
 
 class _Layout:
-    """The bytes of a message while they are written, and the places of its numbers.
+    """Serialised bytes of a message under construction, and the offsets of its numbers.
 
     Attributes:
-        data: Bytes so far, with padding of zeros.
+        data: Bytes written so far, padded with zeros.
         fields: Names, formats and offsets for `np.dtype`.
-        fixed: Whether the type leaves no choice of length.
+        fixed: Whether all messages of the type have the same length.
     """
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class _Layout:
             self.data += bytes((_HEADER - len(self.data)) % alignment) + data
 
     def message(self, message: Any, prefix: str) -> None:
-        """Add all fields of a message; an empty one has one byte."""
+        """Append all fields of a message; a message without fields has one byte."""
         types = message.get_fields_and_field_types()
         for name, kind in types.items():
             self._field(getattr(message, name), kind, prefix + name)
@@ -118,7 +118,7 @@ class _Layout:
             self._length(len(value))
         elif many:
             element = kind[: kind.index("[")]
-        if element == "octet":  # rclpy gives each as bytes
+        if element == "octet":  # rclpy represents each octet as bytes
             value = [_octet(v) for v in value] if many else _octet(value)
         if element in _PRIMITIVES:
             self._numbers(value, np.dtype(_PRIMITIVES[element]), path, many)
@@ -137,7 +137,7 @@ class _Layout:
         self._put(count.to_bytes(4, "little"), 4)
 
     def _numbers(self, value: Any, code: np.dtype, path: str, many: bool) -> None:
-        """Add one number or an array of them."""
+        """Append one number or an array of numbers."""
         data = np.asarray(value, code).tobytes()
         self._put(data, code.itemsize)
         if data:

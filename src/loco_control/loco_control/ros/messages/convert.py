@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dataclasses of `loco_control.types` to CDR bytes and back, field by field by name."""
+"""Conversion of the dataclasses of `loco_control.types` to CDR bytes and back, by field name."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .plain import message_class
 
 T = TypeVar("T")
 
-TICK = slice(12, 20)  # bytes of the tick in every message of a tick: after header and stamp
+TICK = slice(12, 20)  # bytes of the tick in every message that has one: after header and stamp
 SHAPES = {"grf": (4, 3), "foot_position": (4, 3), "foot_velocity": (4, 3)}
 _MESSAGES = {
     cls: message_class(f"loco_msgs/msg/{cls.__name__}")
@@ -31,8 +31,8 @@ _MESSAGES = {
 }
 
 
-# By class, as all nodes of a process get the same bytes: the newest message read, and the newest
-# that was found finite.
+# Caches by class, since all nodes of a process receive the same bytes: the newest message that
+# was decoded, and the newest that was finite.
 _LAST: dict[type, tuple[bytes, Any]] = {}
 _FINITE: dict[type, bytes] = {}
 
@@ -49,8 +49,8 @@ class Converter:
         self.codec = Codec(_MESSAGES[cls]())
         self._record = self.codec.record()
         names = [f.name for f in dataclasses.fields(cls)]
-        names = names[2:]  # tick and t come first in every class
-        # Views are made once: naming a field in a record takes as long as writing it.
+        names = names[2:]  # without tick and t, the first fields of every class
+        # Views are created once: looking up a field of a record takes as long as writing it.
         self._views = [(attrgetter(name), self._reshape(name)) for name in names]
         self._tick = field_view(self._record, "tick")
         self._stamp = stamp_views(self._record, "stamp")
@@ -71,7 +71,7 @@ class Converter:
         return self._record.tobytes()
 
     def read(self, data: bytes) -> Any:
-        """Dataclass of serialised bytes; nodes of one process share the one they all receive."""
+        """Dataclass of serialised bytes; nodes of one process share one instance per message."""
         last = _LAST.get(self.cls)
         if last is not None and last[0] == data:
             return last[1]
@@ -82,8 +82,8 @@ class Converter:
     def finite(self, data: bytes, value: Any) -> bool:
         """Whether all doubles of a message are finite.
 
-        Looks at all words of eight bytes from the stamp on, in one go: doubles lie on them, and
-        what else does (stamp, tick, booleans) never has the exponent of infinity.
+        Checks all words of eight bytes from the stamp on at once: doubles are aligned to them, and
+        the other contents (stamp, tick, booleans) never have the exponent of infinity.
         """
         if _FINITE.get(self.cls) is data:
             return True
@@ -102,7 +102,7 @@ class Converter:
 
 
 def blank(cls: type) -> Any:
-    """Message of zeros as a node would receive it; a first step with it compiles the kernels."""
+    """A message of zeros in received form; a first step with it compiles the kernels."""
     converter = Converter(cls)
     return converter.unpack(converter.codec.decode(converter.codec.template))
 
@@ -128,6 +128,6 @@ def write_stamp(views: tuple[np.ndarray, np.ndarray], t: float) -> None:
     views[0][...], views[1][...] = _split(t)
 
 
-@lru_cache(maxsize=8)  # all messages of a tick have the same time
+@lru_cache(maxsize=8)  # cached: all messages of a tick have the same time
 def _split(t: float) -> tuple[int, int]:
     return divmod(round(t * 1e9), 1_000_000_000)

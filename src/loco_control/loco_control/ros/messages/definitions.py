@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message definitions as ROS writes them in ``.msg`` files: their fields, whole texts and hashes.
+"""Message definitions in the format of ``.msg`` files: fields, full texts and type hashes.
 
-A bag carries the text of each of its messages, so it is read without the packages that they
-come from. Where ROS is not installed, the texts of our own topics come from `_OURS` and
+A bag contains the definition of each of its message types, so it can be read without their
+packages. Where ROS is not installed, the definitions for the topics of loco are in `_OURS` and
 `_STANDARD`.
 """
 
@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 from ...exceptions import NameUnknownError, ParameterError
 from ...reading import parse_yaml
 
-SEPARATOR = "=" * 80  # between a message and those that it contains
-MOST_FIELDS = 1000  # of one message
+SEPARATOR = "=" * 80  # between the definitions of a message and of its nested messages
+MOST_FIELDS = 1000  # largest number of fields of one message
 _FOLDER = Path(__file__).parent / "texts"
 _STANDARD, _OURS = _FOLDER / "standard.msg", _FOLDER / "loco_msgs"
-# Words of .msg files, words of IDL, and the numbers of types that go into a hash.
+# Type names of .msg files and of IDL, and the type ids that enter the hash.
 _PRIMITIVES = {
     "bool": ("boolean", 15), "byte": ("octet", 16), "char": ("uint8", 3),
     "float32": ("float", 10), "float64": ("double", 11), "int8": ("int8", 2),
@@ -33,8 +33,8 @@ _PRIMITIVES = {
     "uint32": ("uint32", 7), "int64": ("int64", 8), "uint64": ("uint64", 9),
     "string": ("string", 17), "wstring": ("wstring", 18),
 }  # fmt: skip
-_NESTED, _BOUNDED_TEXT = 1, 4  # number of a message; what a bounded text's number is higher by
-_ARRAYS = {"fixed": 48, "bounded": 96, "sequence": 144}  # what an array's number is higher by
+_NESTED, _BOUNDED_TEXT = 1, 4  # type id of a message; offset of the id of a bounded text
+_ARRAYS = {"fixed": 48, "bounded": 96, "sequence": 144}  # offset of the type id of an array
 _LINE = re.compile(
     r"(?P<base>[A-Za-z][\w/]*)(?:<=(?P<text>\d+))?(?P<array>\[(?P<most><=)?(?P<count>\d*)\])?"
     r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)$"
@@ -46,8 +46,8 @@ class Field(NamedTuple):
 
     Attributes:
         name: Name of the field.
-        base: Type of an element: a word of ``.msg`` files or ``package/Type``.
-        text: Most characters of a text; 0 for no limit.
+        base: Type of an element: a primitive type of ``.msg`` files or ``package/Type``.
+        text: Largest length of a text [characters]; 0 for no limit.
         array: ``fixed``, ``bounded``, ``sequence``, or empty for a single value.
         count: Length of a fixed array, greatest length of a bounded sequence, else 0.
         default: Value of a new message; None for zero.
@@ -62,7 +62,7 @@ class Field(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Type as the message classes of ROS name it, e.g. ``sequence<double>``."""
+        """Type in the notation of the ROS message classes, e.g. ``sequence<double>``."""
         element = _PRIMITIVES[self.base][0] if self.base in _PRIMITIVES else self.base
         element += f"<{self.text}>" if self.text else ""
         if self.array == "fixed":
@@ -82,10 +82,10 @@ def parse(text: str, package: str) -> tuple[Field, ...]:
 
     Args:
         text: Content of the file.
-        package: Package that types without one belong to.
+        package: Package of types that are named without a package.
 
     Raises:
-        ParameterError: A line is no field, or there are too many.
+        ParameterError: A line is not a field, or there are too many fields.
     """
     fields = []
     for line in text.splitlines():
@@ -116,14 +116,14 @@ def _field(match: re.Match, package: str) -> Field:
 
 
 def split(text: str, name: str) -> dict[str, tuple[Field, ...]]:
-    """Fields of a message and of all that it contains, by ``package/Type``.
+    """Fields of a message and of all its nested messages, by ``package/Type``.
 
     Args:
         text: Texts of several ``.msg`` files, in the form of MCAP's ``ros2msg`` schemas.
-        name: Name of the first, ``package/msg/Type``.
+        name: Name of the first message, ``package/msg/Type``.
 
     Raises:
-        ParameterError: The text is no definition.
+        ParameterError: The text is not a message definition.
     """
     sections = {}
     for short, part in _parts(text, name.replace("/msg/", "/")):
@@ -139,18 +139,18 @@ def _parts(text: str, name: str) -> Iterator[tuple[str, str]]:
         yield name, part
 
 
-# ---- texts that are installed, and our own --------------------------------------------------
+# ---- installed definitions, and those of loco-----------------------------------------------
 
 
 @cache
 def definition(name: str) -> str:
-    """Text of a message and of all it contains, as MCAP's ``ros2msg`` schema wants it.
+    """Definition of a message and its nested messages, in the format of MCAP's ``ros2msg`` schema.
 
     Args:
         name: Full name, ``package/msg/Type``.
 
     Raises:
-        NameUnknownError: The message is neither installed nor one of our topics.
+        NameUnknownError: The message is neither installed nor used by a topic of loco.
     """
     short = name.replace("/msg/", "/")
     sections = [_text(short)]
@@ -163,7 +163,7 @@ def fields_of(short: str) -> tuple[Field, ...]:
     """Fields of a message ``package/Type``.
 
     Raises:
-        NameUnknownError: The message is neither installed nor one of our topics.
+        NameUnknownError: The message is neither installed nor used by a topic of loco.
     """
     return parse(_text(short), short.partition("/")[0])
 
@@ -202,7 +202,7 @@ def _standard() -> dict[str, str]:
 
 
 def _prefixes() -> list[str]:
-    # Wheels install into the environment's prefix, which no ament path names.
+    # Wheels install into the environment's prefix, which is not in the ament path.
     return [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
 
 
@@ -223,7 +223,7 @@ def type_hash(name: str) -> str:
         name: Full name, ``package/msg/Type``.
 
     Raises:
-        NameUnknownError: The message is neither installed nor one of our topics.
+        NameUnknownError: The message is neither installed nor used by a topic of loco.
     """
     short = name.replace("/msg/", "/")
     described = {

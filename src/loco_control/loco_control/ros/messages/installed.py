@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Classes of messages and QoS profiles of an installed ROS, by name.
 
-The tables of topics name them, and are read where no ROS is, too: by rollouts, reports and
-lists. So these modules are imported when a node asks for them.
+The topic tables, which name these classes, are also used without ROS, by rollouts, reports and
+lists. So the ROS modules are imported only when a node needs them.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def ros_class(name: str) -> type:
 
 
 def profile(reliable: bool, latched: bool, depth: int) -> Any:
-    """QoS profile of rclpy that keeps the last messages.
+    """QoS profile of rclpy with history KEEP_LAST.
 
     Args:
-        reliable: Lost messages are sent again.
-        latched: A reader that comes late gets the last messages.
-        depth: Messages that are kept.
+        reliable: Whether lost messages are sent again.
+        latched: Whether a late reader receives the last messages.
+        depth: Number of messages in the queue.
     """
     qos = importlib.import_module("rclpy.qos")
     reliability, durability = qos.ReliabilityPolicy, qos.DurabilityPolicy

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""JointState and Imu messages to arrays and back, for graphs of standard messages.
+"""Conversion of JointState and Imu messages to arrays and back, for graphs of standard messages.
 
-Messages of the layout that our own nodes write are read straight from their bytes.
-Others (another frame, joints in another order, no velocities) are decoded field by field
-and put in order by name.
+Messages in the layout of loco's own nodes are read directly from their bytes. Other messages
+(another frame, another order of joints, no velocities) are decoded field by field and sorted
+by joint name.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STAMP = slice(4, 12)  # bytes of seconds and nanoseconds in every message with 
 
 
 class Joints(NamedTuple):
-    """A JointState in the order of its codec."""
+    """Contents of a JointState message, in the joint order of its codec."""
 
     time: int  # stamp [ns]
     q: np.ndarray  # [rad], (n,)
@@ -33,16 +33,16 @@ class Joints(NamedTuple):
 
 
 class ImuSample(NamedTuple):
-    """An Imu message."""
+    """Contents of an Imu message."""
 
     time: int  # stamp [ns]
-    orientation: np.ndarray  # x y z w, (4,)
+    orientation: np.ndarray  # quaternion x y z w, (4,)
     angular_velocity: np.ndarray  # [rad/s], (3,)
     linear_acceleration: np.ndarray  # [m/s²], (3,)
 
 
 def stamp_ns(data: bytes) -> int:
-    """Stamp of a message that begins with a header [ns]."""
+    """Stamp of a serialised message that begins with a header [ns]."""
     seconds = int.from_bytes(data[_STAMP.start : _STAMP.start + 4], "little", signed=True)
     return seconds * 1_000_000_000 + int.from_bytes(data[_STAMP.start + 4 : _STAMP.stop], "little")
 
@@ -53,10 +53,10 @@ def tick_of(time_ns: int, rate: float) -> int:
 
 
 class JointCodec:
-    """Reads and writes JointState messages of certain joints.
+    """Reader and writer of JointState messages of given joints.
 
     Args:
-        names: Joints, in the order of the arrays.
+        names: Joint names, in the order of the arrays.
         what: Name of the messages in errors, e.g. their topic.
         fields: Names of the written fields, among position, velocity and effort.
         frame: Frame of the header.
@@ -77,7 +77,7 @@ class JointCodec:
         self._codec = Codec(template)
         self._record = self._codec.record()
         self._stamp = stamp_views(self._record, "header.stamp")
-        # A robot without drives has commands of no joints: an empty list has no field.
+        # The command of a robot without drives has no joints: its empty list has no field.
         self._views = [block_view(self._record, f, n) if n else np.zeros(0) for f in fields]
         self._layout = _Layout(self._codec, {f: n for f in fields})
         self._fields = ("position", "velocity", "effort")
@@ -91,11 +91,11 @@ class JointCodec:
         return self._record.tobytes()
 
     def read(self, data: bytes) -> Joints:
-        """Arrays of a serialised message, in our order; fields it leaves out are zeros.
+        """Arrays of a serialised message, in the joint order of the codec; absent fields are zeros.
 
         Raises:
-            NameUnknownError: It names a joint that is not ours.
-            ParameterError: A joint is missing, or the lengths do not fit.
+            NameUnknownError: The message names a joint that is not in `names`.
+            ParameterError: A joint is missing, or the lengths of the arrays differ.
         """
         values = self._layout.read(data)
         if values is None:
@@ -103,11 +103,11 @@ class JointCodec:
         return Joints(stamp_ns(data), *(values.get(f, self._zeros) for f in self._fields))
 
     def own(self, data: bytes) -> dict[str, np.ndarray] | None:
-        """Arrays (n,) by written field of a message of our layout; None of one of another."""
+        """Arrays (n,) by field of a message in this codec's layout; None for another layout."""
         return self._layout.read(data)
 
     def finite(self, data: bytes, value: Joints) -> bool:
-        """Whether a message has positions and velocities; drivers may leave out the effort."""
+        """Whether positions and velocities are present and finite; drivers may omit the effort."""
         return bool(np.isfinite(value.q).all() and np.isfinite(value.dq).all())
 
     def _read_any(self, data: bytes) -> Joints:
@@ -141,7 +141,7 @@ class JointCodec:
 
 
 class ImuReader:
-    """Reads Imu messages."""
+    """Reader of Imu messages."""
 
     _LENGTHS = {"orientation.x": 4, "angular_velocity.x": 3, "linear_acceleration.x": 3}
 
@@ -154,7 +154,7 @@ class ImuReader:
         """Arrays of a serialised message.
 
         Raises:
-            ParameterError: The bytes are no Imu.
+            ParameterError: The bytes are not an Imu message.
         """
         values = self._layout.read(data)
         if values is not None:
@@ -177,30 +177,30 @@ class ImuReader:
 
 
 class _Layout:
-    """The places of runs of doubles in messages of one layout, and the marks of that layout.
+    """Offsets of blocks of doubles in messages of one layout, and the bytes that identify it.
 
     Args:
         codec: Codec of a message that serves as template.
-        lengths: Doubles from each field on.
-        first: First field behind the texts; default the first of all.
+        lengths: Number of doubles of the block that begins at each field.
+        first: First field after the texts; default the first field.
     """
 
     def __init__(self, codec: Codec, lengths: dict[str, int], first: str | None = None):
         self._size = codec.dtype.itemsize
         offsets = {name: codec.dtype.fields[name][1] for name in lengths if lengths[name]}
         self._offsets = [(name, at, lengths[name]) for name, at in offsets.items()]
-        # Between stamp, texts and arrays: all that is not a number has to be the template's.
+        # Bytes between stamp, texts and arrays that must equal those of the template.
         block_ends = [_STAMP.stop, *(at + 8 * n for _, at, n in self._offsets)]
         starts = [at for _, at, _ in self._offsets]
         gaps = zip(block_ends, [*starts, self._size], strict=True)
-        if first is not None:  # other numbers, e.g. covariances, lie between the runs
+        if first is not None:  # other numbers, e.g. covariances, lie between the blocks
             gaps = [(_STAMP.stop, offsets[first])]
         self._gaps = [(a, b, codec.template[a:b]) for a, b in gaps if b > a]
 
     def read(self, data: bytes) -> dict[str, np.ndarray] | None:
-        """Copies of the runs by field, or None if the message has another layout.
+        """Copies of the blocks by field, or None if the message has another layout.
 
-        Unused bytes behind it, which some writers leave, are nobody's.
+        Unused bytes at the end, which some writers leave, are ignored.
         """
         if len(data) < self._size or any(data[a:b] != text for a, b, text in self._gaps):
             return None

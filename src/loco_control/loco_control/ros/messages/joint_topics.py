@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the graph of a joint robot: standard messages, joined by equal stamps.
+"""Topics of the graph of a joint robot: standard messages, matched by equal stamps.
 
 Every name but /diagnostics is relative, so that several robots can run side by
 side, each in a namespace. /clock and /tf come from a robot without namespace only.
@@ -12,7 +12,7 @@ from .msd_topics import MSD_TOPICS
 from .topics import CLOCK, COMMAND, LATCHED, LATCHED_LOG, STATE, TOPICS, Topic
 
 JOINT_NODES = ("robot_sim", "target_generator", "reflex_network")
-# Rates are those of a robot at 100 ticks per second; a robot.yaml may say another.
+# Rates are for a robot at 100 ticks per second; a robot.yaml may set another rate.
 RATE = 100.0
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the graph of a mass-spring-damper network: standard messages, equal stamps."""
+"""Topics of the graph of a mass-spring-damper network: standard messages with equal stamps."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ MSD_TOPICS = {topic.name: topic for topic in _rows()}
 
 
 def node_names(nodes: int, axes: int) -> list[str]:
-    """Names of the rows of node_states: all of x first."""
+    """Names of the rows of node_states, (nodes * axes): all x coordinates first."""
     return [f"node_{i}_{axis}" for axis in ("xz" if axes == 2 else "xyz") for i in range(nodes)]
 
 
 def link_names(links: list[tuple[int, int]]) -> list[str]:
-    """Names of the links by their ends."""
+    """Names of the links, from their end nodes."""
     return [f"link_{i}_{j}" for i, j in links]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message objects made from definitions, and the reading of CDR bytes into them.
+"""Message classes generated from definitions, and deserialisation of CDR bytes, without ROS.
 
-They have the fields of the classes of ROS, and say their types by the same
-`get_fields_and_field_types`. So bags are read, and messages of constant layout written
+They have the fields of the ROS message classes and the same method
+`get_fields_and_field_types`. So bags are read, and messages of constant layout are written
 (`codec`), with or without ROS.
 """
 
@@ -20,7 +20,7 @@ from .definitions import Field, fields_of, split
 
 _HEADER = 4  # bytes of encapsulation before the payload
 _BIG_ENDIAN, _LITTLE_ENDIAN = b"\x00\x00", b"\x00\x01"
-_CODES = {  # of struct and of NumPy
+_CODES = {  # codes of the types for struct and NumPy
     "bool": "?", "byte": "B", "char": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h",
     "uint32": "I", "int32": "i", "uint64": "Q", "int64": "q", "float32": "f", "float64": "d",
 }  # fmt: skip
@@ -30,10 +30,10 @@ _STRUCTS = {
 
 
 class Message:
-    """Base of all message classes that are made from definitions.
+    """Base of all message classes that are generated from definitions.
 
     Args:
-        values: Values of fields; the others are zero, empty, or what the definition says.
+        values: Values of fields; others have the default of the definition, else zero or empty.
 
     Raises:
         NameUnknownError: The message has no such field.
@@ -72,21 +72,21 @@ class Message:
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """Types of the fields, in the words of the message classes of ROS."""
+        """Types of the fields, in the notation of the ROS message classes."""
         return {field.name: field.kind for field in cls._fields}
 
 
 def message_class(name: str, text: str | None = None) -> type[Message]:
-    """Class of the messages of a definition.
+    """Message class for a definition.
 
     Args:
         name: Full name, ``package/msg/Type``.
-        text: Definition with all that it contains, as bags carry it; without one that of
-            the installed packages or of our own topics is taken.
+        text: Definition with its nested messages, as in bags; default the definition of the
+            installed packages or of loco's topics.
 
     Raises:
-        NameUnknownError: There is no definition of the message, or of one that it contains.
-        ParameterError: The text is no definition.
+        NameUnknownError: There is no definition of the message or of a nested message.
+        ParameterError: The text is not a message definition.
     """
     short = name.replace("/msg/", "/")
     return _from_text(short, text) if text else _known(short)
@@ -105,7 +105,7 @@ def _from_text(short: str, text: str) -> type[Message]:
     todo = [short]
     while todo:
         name = todo[-1]
-        if name not in sections:  # Some recorders leave out what everybody has, such as times.
+        if name not in sections:  # Some recorders omit common types, such as Time.
             done[name] = _known(name)
         missing = [f.base for f in sections.get(name, ()) if f.is_message and f.base not in done]
         if any(base in todo for base in missing):
@@ -133,16 +133,16 @@ def _classes(
 
 
 def deserialize(data: bytes, cls: type[Message]) -> Message:
-    """Message of CDR bytes, as every ROS 2 middleware writes them.
+    """Message deserialised from CDR bytes, the format of every ROS 2 middleware.
 
-    Numbers of arrays come as NumPy arrays, texts and messages in lists.
+    Arrays of numbers become NumPy arrays; arrays of texts and messages become lists.
 
     Args:
-        data: Bytes with their encapsulation.
-        cls: Class that `message_class` gave.
+        data: Bytes, including the encapsulation header.
+        cls: Class from `message_class`.
 
     Raises:
-        ParameterError: The bytes are no such message.
+        ParameterError: The bytes are not a message of this class.
     """
     try:
         return _Cursor(data).message(cls)
@@ -151,10 +151,10 @@ def deserialize(data: bytes, cls: type[Message]) -> Message:
 
 
 class _Cursor:
-    """Place in the bytes of a message.
+    """Read position in the bytes of a message.
 
     Raises:
-        ValueError: The bytes have another encapsulation than plain CDR.
+        ValueError: The encapsulation is not plain CDR.
     """
 
     def __init__(self, data: bytes):
@@ -167,7 +167,7 @@ class _Cursor:
         message = cls.__new__(cls)
         for name, read in _readers(cls):
             setattr(message, name, read(self))
-        if not cls._fields:  # its one byte stands for nothing
+        if not cls._fields:  # skip the dummy byte of an empty message
             self.at += 1
         return message
 
@@ -198,7 +198,7 @@ class _Cursor:
 
     def array(self, field: Field, element: Callable[[_Cursor], Any]) -> Any:
         count = field.count if field.array == "fixed" else self.number("uint32")
-        if count > len(self.data) - self.at:  # each element has a byte at least
+        if count > len(self.data) - self.at:  # each element has at least one byte
             raise ValueError("more elements than bytes")
         if field.base in _CODES:
             return self.numbers(field.base, count)
@@ -210,7 +210,7 @@ _Reader = Callable[[_Cursor], Any]
 
 @cache
 def _readers(cls: type[Message]) -> list[tuple[str, _Reader]]:
-    """Function per field that reads it at a place."""
+    """Name and reading function of each field."""
     return [(field.name, _reader(field, cls)) for field in cls._fields]
 
 

@@ -17,7 +17,7 @@ from .installed import profile, ros_class
 # Writers keep this many messages for a reliable reader that is behind (the
 # recorder): more than the plant's flow window, so lockstep loses none.
 WRITER_DEPTH = 200
-FAULT_DEPTH = 100  # messages that each reader queues where a topic is damaged
+FAULT_DEPTH = 100  # queue length of each reader in a graph with faults
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class Qos:
         return profile(self.reliable, self.latched, WRITER_DEPTH if deep else self.depth)
 
     def reader(self, depth: int | None = None) -> Any:
-        """Profile for subscriptions, of the table's depth unless given."""
+        """Profile for subscriptions, with the table's depth by default."""
         return profile(self.reliable, self.latched, depth or self.depth)
 
     def tap(self, reliable: bool) -> Any:
-        """Profile for the recorder: deep, and best effort where nothing may be asked again."""
+        """Profile for the recorder; a deep queue, except for latched and best-effort topics."""
         if self.latched or not self.reliable:
             return self.reader()
         return profile(reliable, False, WRITER_DEPTH)
@@ -56,7 +56,7 @@ class Topic:
     """One row of the table.
 
     ``message`` names the type, ``package/Type``. ``rate`` is in simulated time [Hz], 0 for topics
-    that speak when something happens. ``writer`` is ``"any"`` for topics a user may write.
+    written on events. ``writer`` is ``"any"`` for topics that a user may write.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Topic:
 
     @property
     def paced(self) -> bool:
-        """Whether a tick waits for it, so that it has one writer."""
+        """Whether a tick waits for this topic; such a topic must have exactly one writer."""
         return self.rate > 0 and self.qos.reliable
 
     @property
@@ -132,7 +132,7 @@ def _rows() -> tuple[Topic, ...]:
 
 
 TOPICS = {topic.name: topic for topic in _rows()}
-# Only in graphs with faults, so it is in no table.
+# Exists only in graphs with faults, so it is not in a table.
 LOST_TICK = Topic(
     "lost_tick", "std_msgs/UInt64", STATE, 0, "faults", ("robot_sim",),
     "a fault has taken a message of this tick: no command will come for it",
@@ -141,7 +141,7 @@ NODES = ("robot_sim", "target_generator", "reflex_network", "stance_controller")
 
 
 def topic(name: str, table: dict[str, Topic] | None = None) -> Topic:
-    """Row of a topic, of `TOPICS` unless another table is given.
+    """Row of a topic in a table, `TOPICS` by default.
 
     Raises:
         NameUnknownError: The table has no such topic.
@@ -153,12 +153,12 @@ def topic(name: str, table: dict[str, Topic] | None = None) -> Topic:
 
 
 def starts_tick(table: dict[str, Topic]) -> Topic:
-    """Row of the topic by which the plant begins a tick: the first that has a rate."""
+    """Row of the topic with which the plant begins a tick: the first with a rate."""
     return next(row for row in table.values() if row.rate > 0)
 
 
 def faulty(name: str) -> str:
-    """Name under which readers hear a topic that the node `faults` damages."""
+    """Name of the damaged copy of a topic, written by the node `faults`."""
     return f"/faulty{name}" if name.startswith("/") else f"faulty/{name}"
 
 
