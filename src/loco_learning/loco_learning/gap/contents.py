@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contents of ``gap.json``: what was decided, in plain numbers and words."""
+"""Contents of ``gap.json``: the verdict and its evidence as plain numbers and text."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from .verdict.traded import put_right
 
 FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
-FEW_JOINTS = 3  # that are told by name
-MOST_CELLS = 40  # cells that are told
+FEW_JOINTS = 3  # joints listed by name
+MOST_CELLS = 40  # cells listed at most
 EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None, "residual": None,
          "next": []}  # fmt: skip
 
@@ -55,14 +55,14 @@ def contents(
     params: GapParams,
     not_tried: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Any]:
-    """Contents of ``gap.json`` that say what was decided, without those that `details` adds.
+    """Contents of ``gap.json`` that hold the verdict, without the parts that `details` adds.
 
     Args:
         model: Robot, overrides and effects before the search.
         case: Model and data.
         judged: Decision with its evidence.
         params: Settings.
-        not_tried: Effects that no model of the search had, each with the reason.
+        not_tried: Name and reason of each effect that the search did not test.
     """
     decision = judged.decision
     after = judged.after
@@ -105,7 +105,7 @@ def contents(
 
 
 def doubts(records: Sequence[Record]) -> list[str]:
-    """Notes of reading that can themselves look like a gap, each once, after its records."""
+    """Import notes on conditions that can look like a gap, without duplicates, with the records."""
     names: dict[str, list[str]] = {}
     for record in records:
         for note in record.notes:
@@ -120,8 +120,8 @@ class Detail:
 
     Attributes:
         key: Key of the part.
-        stage: Words for the work on it, for the progress.
-        make: Function that makes the part; it may add sentences to a list of notes.
+        stage: Name of the work on it, for progress messages.
+        make: Function that computes the part; it may append sentences to a list of notes.
     """
 
     key: str
@@ -132,14 +132,14 @@ class Detail:
 def details(
     model: Model, case: Case, judged: Judged, params: GapParams, each: residual.Each
 ) -> list[Detail]:
-    """Parts of ``gap.json`` that are made once the verdict is on disk, in order.
+    """Parts of ``gap.json`` that are computed after the verdict was written, in order.
 
     Args:
         model: Robot, overrides and effects before the search.
         case: Model and data.
         judged: Decision with its evidence.
         params: Settings.
-        each: Calls functions of the case, in any number of processes.
+        each: Runs functions of the case in parallel, in any number of processes.
     """
     verdict, found = judged.decision.verdict, []
     if verdict != NO_GAP:
@@ -161,9 +161,9 @@ def details(
 
 
 def add(result: Mapping[str, Any], detail: Detail) -> dict[str, Any]:
-    """Contents of ``gap.json`` with a detail, or with a note why it is missing.
+    """Contents of ``gap.json`` with a detail, or with a note that says why it is missing.
 
-    Whatever goes wrong: no detail may cost a search that is done.
+    Every exception is caught: a failed detail must not discard the result of the search.
     """
     notes: list[str] = []
     try:
@@ -175,7 +175,7 @@ def add(result: Mapping[str, Any], detail: Detail) -> dict[str, Any]:
 
 
 def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -> list[dict]:
-    """The terms of ``gap.json`` with the units of slides where that is what their joint does."""
+    """Terms of ``gap.json``; where the joint is prismatic, with linear units instead of angular."""
     sliding = slides(channels)
     return [
         {**term, "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()}}
@@ -214,14 +214,14 @@ def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
 
 
 def kinds_of(judged: Judged) -> list[dict[str, Any]]:
-    """Kinds that are named although their law is not."""
+    """Kinds of effects that the data establish although they do not establish the law."""
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
     found = [kinds.shared(candidate, ruling) for candidate, ruling in pairs]
     return [asdict(one) for one in found if one]
 
 
 def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
-    """Answers of the data about parameters, free values and the scale of the torque."""
+    """Identifiability of the parameters, of refitted nominal values and of the torque scale."""
     found = identifiability(judged.identifiability) | left_out(judged)
     if judged.decision.verdict in (NAMED, MORE, AMBIGUOUS):
         found["scale_of_the_torque"] = scale.words(case, judged.best)
@@ -229,7 +229,7 @@ def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
 
 
 def left_out(judged: Judged) -> dict[str, Any]:
-    """Effects that were not considered, since refitted nominal values do the same."""
+    """Effects that were excluded because refitted nominal values have the same influence."""
     there = {(h.effect, h.place) for h, _ in judged.best.parts}
     rows = [
         {
@@ -298,19 +298,19 @@ def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
 
 
 def where(case: Case, judged: Judged, seed: int) -> list[dict[str, Any]]:
-    """Cells that hold most of the gap before."""
+    """Cells (joint, signal, phase, frequency band) with most of the gap before the search."""
     rng = np.random.default_rng([seed, WHERE])
     found = localise(case.records, case.forward.channels, judged.given.whole, rng)
     return [asdict(cell) for cell in found.cells[: min(found.main, MOST_CELLS)]]
 
 
 def regions_of(case: Case, before: Fitted) -> list[str]:
-    """States in which the gap before lives, in words."""
+    """Regions of the state space in which the gap before the search is large, in words."""
     return [str(r) for r in regions(case.records, case.forward.channels, before.whole)]
 
 
 def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
-    """Correction of a gap without a name, fitted on what is not held out."""
+    """Correction of a gap that no effect explains, fitted to the rows that are not held out."""
     rows = [np.where(r[:, None], 1.0, np.nan) for r in case.fit_rows]
     left = [-r * case.floor * keep for r, keep in zip(before.whole, rows, strict=True)]
     found = correction.fit(case.records, case.forward.channels, left, case.floor)
@@ -322,13 +322,13 @@ def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
 
 
 def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[str, Any]:
-    """Learned correction of what the model still misses, judged as an effect is.
+    """Learned correction of the remaining residual, judged by the same rules as an effect.
 
     Args:
         case: Model and data.
-        judged: Decision with the model that goes on.
+        judged: Decision with the selected model.
         seed: Seed of the resampling.
-        each: Calls functions of the case, in any number of processes.
+        each: Runs functions of the case in parallel, in any number of processes.
     """
     found = residual.fit(case, judged.after, each)
     if found is None:
@@ -367,7 +367,7 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
 
 
 def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
-    """Answers of the data about the parameters of the selected model."""
+    """Identifiability of the parameters of the selected model."""
     if known is None:
         return {}
     errors: Sequence[float] = known.errors

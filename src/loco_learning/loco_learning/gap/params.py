@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of gap finding."""
+"""Settings of the search for a gap."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from loco_control.params import Params, parameter
 
 @dataclass(frozen=True)
 class GapParams(Params):
-    """Settings of a search: how hard to look for a gap, and when it is closed."""
+    """Settings of a search: its effort, and the conditions under which a gap is closed."""
 
     seed: int = parameter(0, "of the resampling", low=0)
     setup: bool = parameter(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A draft of ``mapping.yaml`` with the reason of each line; the user corrects and keeps it."""
+"""Draft of ``mapping.yaml`` with the reason for each line, for the user to correct."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from loco_control.exceptions import ParameterError
 from ..recordings import units
 from . import words
 
-RATES = (5.0, 5e3)  # of logs [Hz], between which a unit of time is believed (taste)
-TURNING = 7.0  # [rad], beyond which angles are rather degrees: a turn and a little (taste)
+RATES = (5.0, 5e3)  # of logs [Hz]; a unit of time that gives another rate is rejected (taste)
+TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ def of_table(
 
     Args:
         columns: Values by name.
-        joints: Joints of the robot; empty where it is not known.
+        joints: Joint names of the robot; empty if the robot is not known.
         file: Name of the file, for messages.
 
     Raises:
-        ParameterError: No column has a name that says a role.
+        ParameterError: No column name contains a known role.
     """
     time, head = _time(columns)
     lines = []
@@ -79,12 +79,12 @@ def written(
     file: str,
     head: Sequence[str] = (),
 ) -> str:
-    """Text of a mapping of lines, of which the first for a role of a joint is taken.
+    """Text of a mapping; of several lines for one role of a joint only the first is used.
 
     Args:
         lines: Columns in the order of the file.
         names: All columns or topics of the file.
-        joints: Joints of the robot; empty where it is not known.
+        joints: Joint names of the robot; empty if the robot is not known.
         file: Name of the file, for messages.
         head: Lines before the columns.
 
@@ -110,7 +110,7 @@ def written(
 
 
 def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
-    """Roles that a search needs and no line has, in words."""
+    """Roles that a search needs and no line provides, in words."""
     wanted = joints or sorted({joint for _, joint in found})
     lacks = [f"q of {joint}" for joint in wanted if ("q", joint) not in found]
     told = {joint for role, joint in found if role.startswith("command_")}
@@ -137,7 +137,7 @@ def _column(name: str, values: np.ndarray, joints: Sequence[str]) -> list[Line]:
 
 
 def _unit(role: str, unit: str, values: np.ndarray) -> tuple[str, str]:
-    """Unit of a column, and the reason in words."""
+    """Unit of a column, and the reason for it in words."""
     if unit:
         return unit, f"; {unit} by its name"
     known = values[np.isfinite(values)]
@@ -148,7 +148,7 @@ def _unit(role: str, unit: str, values: np.ndarray) -> tuple[str, str]:
 
 
 def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
-    """Name of the column of times, empty where there is none, and the lines for it."""
+    """Name of the time column, empty if there is none, and its lines of the mapping."""
     for name, values in columns.items():
         unit, known = words.time_unit(name), values[np.isfinite(values)]
         if unit is None or len(known) < 3 or np.mean(np.diff(known) >= 0.0) < 0.9:
@@ -164,7 +164,7 @@ def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
 
 
 def _quoted(text: str) -> str:
-    """Text as YAML reads it back."""
+    """Text in quotation marks where YAML would otherwise read it as another type."""
     plain = text.replace("_", "a").isalnum() and not text[:1].isdigit()
     reserved = text.lower() in ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words in names of columns and topics, and what they say of a signal."""
+"""Words in names of columns and topics, and the role, unit and joint that they suggest."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 @dataclass(frozen=True)
 class Guess:
-    """Meaning of a name.
+    """Meaning of a column name.
 
     Attributes:
-        role: Role of a mapping; empty where the name says none.
-        unit: Unit that the name says; empty where it says none.
-        joint: Joint whose name it has, or what is left of the name.
-        why: Words that said it.
+        role: Role in a mapping; empty if the name suggests none.
+        unit: Unit in the name; empty if there is none.
+        joint: Joint whose name it contains, else the unexplained words of the name.
+        why: Words of the name that led to the role.
     """
 
     role: str
@@ -50,16 +50,16 @@ class Guess:
 
 
 def words(name: str) -> list[str]:
-    """Words of a name in small letters: of ``/arm/kneePos_deg`` arm, knee, pos, deg."""
+    """Words of a name in lower case: arm, knee, pos, deg for ``/arm/kneePos_deg``."""
     return [word.lower() for word in _SPLIT.findall(name)]
 
 
 def guess(name: str, joints: Sequence[str] = ()) -> Guess:
-    """Role, unit and joint that a name says.
+    """Role, unit and joint that a name suggests.
 
     Args:
         name: Name of a column, with its topic.
-        joints: Joints of the robot; where none is given, the rest of the name stands for one.
+        joints: Joint names of the robot; if empty, unexplained words of the name are the joint.
     """
     joint = joint_in(name, joints)
     own = words(joint) if joint else []
@@ -79,14 +79,14 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
 
 
 def joint_in(name: str, joints: Sequence[str]) -> str:
-    """The joint whose words stand in a name, the longest of several; empty where none does."""
+    """Joint whose words are all in a name, the longest of several; empty if there is none."""
     mine = words(name)
     fitting = [j for j in joints if words(j) and _contains(mine, words(j))]
     return max(fitting, key=lambda joint: len(words(joint)), default="")
 
 
 def time_unit(name: str) -> str | None:
-    """Unit of a time that a name says, empty where it says a time alone; None of no time."""
+    """Unit of time in a name; empty if the name is a time without a unit, None if it is no time."""
     said = [TIMES.get(word) for word in words(name)]
     if not said or None in said[-1:]:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fit hypotheses, one or several together, with the nominal parameters refitted."""
+"""Least-squares fits of one or several hypotheses, with nominal values refitted."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..prediction.case import Case
 from ..statistics import evidence
 from ..statistics.solve import FEW, FIRST, differences, guided, minimise, soft
 
-JACOBIAN_STEP = 0.12  # difference for a Jacobian, in units of a coordinate
+JACOBIAN_STEP = 0.12  # finite difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
-FACTOR, PART = 0.9, 0.2  # stride of a logarithm, and of a range
-SHORT_STRIDE = 0.35  # a short stride over a long one
-FREE_RANGE = 3.0  # most that the logarithm of a nominal value may change
-AGAIN = 6  # simulations of a fit from another start, and one per parameter
+FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate, and of another one [of its range]
+SHORT_STRIDE = 0.35  # length of the short stride over that of the long one
+FREE_RANGE = 3.0  # largest change of the logarithm of a nominal value
+AGAIN = 6  # simulations of a fit from another start, and one more per parameter
 DEVIATIONS, TURNS = 4.0, 4  # of a value in one unit; simulations per number of a joint fit (taste)
 
 
@@ -32,15 +32,15 @@ class Fitted:
 
     Attributes:
         parts: Hypotheses with their coordinates.
-        overrides: Nominal values that were refitted.
-        fit_rms: Whitened rms on what was fitted.
-        held: Score of what it leaves on the data that judge.
-        whole: Residual of whole records, (T, C) each.
+        overrides: Refitted nominal values by dotted name.
+        fit_rms: Whitened rms of the fitted rows [noise floors].
+        held: Score of the residual on held-out data.
+        whole: Residual of whole records, (T, C) each [noise floors].
         cost: Robust cost of the fit.
-        seen: Parameters that the data can see, where that was asked (`seen.seen`).
-        loose: Values of the robot that suit it best, where all models have them refitted.
-        pull: Price of these and of where records begin, which priors ask [nat].
-        starts: Change of positions and velocities at the start of each record [rad, rad/s], (2n,).
+        seen: Number of parameters that the data can see (`seen.seen`); None if not known.
+        loose: Refitted uncertain values of the robot by dotted name.
+        pull: Prior penalty of these values and of the changes of the initial states [nat].
+        starts: Change of the initial state of each record [rad, rad/s], (2n,).
     """
 
     parts: tuple[tuple[Hypothesis, tuple[float, ...]], ...]
@@ -56,12 +56,12 @@ class Fitted:
 
     @cached_property
     def score(self) -> evidence.Score:
-        """Score of what it leaves on all data."""
+        """Score of the residual on all data."""
         return evidence.score(self.whole)
 
     @property
     def settled(self) -> dict[str, Any]:
-        """All values of the robot that the model has, as overrides."""
+        """All refitted values of the robot, as overrides."""
         return {**self.overrides, **self.loose}
 
     @property
@@ -71,7 +71,7 @@ class Fitted:
 
     @property
     def specs(self) -> list[dict[str, Any]]:
-        """The effects as in an experiment's list."""
+        """The effects as in the list of an experiment."""
         return [term.spec for term in self.terms]
 
     @property
@@ -90,25 +90,25 @@ class Fitted:
         return sum(len(hypothesis.coordinates) for hypothesis, _ in self.parts)
 
     def moved(self, index: int, x: Sequence[float]) -> list[dict[str, Any]]:
-        """The effects with one of them at other coordinates, as in an experiment's list."""
+        """The effects with one of them at other coordinates, as in the list of an experiment."""
         parts = [*self.parts]
         parts[index] = (parts[index][0], tuple(x))
         return specs_of(parts)
 
     @property
     def paid(self) -> int:
-        """Parameters that are paid for: those that the data can see, all where nobody asked."""
+        """Number of parameters that are penalised: those the data can see, all if not known."""
         return self.count if self.seen is None else self.seen
 
     @property
     def strain(self) -> float:
-        """Price of what priors call unusual [nat], in shapes, values and where records begin."""
+        """Prior penalty of shapes, of values of the robot and of initial states [nat]."""
         shapes = 0.5 * sum(np.square(_unusual(h, x)).sum() for h, x in self.parts)
         return shapes + self.pull
 
 
 def specs_of(parts: Sequence[tuple[Hypothesis, Sequence[float]]]) -> list[dict[str, Any]]:
-    """Effects at coordinates, as in an experiment's list."""
+    """Effects at coordinates, as in the list of an experiment."""
     return [term.spec for hypothesis, x in parts for term in hypothesis.terms(x)]
 
 
@@ -126,17 +126,17 @@ class Problem:
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ):
-        """Lay out coordinates.
+        """Arrange the coordinates of effects and nominal values in one vector.
 
         Args:
             case: Model and data.
             parts: Hypotheses with the coordinates to start from.
-            free: Nominal values that are refitted, and where they start.
-            nominal: Nominal values as the model has them.
+            free: Initial guesses of the refitted nominal values.
+            nominal: Nominal values of the model before the fit.
             spread: Standard deviation of their logarithm.
             scale: Scale of the robust loss [floors].
-            only: Records that are fitted; default all.
-            coarse: Simulate in the model's own steps.
+            only: Indices of the records that are fitted; default all.
+            coarse: Whether to simulate with the larger time steps of the model.
         """
         self.case, self.parts, self.scale, self.only = case, list(parts), scale, only
         self.coarse = coarse
@@ -163,13 +163,13 @@ class Problem:
         return parts, {n: self.nominal[n] * math.exp(v) for n, v in logs}
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
-        """Robust residual of all fitted values, then what the priors say, (N + P,)."""
+        """Robust residual of all fitted values, then residuals of the priors, (N + P,)."""
         parts, overrides = self.split(z)
         pulled = self.case.pulled(specs_of(parts), overrides, self.only, self.coarse)
         return self.line(z, *pulled)
 
     def line(self, z: np.ndarray, residual: np.ndarray, by: np.ndarray) -> np.ndarray:
-        """The same from residuals and deviations of what is refitted, as of `Case.pulled`."""
+        """As `__call__`, from residuals and deviations of the refitted values (`Case.pulled`)."""
         parts, overrides = self.split(z)
         priors = [v for hypothesis, x in parts for v in _unusual(hypothesis, x)]
         logs = [math.log(overrides[n] / self.nominal[n]) / self.spread for n in self.free]
@@ -177,9 +177,9 @@ class Problem:
 
 
 def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
-    """One unit of each coordinate: the size at the start, a factor of two, or a small angle.
+    """Unit of each coordinate: its initial size, a factor of two, or a small angle.
 
-    A strength may be far below what priors call typical: robots differ by orders of magnitude.
+    Strengths are not scaled by their prior, since robots differ by orders of magnitude.
     """
     largest = max((abs(x[i]) for i in hypothesis.strengths), default=0.0) or 1.0
     return np.array(
@@ -195,7 +195,7 @@ def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
 
 
 def _unusual(hypothesis: Hypothesis, x: Sequence[float]) -> list[float]:
-    """Logarithmic shapes over their prior deviation."""
+    """Logarithmic shapes divided by their prior standard deviation."""
     return [
         v / max(max(map(abs, c.start)), 0.7)
         for c, v in zip(hypothesis.coordinates, x, strict=True)
@@ -221,10 +221,10 @@ class Setting:
 
     Attributes:
         params: Settings of the user.
-        nominal: Nominal values that are refitted, as the model has them.
-        free: Nominal values at which fits start.
+        nominal: Nominal values that are refitted, before the search.
+        free: Initial guesses of these values.
         scale: Scale of the robust loss [floors].
-        only: Records of rough fits.
+        only: Indices of the records for rough fits.
     """
 
     params: GapParams
@@ -235,10 +235,10 @@ class Setting:
 
 
 def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
-    """A few steps on some of the records, simulated in the model's own steps.
+    """Fit with a few iterations on some records, simulated with the larger steps of the model.
 
     Returns:
-        Whitened rms there, and the parts with their coordinates.
+        Whitened rms on these records, and the parts with their coordinates.
     """
     only, params = list(setting.only), setting.params
     problem = Problem(
@@ -255,11 +255,11 @@ def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
 
 
 def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
-    """Fit hypotheses together and weigh what they leave on the data that judges.
+    """Fit hypotheses together and evaluate the residual on held-out data.
 
     Args:
         case: Model and data.
-        parts: Hypotheses with the coordinates to start from; none is the model as it came.
+        parts: Hypotheses with their initial coordinates; empty for the initial model.
         setting: Settings that all fits share.
     """
     params = setting.params
@@ -274,14 +274,14 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
 
 
 def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
-    """Fit hypotheses with what is refitted simulated about a model, not about the bare one.
+    """Fit hypotheses; refitted values of the robot are linearised about a model with effects.
 
-    A large effect changes what masses and drives do. Where straight lines about the bare model
-    miss that, what they leave gets the name of an effect that is none.
+    A large effect changes the sensitivities to masses and drives. With sensitivities of the
+    initial model, the linearisation error could be attributed to an effect that is not there.
 
     Args:
         case: Model and data.
-        parts: Hypotheses with the coordinates to start from.
+        parts: Hypotheses with their initial coordinates.
         setting: Settings that all fits share.
         about: Effects of the model.
     """
@@ -289,9 +289,9 @@ def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -
 
 
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Fit a model again with its own step error, and look past the minimum it ended in.
+    """Refit a model with a correction of its step error, then search beyond its local minimum.
 
-    The fit stays as it is where nothing explains more.
+    The model is returned unchanged if no refit lowers the residual.
     """
     if not model.parts and not model.overrides:
         return model
@@ -306,11 +306,11 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
 
 def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Effects and what nobody knows exactly of the robot, fitted together by simulation.
+    """Fit effects and uncertain values of the robot together, by simulation.
 
-    Where straight lines about the robot as it came tell the truth, the fit has done that. Where
-    they do not, they say at first what each value of the robot does, about the fitted model; only
-    where that does not lead to what they promised, each value is changed in a simulation.
+    Where the data are linear in the uncertain values, the earlier fit has done this. Otherwise
+    the first steps use sensitivities about the fitted model; if the residual does not fall as they
+    predict, each value is perturbed in a simulation.
     """
     if not model.loose or case.straight(model.specs, model.overrides):
         return model
@@ -342,11 +342,11 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
 
 def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Look for a deeper minimum, one coordinate and one stride at a time, as far as it helps.
+    """Search for a lower minimum, one coordinate and one stride at a time, while it improves.
 
-    A shape such as a time or a radius has several minima. So has an angle where a drive rounds
-    its encoder: the motion is nearly the same a step of the encoder further on. Models of
-    several effects start where those of one ended.
+    A shape such as a time constant or a radius has several minima. So has an angle where a drive
+    quantises its encoder: the motion is nearly the same one encoder step further on. Models of
+    several effects are not searched: they start from fits of single effects.
     """
     if len(model.parts) > 1:
         return model
@@ -376,7 +376,7 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
 
 def _strides(case: Case, parts: Parts, units: np.ndarray) -> list[tuple[int, float]]:
-    """Coordinates that may have several minima, and how far apart these may be."""
+    """Indices of coordinates that may have several minima, and the distance between these."""
     robot = case.forward._robot(0, {}, 1.0)
     step = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
     found = []
@@ -403,9 +403,9 @@ def weigh(
     given: bool = False,
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
-    """Residuals of a model on everything; `given` is the user's own, with nothing refitted.
+    """Residuals of a model on all data; with `given`, nothing of the user's model is refitted.
 
-    `known` are values of the robot from which those that suit the model are sought, too.
+    `known` holds initial guesses of the uncertain values of the robot, which are refitted.
     """
     specs = specs_of(parts)
     own = case.kept() if given else case

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learned correction of joint torques, for a gap that no known effect explains.
 
-What each driven joint lacks is a weighted sum of smooth features of its position, its velocity
-and the torque of its drive (effect `learned_residual`). Measured torques are not needed: a run of
-the model for each weight tells how that weight moves what is predicted, and ridge regression
-finds the weights with which runs follow the recordings. The penalty is the one that predicts best
-what it was not fitted to.
+The missing torque of each driven joint is a weighted sum of smooth features of its position, its
+velocity and the torque of its drive (effect `learned_residual`). Measured torques are not needed:
+one simulation per weight gives the sensitivity of the prediction to it, and ridge regression finds
+the weights with which simulations follow the recordings. The ridge penalty is the one with the
+smallest cross-validated error.
 """
 
 from __future__ import annotations
@@ -32,29 +32,30 @@ from .fit import Fitted
 Specs = list[dict[str, Any]]
 Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
 
-# Most rounds of runs and regression; each begins where the last one ended. Taste: on a bench with
-# made-up torques the fourth still gained a third of what was left, twice as many gained no more.
+# Maximum number of rounds of simulation and regression; each starts from the previous one. Taste:
+# on a bench with synthetic torques the fourth round still removed a third of the remaining
+# residual, twice as many rounds removed no more.
 ROUNDS = 4
-LEAST_GAIN = 0.02  # share by which a round must lower the rms for another one (taste)
-LEAST_OF_ALL = 0.01  # share of what all joints move below which one is left alone (taste)
-STEP = 0.02  # weight that is tried, of half the range of the joint's torque (taste)
-SHARES = (1.0, 0.5, 0.25)  # of a step that are tried, since runs are not straight lines (taste)
-MOST = 20_000  # values of a column: neighbours in time say the same (memory)
-EDGES = (0.001, 0.999)  # quantiles of speeds and torques that bound what was seen (taste)
-MARGIN = 1.05  # times the range that was seen (taste)
-DIGITS = 6  # of a weight in a file
+LEAST_GAIN = 0.02  # relative decrease of the rms below which no further round follows (taste)
+LEAST_OF_ALL = 0.01  # share of the energy of all joints below which a joint is left out (taste)
+STEP = 0.02  # weight of a finite difference, over half the range of the joint's torque (taste)
+SHARES = (1.0, 0.5, 0.25)  # tried step lengths, since the simulation is not linear (taste)
+MOST = 20_000  # values of a column; neighbours in time are nearly equal (memory)
+EDGES = (0.001, 0.999)  # quantiles of speeds and torques that bound the measured range (taste)
+MARGIN = 1.05  # factor on the measured range (taste)
+DIGITS = 6  # significant digits of a weight in a file
 
 
 @dataclass(frozen=True)
 class Learned:
-    """A learned correction and how well it does.
+    """A learned correction and its score.
 
     Attributes:
-        effects: One `learned_residual` per joint, as in an experiment's list.
+        effects: One `learned_residual` per joint, as in the list of an experiment.
         joints: Names of the joints.
-        explained: Share of the fitted residual's energy that it predicted in blocks that were
-            left out, before any run with it.
-        before: Score of the model without it on the data that judge.
+        explained: Cross-validated share of the energy of the fitted residual, from the first
+            regression.
+        before: Score of the model without the correction on held-out data.
         after: Score of the model with it on the same data.
     """
 
@@ -66,12 +67,12 @@ class Learned:
 
 
 def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
-    """Fit a correction to what a model leaves; None where nothing of it can be predicted.
+    """Fit a correction to the residual of a model; None if no part of it can be predicted.
 
     Args:
         case: Model and data.
-        model: Model that goes on, with the effects that are named.
-        each: Calls functions of the case, in any number of processes.
+        model: Selected model with its effects.
+        each: Runs functions of the case in parallel, in any number of processes.
     """
     given = model.specs
     overrides = model.settled
@@ -109,7 +110,7 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
 
 
 def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
-    """Region that each driven joint was measured in, as parameters of the effect.
+    """Measured range of each driven joint, as parameters of the effect `learned_residual`.
 
     Args:
         case: Model and data.
@@ -143,10 +144,10 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
 
 
 def telling(x: np.ndarray, weights: np.ndarray) -> list[int]:
-    """Joints whose correction moves what is predicted more than a little; at least one.
+    """Indices of joints whose correction changes the prediction noticeably; at least one.
 
     Args:
-        x: Change of what is predicted per weight, (N, J FEATURES).
+        x: Change of the prediction per weight, (N, J FEATURES).
         weights: Weights of all joints, (J FEATURES,).
     """
     parts = np.split(np.arange(x.shape[1]), x.shape[1] // FEATURES)
@@ -155,10 +156,10 @@ def telling(x: np.ndarray, weights: np.ndarray) -> list[int]:
 
 
 def corrections(regions: Specs, weights: np.ndarray) -> Specs:
-    """Effects of weights, one joint after the other; joints without any are left out.
+    """Effects with given weights, one per joint; joints with zero weights are omitted.
 
     Args:
-        regions: Effects without weights, as of `seen`.
+        regions: Effects without weights, from `seen`.
         weights: Weights of all joints, (J FEATURES,).
     """
     each = np.reshape(weights, (len(regions), FEATURES))
@@ -167,7 +168,7 @@ def corrections(regions: Specs, weights: np.ndarray) -> Specs:
 
 
 def moved(case: Case, specs: Specs, overrides: Mapping[str, Any], stride: int) -> np.ndarray:
-    """Every so many of the fitted residuals of a model in its own steps, nothing refitted, (N,)."""
+    """Every `stride`-th fitted residual in the model's own steps, nothing refitted, (N,)."""
     return case.kept().vector(specs, overrides, coarse=True)[::stride]
 
 
@@ -179,7 +180,7 @@ def _columns(
     stride: int,
     each: Each,
 ) -> np.ndarray:
-    """Change of what is predicted per weight, about weights, (N, J FEATURES)."""
+    """Change of the prediction per weight, about the weights `at`, (N, J FEATURES)."""
     steps = np.repeat([STEP * r["load_range"] for r in regions], FEATURES)
     points = [at, *(at + step * row for step, row in zip(steps, np.eye(len(at)), strict=True))]
     tasks = [([*given, *corrections(regions, p)], dict(overrides), stride) for p in points]
@@ -188,7 +189,7 @@ def _columns(
 
 
 def _stride(residual: np.ndarray, channels: int) -> int:
-    """Step between the values of a column, one that does not leave channels out."""
+    """Step between the used residuals, coprime to the channels so that none is left out."""
     stride = max(1, math.ceil(len(residual) / MOST))
     while math.gcd(stride, channels) > 1:
         stride += 1
@@ -208,6 +209,6 @@ def _digits(value: float) -> float:
 
 
 def _rounded(weights: np.ndarray) -> np.ndarray:
-    """Weights as a file holds them, within their bounds."""
+    """Weights within their bounds, rounded to the digits of a file."""
     _, high = limits(LearnedResidual, "weights")
     return np.array([_digits(w) for w in np.clip(weights, -high, high)])

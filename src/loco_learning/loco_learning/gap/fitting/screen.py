@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Screening of hypotheses that can explain the residual at all: a few simulations of each.
+"""Screening: the share of the residual that each hypothesis may explain, by a few simulations.
 
-The response to a strength is taken at a size whose response is about as large as the
-residual (secant), so that friction of a hydraulic leg and of a bench need no separate priors.
+Sensitivities to a strength are secants, at a size whose response is about as large as the
+residual. A hydraulic leg and a bench therefore need no separate priors of their friction.
 """
 
 from __future__ import annotations
@@ -21,31 +21,33 @@ from ..prediction.case import Case
 
 TRIES = 5  # sizes per start
 DEAD = 1e-3  # response over residual below which an effect cannot be seen
-GROW, SHRINK = 30.0, 0.02  # most that a size changes from one try to the next
-BACK = 1e-3  # smallest part of a size to which it goes back
-RUNGS, RUNG = 4, 3.0  # sizes tried of what a linear step does not find, and factor between two
-# Response over residual that explains nothing, and share of it that is nothing, both in the branch.
+GROW, SHRINK = 30.0, 0.02  # largest and smallest factor from one tried size to the next
+BACK = 1e-3  # smallest ratio of an earlier size for a step back towards it
+RUNGS, RUNG = 4, 3.0  # sizes tried after linear steps failed, and the factor between them
+# Response over residual above which an effect explains nothing, and share of the residual that
+# counts as nothing, both within the branch.
 TOO_LOUD, IDLE = 2.0, 0.05
-ALL = 1.0  # response over residual of what explains all of it
-# Share of the residual beyond noise, and of the noise itself, below both of which nothing is sought
-# in a branch (taste). Little beside a loud gap may be friction, as in two joints of an arm.
+ALL = 1.0  # response over residual of an effect that explains all of it
+# A branch is skipped if its residual beyond noise is below both shares: of the whole residual, and
+# of its own noise (taste). A small residual beside a large gap may be friction, as in two joints
+# of an arm.
 QUIET, NOISY = 0.01, 0.2
-SAME = 0.01  # part of a response by which another one differs that is the same (taste)
-NEXT_SIZE = 1.03  # factor between two sizes that need none between them
+SAME = 0.01  # relative difference below which two responses are equal (taste)
+NEXT_SIZE = 1.03  # smallest factor between two tried sizes
 
 
 @dataclass(frozen=True)
 class Screened:
-    """Share of the residual that a hypothesis may explain.
+    """Result of the screening of a hypothesis.
 
     Attributes:
         hypothesis: The hypothesis.
-        share: Share of the residual's energy, as simulated, at most 1; below 0 it does harm.
-        x: Coordinates at which that was.
-        dead: It changes nothing that was measured.
-        wrong_sign: It would explain something with a sign that physics forbids.
-        cost: Simulations.
-        failed: Why the robot cannot be built with it; empty if it can.
+        share: Explained share of the residual's energy, at most 1; negative if it increases it.
+        x: Coordinates with this share.
+        dead: Whether the hypothesis changes no measured signal.
+        wrong_sign: Share that it would explain with a sign that physics forbids.
+        cost: Number of simulations.
+        failed: Reason why the robot cannot be built with it; empty if it can.
     """
 
     hypothesis: Hypothesis
@@ -67,9 +69,9 @@ def screen(
     tangent: np.ndarray | None = None,
     known: Sequence[Sequence[float] | None] = (),
 ) -> list[Screened]:
-    """`try_bundle`, and one by one where the robot cannot be built with all of them.
+    """Screen a bundle with `try_bundle`, and one by one if the robot cannot be built with all.
 
-    What it cannot be built with alone explains nothing, and says why.
+    A hypothesis with which the robot cannot be built explains nothing and reports the reason.
     """
     given = case, base, overrides, only, residual, tangent
     try:
@@ -95,20 +97,20 @@ def try_bundle(
     tangent: np.ndarray | None = None,
     known: Sequence[Sequence[float] | None] = (),
 ) -> list[Screened]:
-    """Try hypotheses that do not touch each other on top of a model.
+    """Screen hypotheses in separate branches of the robot together, on top of a model.
 
     Args:
         bundle: Hypotheses to add.
         case: Model and data.
         base: Effects that the model has already.
         overrides: Nominal values of that model.
-        only: Records to look at.
+        only: Indices of the records.
         residual: Residual of that model on these records [floors], (N,).
-        tangent: Orthonormal columns that the model's own parameters span, (N, k); what they
-            explain is not counted.
-        known: The only coordinates to start from, for hypotheses that were screened before.
+        tangent: Orthonormal columns that the model's own parameters span, (N, k); the part of a
+            response in their span is not counted.
+        known: Initial coordinates of hypotheses that were screened before.
 
-    In a branch of the robot that is as quiet as its noise nothing is sought (`Bundle.passes`).
+    A branch of the robot whose residual is mostly noise is skipped (`Bundle.passes`).
     """
     column = case.channel_of(only)
     starts = known or [None] * len(bundle.hypotheses)
@@ -127,7 +129,7 @@ def try_bundle(
 
 
 class _Trial:
-    """One hypothesis while sizes of it are tried."""
+    """Screening state of one hypothesis."""
 
     def __init__(
         self,
@@ -141,7 +143,7 @@ class _Trial:
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.left = project(residual, tangent)
         self.whole = max(_square(self.left), 1e-300)
-        own = slice(None) if rows is None else rows  # a gap elsewhere says nothing of sizes here
+        own = slice(None) if rows is None else rows  # only this branch's gap decides on sizes
         self.energy = max(_square(residual[own]), 1e-300)
         self.idle = IDLE * _square(self.left[own]) / self.whole
         quiet = passes and rows is not None and _quiet(residual, rows)
@@ -149,22 +151,22 @@ class _Trial:
         self.most = 0 if known else RUNGS
         self.x, self.done = list(known or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
-        self.promised: list[tuple[float, tuple[float, ...]]] = []  # by a linear step
+        self.promised: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
         self.cost, self.wrong, self.alive = 0, 0.0, quiet
 
     def begin(self, k: int) -> None:
-        """Start from the k-th coordinates, if there are so many."""
+        """Start from the k-th initial coordinates, if there are that many."""
         self.done = k >= len(self.starts)
         if self.done:
             return
         self.x = list(self.starts[k])
         self.good: tuple[float, list[float]] | None = None  # best of this start
         self.levels: dict[float, float] = {}  # response over residual by size
-        self.last: np.ndarray | None = None  # response to the size before
+        self.last: np.ndarray | None = None  # response to the previous size
         self.steps = self.rungs = 0
 
     def take(self, columns: np.ndarray) -> None:
-        """Judge the response to each strength at the present sizes, and choose the next."""
+        """Evaluate the response to each strength at the present sizes, and choose the next."""
         if self.done:
             return
         self.cost += columns.shape[1]
@@ -172,7 +174,7 @@ class _Trial:
             columns = np.where(self.rows[:, None], columns, 0.0)
         if columns.shape[1] == 1:
             (at,) = self.hypothesis.strengths
-            self.promised = []  # it is simulated now
+            self.promised = []  # replaced by the simulated share
             self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
         if self.rungs:
             self.alive |= self.levels[self.x[at]] >= DEAD
@@ -181,19 +183,19 @@ class _Trial:
             self._step(columns)
             self.steps += 1
             if any(self.x[at] in self.levels for at in self.hypothesis.strengths):
-                # a limit that is not reached, then all there is: linear steps go round in circles
+                # a threshold has no effect or its full effect: linear steps would alternate
                 self.done, self.promised = True, []
             self.done |= self._settled(columns) or self.steps == TRIES
         if self.done or self.rungs:
             self.done = not self._climb()
 
     def _settled(self, columns: np.ndarray) -> bool:
-        """The size before did just that: what is left of an effect without its strength."""
+        """True if the response did not change with the size: the strength has no more influence."""
         last, self.last = self.last, columns
         return last is not None and _square(columns - last) <= SAME**2 * _square(columns)
 
     def _step(self, columns: np.ndarray) -> None:
-        """Choose the next sizes as if responses were linear."""
+        """Choose the next sizes from a linear model of the responses."""
         size, before = np.linalg.norm(columns, axis=0), list(self.x)
         if size.max() < DEAD * np.sqrt(self.energy):
             scale = min(GROW, 0.3 * np.sqrt(self.energy) / max(size.max(), 1e-12))
@@ -216,12 +218,12 @@ class _Trial:
     def _climb(self) -> bool:
         """Set the next size of a strength that explained nothing so far; False if there is none.
 
-        A limit does nothing until it is reached, and all there is a tenth later; friction that
-        stops a joint is not a large part of one that slows it. The right size does as much as
-        was amiss: beyond that there is nothing to seek. Where even the least is too loud, a drive
-        that rounds its encoder does something else at each size: what a tenth does says nothing
-        of a third. What does nothing at one size is sought below the one that does as much: a step
-        further it may do that much elsewhere.
+        A limit has no effect until it is reached and its full effect a tenth beyond; friction that
+        stops a joint is not a multiple of friction that slows it. The response of the right size is
+        about as large as the residual, so larger sizes need not be tried. If even the smallest size
+        responds too strongly, smaller ones are tried: with a quantised encoder the response to a
+        tenth does not predict that to a third. If a size has no effect, sizes up to the one whose
+        response equals the residual are tried: the next step may respond elsewhere.
         """
         sizes = [x for x in self.levels if x]
         most = ALL if any(self.levels[x] < DEAD for x in sizes) else TOO_LOUD
@@ -244,7 +246,7 @@ class _Trial:
         return max(factor, 1.0 / factor) > NEXT_SIZE and self.x[at] not in self.levels
 
     def _overshot(self, share: float) -> bool:
-        """Note what the present size explains; go half way back where another did more."""
+        """Note the share of the present size; halve the step if an earlier size was better."""
         self._note(share)
         if self.good is None or share >= self.good[0]:
             self.good = share, list(self.x)
@@ -260,7 +262,7 @@ class _Trial:
         self.tried.append((float(share), tuple(self.x)))
 
     def _judged(self, columns: np.ndarray, factors: np.ndarray) -> tuple[float, np.ndarray]:
-        """Share that a linear step explains, and its factors; none of a forbidden sign."""
+        """Share that a linear step explains, and its factors, 0 where the sign is forbidden."""
         share = 1.0 - _square(self.left + columns @ factors) / self.whole
         forbidden = [
             f < 0.0 and self.hypothesis.coordinates[i].one_sided
@@ -275,14 +277,14 @@ class _Trial:
         return 1.0 - _square(self.left + columns @ factors) / self.whole, factors
 
     def screened(self) -> Screened:
-        """The result of all sizes that were tried."""
+        """Best result over all tried sizes."""
         start = (0.0, tuple(self.hypothesis.starts()[0]))
         share, x = max((*self.tried, *self.promised), default=start)
         return Screened(self.hypothesis, share, x, not self.alive, self.wrong, self.cost)
 
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:
-    """Whether a branch shows next to nothing beyond noise, of the whole and beside its noise."""
+    """True if the residual of a branch is mostly noise, by `QUIET` and `NOISY`."""
     beyond = _square(residual[rows]) - rows.sum()
     return beyond < min(QUIET * _square(residual), NOISY * rows.sum())
 
@@ -292,7 +294,7 @@ def _square(values: np.ndarray) -> float:
 
 
 def project(values: np.ndarray, tangent: np.ndarray | None) -> np.ndarray:
-    """Values without what orthonormal columns explain."""
+    """Values minus their projection onto orthonormal columns."""
     return values if tangent is None else values - tangent @ (tangent.T @ values)
 
 
@@ -304,7 +306,7 @@ def _responses(
     only: Sequence[int],
     residual: np.ndarray,
 ) -> np.ndarray:
-    """Change of the residual by each strength alone, of all hypotheses at once, (N, s)."""
+    """Change of the residual by each strength alone, all hypotheses at once, (N, s)."""
     columns = []
     for strength in trials[0].hypothesis.strengths:
         specs = list(base)
@@ -318,7 +320,7 @@ def _responses(
 
 
 def _solve(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Factors of the columns that lower the residual most, dead ones 0."""
+    """Factors of the columns that lower the residual most; 0 for columns without effect."""
     norms = np.linalg.norm(columns, axis=0)
     live = norms > 1e-6 * norms.max()
     factors = np.zeros(columns.shape[1])
@@ -329,7 +331,7 @@ def _solve(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 
 def _scaled(hypothesis: Hypothesis, x: Sequence[float], factors: Sequence[float]) -> list[float]:
-    """Coordinates with the strengths multiplied, within reason and bounds."""
+    """Coordinates with the strengths multiplied, clipped to step limits and bounds."""
     x = list(x)
     for strength, factor in zip(hypothesis.strengths, factors, strict=True):
         size = min(max(abs(factor), SHRINK), GROW) if factor else 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for effects that together explain the data: screening, fits, one more at a time."""
+"""Search for effects that together explain the data: screening, fits, then one more effect."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from .screen import Screened, screen
 
 log = logging.getLogger(__name__)
 Report = Callable[[float, str, str], Any]
-AT_LEAST = 6  # effects that are tried beside others
-NEAR_FLOOR = 5.0  # floors: more is not the end, however much is closed
-FITTED_PLACES, CLOSE = 4, 0.8  # of an effect that are fitted, and share of the best that is close
+AT_LEAST = 6  # effects that are tested beside others
+NEAR_FLOOR = 5.0  # noise floors; above, the search goes on however much of the gap is closed
+FITTED_PLACES, CLOSE = 4, 0.8  # fitted places of an effect, and share of the best one to be fitted
 LEAST_OF_BEST = 0.1  # share of what the best explains below which an effect is not fitted
-CLOSE_RACE = 1.1  # times the smallest rms of a rough fit up to which twice as many go on
-LEAST_GAIN = 0.05  # of the logarithm of what is left that makes another effect worth a search
-REFITS = 3  # of nominal values, each with the scale that the one before leaves
-TANGENT_STEP = 0.05  # of a strength or of the logarithm of a nominal value, for what it can do
-SIBLINGS = 3  # effects of a kind at a place that are tried in pairs
-PAIRS = 2  # of these that are fitted
-DEEP = 3  # models of two effects and more that are fitted to the end at each step
+CLOSE_RACE = 1.1  # ratio to the smallest rough rms up to which twice as many models are fitted
+LEAST_GAIN = 0.05  # decrease of the log residual below which no further effect is sought
+REFITS = 3  # refits of nominal values, each with the residual scale of the previous one
+TANGENT_STEP = 0.05  # of a strength or the logarithm of a nominal value, for sensitivities
+SIBLINGS = 3  # effects of a kind at a place that are tested in pairs
+PAIRS = 2  # pairs that are fitted
+DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
 
 @dataclass
@@ -46,9 +46,9 @@ class Found:
 
     Attributes:
         given: The user's own model.
-        base: The same with nominal values refitted: what effects have to beat.
-        models: All models that were fitted, the best first.
-        screened: Share that each hypothesis may explain by itself.
+        base: The user's model with nominal values refitted, which effects must improve on.
+        models: All fitted models, the best first.
+        screened: Share that each hypothesis may explain alone.
     """
 
     given: Fitted
@@ -58,26 +58,26 @@ class Found:
 
     @property
     def best(self) -> Fitted:
-        """The best model, the one without effects if none was fitted."""
+        """The best model; `base` if no effect was fitted."""
         return self.models[0] if self.models else self.base
 
 
 def call(case: Case, function: Callable[..., Any], arguments: tuple) -> Any:
-    """Call a function of a case and plain arguments: the one job of a search's processes."""
+    """Call a function with a case and plain arguments; the task of the worker processes."""
     return function(case, *arguments)
 
 
 class Search:
-    """Forward selection with look-alikes, backward elimination and swaps.
+    """Forward selection of effects, with look-alikes, backward elimination and swaps.
 
     Args:
         case: Model and data.
         hypotheses: Hypotheses about what is missing.
         params: Settings.
-        tasks: Place where `call` runs with the case.
-        report: Progress: share done, stage, best name so far.
+        tasks: Pool of processes that run `call` with the case.
+        report: Progress callback: completed share, stage, best name so far.
         nominal: Nominal values that are refitted.
-        bundled: Puts hypotheses together that may be tried at once.
+        bundled: Groups hypotheses that can be simulated together.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Search:
         self.fits: dict[str, Fitted] = {}
 
     def _records_to_screen(self, base: Fitted) -> list[int]:
-        """Fit records in which the residual is largest, until there is enough of them."""
+        """Fit records with the largest residuals, up to `GapParams.screen_seconds` in total."""
         size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
         chosen, seconds = [], 0.0
         for i in sorted(size, key=lambda i: (size[i], i)):
@@ -107,10 +107,10 @@ class Search:
         return sorted(chosen)
 
     def singles(self) -> Found:
-        """Try effects each by itself, all from the user's own model on.
+        """Test effects one at a time, all starting from the user's own model.
 
-        Refitted nominal values are what effects have to beat, and never where these start: values
-        that make up for a missing effect would hide it.
+        Effects must improve on refitted nominal values, but do not start from these: nominal values
+        that compensate a missing effect would hide it.
         """
         self.report(0.02, "fitting the model as it came", "")
         given = weigh(self.case, (), self.nominal, given=True)
@@ -127,7 +127,7 @@ class Search:
             self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
         )
         if self.adequate(given) or self.asked and self.adequate(base):
-            return found  # else what explains the data is one answer, and an effect another
+            return found  # without `asked`, `base` counts as one more answer beside effects
         found.screened = self._screen(given, 0.05, 0.35)
         together = [(one,) for one in families(found.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
@@ -140,7 +140,7 @@ class Search:
         return found
 
     def together(self, found: Found) -> Found:
-        """Add one effect more at a time to the best models, until nothing is left to explain."""
+        """Add one effect at a time to the best models until the residual is explained."""
         base = found.base
         level = self._leading(found.models)
         for depth in range(2, self.params.most_terms + 1):
@@ -156,12 +156,12 @@ class Search:
         return found
 
     def _scale(self, model: Fitted) -> float:
-        """Scale of a robust loss about a model: three deviations of what it usually leaves."""
+        """Scale of the robust loss for a model: three robust deviations of its residual."""
         residual = self.case.vector(model.specs, model.overrides)
         return 3.0 * max(1.0, noise.TO_DEVIATION * float(np.median(np.abs(residual))))
 
     def _leading(self, ranked: Sequence[Fitted]) -> list[Fitted]:
-        """Models to which another effect is sought; of families of a kind only the best."""
+        """Models to which another effect is added; of each combination of kinds only the best."""
         best: dict[tuple, Fitted] = {}
         for model in ranked:
             kinds = [EFFECTS[h.effect].identity.kind if h.joints else h.key for h, _ in model.parts]
@@ -169,26 +169,26 @@ class Search:
         return list(best.values())[: self.params.beam]
 
     def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
-        """The last effect added next to nothing: one more would not, either."""
+        """True if the last effect hardly improved the fit, so that another one is not sought."""
         best = {len(m.parts): self.energy(m) for m in reversed(ranked)}
         return depth - 1 in best and best.get(depth, math.inf) > best[depth - 1] - LEAST_GAIN
 
     @property
     def asked(self) -> bool:
-        """Somebody said which values of the robot are free or uncertain."""
+        """True if the user declared values of the robot as free or uncertain."""
         loose = self.case.loose
         return bool(self.nominal) or loose is not None and bool(loose.stated.any())
 
     # ---- judging ---------------------------------------------------------------------
 
     def adequate(self, model: Fitted) -> bool:
-        """Nothing is left to explain, neither in what was fitted nor beyond nor in both."""
+        """True if no gap is left in the fitted rows, in the held-out rows and in both together."""
         every = range(len(model.whole))
         parts = (self.case.masked(model.whole, every, held) for held in (False, True))
         return not any(has_gap(residuals) for residuals in (model.whole, *parts))
 
     def enough(self, model: Fitted, base: Fitted) -> bool:
-        """Nothing is left that another effect would be worth, or could be seen to close."""
+        """True if another effect is not worth seeking: adequate, or close to the noise floor."""
         if self.adequate(model):
             return True
         every = range(len(model.whole))
@@ -200,7 +200,7 @@ class Search:
         return near and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
 
     def _ranked(self, base: Fitted) -> list[Fitted]:
-        """Models that are better than the one as it came, the best first."""
+        """Models that are better than the initial one, the best first."""
         worst = self.energy(base)
         better = [m for m in self.fits.values() if self.energy(m) < worst and m.parts]
         return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
@@ -216,7 +216,7 @@ class Search:
     # ---- steps -----------------------------------------------------------------------
 
     def _tournament(self, wanted: Sequence[tuple], most: int) -> list[Fitted]:
-        """Fit roughly, and the best of them to the end."""
+        """Fit all models roughly, then the best of them to convergence."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
         tried = sorted(
@@ -241,7 +241,7 @@ class Search:
         return fitted
 
     def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
-        """Fit models, each a tuple of (hypothesis, start), that were not fitted before."""
+        """Fitted models, each given as a tuple of (hypothesis, start); known fits are reused."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
         for parts, fitted in zip(new, self.each(fit, tasks), strict=True):
@@ -257,7 +257,7 @@ class Search:
     def _screen(
         self, model: Fitted, start: float, stop: float, before: Sequence[Screened] = ()
     ) -> list[Screened]:
-        """Try every hypothesis on top of a model."""
+        """Screen every hypothesis on top of a model."""
         starts = {s.hypothesis.key: s.x for s in before if s.cost}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
         there = {h.key for h, _ in model.parts}
@@ -266,19 +266,19 @@ class Search:
         return found if before else self._alone(model, found, stop)
 
     def beside(self, model: Fitted, before: Sequence[Screened]) -> list[Screened]:
-        """Effects that explain most on top of a model, from where they explained most before."""
+        """Effects that explain most on top of a model, started from their earlier coordinates."""
         return self._chosen(self._screen(model, 0.95, 0.95, before), AT_LEAST)
 
     @staticmethod
     def failed(screened: Sequence[Screened]) -> list[tuple[str, str]]:
-        """Hypotheses that the robot cannot be built with, and why."""
+        """Keys of the hypotheses with which the robot cannot be built, with the reasons."""
         return [(s.hypothesis.key, s.failed) for s in screened if s.failed]
 
     def _alone(self, model: Fitted, found: list[Screened], at: float) -> list[Screened]:
-        """Second chance, on the loudest record, for what explains nothing in all records.
+        """Second screening, on the record with the largest residual, of effects without a share.
 
-        A large friction stops a joint in one record; in another one it only shifts a swing, by
-        more than was amiss as long as its size is not right.
+        A large friction stops a joint in one record; in another it only shifts a swing, and at a
+        wrong size by more than the residual.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
         idle = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
@@ -325,7 +325,7 @@ class Search:
     def _tangent(
         self, model: Fitted, residual: np.ndarray, only: Sequence[int]
     ) -> np.ndarray | None:
-        """Orthonormal columns of what the model's own parameters and nominal values can do."""
+        """Orthonormal columns spanned by sensitivities to the model's parameters, (N, k)."""
         columns = []
         for name, value in self.nominal.items():
             moved = {
@@ -346,7 +346,7 @@ class Search:
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
 
     def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
-        """Best places of each effect, those effects that explain most."""
+        """The best places of those effects that explain most."""
         ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
         most = ordered[0].share if ordered else 0.0
         least = max(self.params.screen_share, LEAST_OF_BEST * most)
@@ -362,7 +362,7 @@ class Search:
         return [one for places in kept for one in places]
 
     def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
-        """One effect more on each of some models, until one of them leaves nothing."""
+        """Add one effect to each of some models, until one of the results is enough."""
         for i, model in enumerate(level):
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
             more = self._screen(model, at, at + 0.05, found.screened)
@@ -370,18 +370,19 @@ class Search:
             wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
             fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
-                break  # rivals of its effects are sought when it is weighed
+                break  # rivals of its effects are sought in the judgement
 
 
 def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
-    """Pairs of one kind at one place, where that kind explains most.
+    """Pairs of effects of one kind at one place, where that kind explains most.
 
-    The zero and the gain of an encoder are off together, a joint rubs by two laws. Each alone may
-    explain less than an effect of another kind that does what both do, and is never built upon.
+    The zero and the gain of an encoder are off together, or a joint has friction by two laws. Each
+    alone may explain less than an effect of another kind that imitates both, and would never be
+    extended.
 
     Args:
-        screened: Share that each hypothesis explains by itself.
-        least: Smallest share that is tried.
+        screened: Share that each hypothesis explains alone.
+        least: Smallest share that is considered.
     """
     groups: dict[tuple[str, str], dict[str, Screened]] = {}
     for one in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
@@ -390,7 +391,7 @@ def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
         if kind and h.place and not one.dead and one.share >= least:
             groups.setdefault((kind, h.place), {}).setdefault(h.effect, one)
     first: dict[str, list[Screened]] = {}
-    for (kind, _), mine in groups.items():  # the place of the largest share comes first
+    for (kind, _), mine in groups.items():  # ordered by the largest share
         first.setdefault(kind, list(mine.values())[:SIBLINGS])
     return [
         tuple((s.hypothesis, s.x) for s in pair)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a fitted model that the data can see at all: only these are paid for.
+"""Number of parameters of a fitted model that influence the data: only these are penalised.
 
 The offset of a centre of mass along the axis of its hinge moves nothing. An effect with such a
-parameter is no more flexible than one without it, and pays no more.
+parameter is no more flexible than one without it, and is penalised no more.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from ..prediction.case import Case
 from ..statistics import identify
 from .fit import Fitted, Setting, polish
 
-MOVED = 0.05  # part of a typical change that is simulated; the rest is taken as linear
-# Deviations of the noise that a typical change of the parameter makes. Theory: with less, the
-# data say less of it than its prior does.
+MOVED = 0.05  # simulated part of a typical change; the response is scaled up linearly
+# Response to a typical change of a parameter, in standard deviations of the noise. Theory: below
+# it, the data constrain the parameter less than its prior does.
 NOTICED = 1.0
 
 
 def finish(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Polish a model and ask which of its parameters the data can see."""
+    """Polish a model and count the parameters that the data can see."""
     polished = polish(case, model, setting)
     return replace(polished, seen=seen(case, polished))
 
 
 def seen(case: Case, model: Fitted) -> int:
-    """Number of parameters that change what was measured, each by itself.
+    """Number of parameters that each alone change the measured signals noticeably.
 
     Args:
         case: Model and data.
         model: Fitted model.
     """
-    case = case.kept()  # what the values of the robot can make up for is another question
+    case = case.kept()  # compensation by values of the robot is not considered here
     here = identify.flat(case.whitened(model.specs, model.settled))
     weight = np.sqrt(identify.weights(model.score))
     count = 0

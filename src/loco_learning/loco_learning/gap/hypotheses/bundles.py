@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses that one simulation can try together, because they cannot touch each other.
+"""Bundles of hypotheses that one simulation can test together, since they do not interact.
 
-On a robot whose base is bolted the branches do not feel each other: an effect on the hip of
-every leg at once tells as much as one leg after the other. Each hypothesis is then judged by
-the channels of its own branch.
+On a robot with a fixed base the branches move independently: one simulation with an effect on the
+hip of every leg gives the same responses as one simulation per leg. Each hypothesis is then judged
+by the channels of its own branch.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from .hypotheses import Hypothesis
 
 @dataclass(frozen=True)
 class Bundle:
-    """Hypotheses to try together.
+    """Hypotheses to test together.
 
     Attributes:
         hypotheses: One per branch.
-        channels: Channels of the branch of each, (C,) flags; None is all.
-        passes: Branches that are as quiet as their noise are passed over. Where values of the robot
-            are refitted to its torques, they take up friction that is there.
+        channels: Channels of the branch of each hypothesis, (C,) flags; None is all.
+        passes: Whether branches whose residual is mostly noise are skipped. False where values of
+            the robot are refitted to its torques, since these absorb friction.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -37,7 +37,7 @@ class Bundle:
 
     @property
     def key(self) -> str:
-        """Name of the first, for messages."""
+        """Key of the first hypothesis, for messages."""
         return self.hypotheses[0].key
 
 
@@ -48,15 +48,15 @@ def bundles(
     fixed_base: bool,
     led: bool = False,
 ) -> list[Bundle]:
-    """Hypotheses in bundles, in the order of the first of each.
+    """Bundles of all hypotheses, in the order of the first hypothesis of each.
 
     Args:
         robot: Robot that the hypotheses are about.
         channels: Channels of the residual, with `name`.
-        hypotheses: Hypotheses to try.
-        fixed_base: The base is bolted in every record.
-        led: The robot is led along the measured motion, so that what acts in one joint is felt
-            in no other.
+        hypotheses: Hypotheses to test.
+        fixed_base: Whether the base is fixed in every record.
+        led: Whether torques are computed along the measured motion (inverse dynamics), so that an
+            effect in one joint changes no other.
     """
     spots = _spots(robot) if fixed_base else {}
     if led:
@@ -82,7 +82,7 @@ def bundles(
 
 
 def _spots(robot: Robot) -> dict[str, tuple[int, int]]:
-    """Branch of each joint and link, and how far out it is there."""
+    """Branch index of each joint and link, and its depth in the branch."""
     text, found = Description(robot.urdf), {}
     for branch, chain in enumerate(chains(robot)):
         for depth, joint in enumerate(chain):

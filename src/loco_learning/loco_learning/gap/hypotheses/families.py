@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One law in several joints, each with a size of its own: a robot that rubs, rubs everywhere.
+"""Families: one law in several joints with one size per joint, such as friction everywhere.
 
-A single joint of seven that rub explains little; all of them together explain what no other
-effect does. A family is fitted as one hypothesis and counted as what it is: a size per joint.
+Friction in one of seven joints explains little; friction in all of them explains what no other
+effect does. A family is fitted as one hypothesis, and penalised for one size per joint.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ MOST = 4  # families that are fitted (taste)
 
 
 def families(screened: Sequence[Any], joints: tuple[str, ...]) -> list[tuple]:
-    """Families of effects that several joints may have, each as (hypothesis, start).
+    """Families of effects that can act in several joints, each as (hypothesis, start).
 
     Args:
-        screened: `Screened` hypotheses, each with the share that it may explain by itself.
+        screened: `Screened` hypotheses, each with the share that it may explain alone.
         joints: Joints of the robot.
 
     Returns:
-        Those that may explain most, the best first.
+        The first `MOST` families, the largest summed share first.
     """
     members: dict[str, dict[str, Any]] = {}
     for one in screened:
@@ -57,8 +57,8 @@ def fewer(
 
     Args:
         family: Hypothesis about several joints.
-        x: Coordinates of it.
-        mine: Joints that are left, at least one.
+        x: Coordinates of the family.
+        mine: Joints to keep, at least one.
         offered: Hypotheses about each joint alone.
         joints: Joints of the robot.
     """
@@ -71,7 +71,7 @@ def fewer(
 
 
 def _family(found: Sequence[tuple[Hypothesis, Sequence[float]]], joints: tuple[str, ...]) -> tuple:
-    """One law at the joints of some hypotheses, and where to start."""
+    """One law at the joints of some hypotheses, and its initial coordinates."""
     mine = tuple(h.place for h, _ in found)
     first = found[0][0]
     coordinates = tuple(replace(c, of=h.place) for h, _ in found for c in h.coordinates)

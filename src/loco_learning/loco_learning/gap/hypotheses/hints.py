@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hints before any fit: travel and speed of joints, where and when the residual is large."""
+"""Hints for hypotheses: travel and speed of joints, and where and when the residual is large."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from loco_sim.robot.robot import Robot
 
 from ..prediction.case import Case
 
-SPEED_TIME = 0.05  # [s] over which a speed is a mean: a step of a coarse encoder is none
+SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse encoder is no speed
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
-QUIET, LOUD_SHARE = 3.0, 0.1  # times the usual energy, and share of the largest: above both is loud
-LONGEST_SHARE = 0.7  # share of a record that an interval may last
-APART = 0.3  # between the beginnings of the same interval in different records [s]
+QUIET, LOUD_SHARE = 3.0, 0.1  # large energy: above both, times the median and share of the maximum
+LONGEST_SHARE = 0.7  # largest share of a record that an interval may cover
+APART = 0.3  # largest difference of the starts of an interval in different records [s]
 MOST_INTERVALS = 3  # intervals
 LEAST_PERIODS, COUNTS = 1.5, (1.0, 300.0)  # of a ripple: in the travel, and in 2 pi (taste)
-PEAK = 4.0  # times the usual amplitude over the angle that a ripple has (taste)
-MOST_ROWS, MOST_COUNTS = 4000, 600  # rows and counts that are looked at (time)
-MOST_RIPPLES = 3  # counts that are tried at a joint
+PEAK = 4.0  # amplitude of a ripple over the median amplitude of all counts (taste)
+MOST_ROWS, MOST_COUNTS = 4000, 600  # rows and counts that are evaluated (time)
+MOST_RIPPLES = 3  # counts that are tested at a joint
 
 
 def find(case: Case, robot: Robot) -> Hints:
-    """Look at the records and at what the model as it came leaves of them."""
+    """Hints from the records and from the residual of the initial model."""
     n = len(robot.joints)
     low, high, fast = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     for record in case.records:
@@ -53,7 +53,7 @@ def find(case: Case, robot: Robot) -> Hints:
 
 
 def bend(values: np.ndarray, dt: float) -> np.ndarray:
-    """Second difference over `SPEED_TIME`, (T, C): of positions as what is missing in a torque."""
+    """Second difference over `SPEED_TIME`, (T, C): of positions, proportional to missing torque."""
     apart, found = max(1, round(SPEED_TIME / dt)), np.full(values.shape, np.nan)
     if len(values) > 2 * apart:
         middle = values[apart:-apart]
@@ -62,14 +62,14 @@ def bend(values: np.ndarray, dt: float) -> np.ndarray:
 
 
 def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tuple[float, ...]:
-    """Periods in 2 pi with which residuals go up and down over the angle, the clearest first.
+    """Periods per 2 pi of residuals that oscillate over the joint angle, the clearest first.
 
     Args:
         angles: Angle of the joint [rad], (T,) per record.
         residuals: Residuals of the channels of the joint, (T, C) per record.
 
     Returns:
-        Counts, at most `MOST_RIPPLES`; empty where the angle is not known or no count stands out.
+        Counts, at most `MOST_RIPPLES`; empty if the angle is not known or no count stands out.
     """
     q = np.concatenate(angles)
     r = np.concatenate(residuals)
@@ -92,7 +92,7 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
 
 
 def fastest(q: np.ndarray, dt: float) -> np.ndarray:
-    """Largest speed of each joint [rad/s], (n,), of positions (T, n); NaN where none are known."""
+    """Largest speed of each joint [rad/s], (n,), from positions (T, n); NaN where unknown."""
     apart = max(1, round(SPEED_TIME / dt))
     change = np.abs(q[apart:] - q[:-apart])
     known = np.isfinite(change).any(axis=0)
@@ -102,7 +102,7 @@ def fastest(q: np.ndarray, dt: float) -> np.ndarray:
 
 
 def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The first few intervals that do not begin and end together."""
+    """The first few intervals that differ in start or end."""
     kept: list[tuple[float, float]] = []
     for each in intervals:
         if all(np.ptp([each, other], axis=0).max() > 2.0 * ENERGY_TIME for other in kept):
@@ -113,12 +113,12 @@ def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, flo
 def interval(
     residuals: Sequence[np.ndarray], dts: Sequence[float], agree: bool = False
 ) -> tuple[float, float] | None:
-    """Time in which the residual of all records is large and outside of which it is not.
+    """Time interval outside of which all residuals are small [s]; None if there is none.
 
     Args:
         residuals: Whitened, (T, C) per record.
-        dts: Time between samples [s].
-        agree: It must begin at about the same time wherever it is found.
+        dts: Sampling period of each record [s].
+        agree: Whether it must start at about the same time in all records that show it.
     """
     starts, stops = [], []
     for r, dt in zip(residuals, dts, strict=True):

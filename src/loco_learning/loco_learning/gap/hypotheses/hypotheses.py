@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses about a model: every effect of the registry that fits the robot, everywhere.
+"""Hypotheses about a model: every applicable effect of the registry at every possible place.
 
 A `Hypothesis` is an effect at a place with its free parameters as `Coordinate`s: strengths,
-which are 0 when the effect is absent, and shapes, which say how it acts while it is there.
+which are 0 when the effect is absent, and shapes, which say how it acts while it is present.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ NOTHING_TO_TRY = "these recordings give it no place, time or signal to act on"
 
 @dataclass(frozen=True)
 class Term:
-    """An effect with its parameters, as it stands in a model.
+    """An effect with its parameters, as an entry of a model.
 
     Attributes:
         effect: Name of the effect.
-        place: Joint, link or foot, by name or pattern; empty where it has none.
-        params: Values as in an experiment's list, without the name.
+        place: Joint, link or foot, by name or pattern; empty if it has none.
+        params: Values as in the list of an experiment, without the name.
     """
 
     effect: str
@@ -36,18 +36,18 @@ class Term:
 
     @property
     def spec(self) -> dict[str, Any]:
-        """Entry of an experiment's list of effects."""
+        """Entry in the list of effects of an experiment."""
         return {"name": self.effect, **self.params}
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect at a place, with what data shall tell of it.
+    """An effect at a place, with the parameters that the data determine.
 
     Attributes:
         effect: Name of the effect.
-        place: Joint, link or foot, by name or pattern; empty where it has none.
-        fixed: Parameters that stay as they are.
+        place: Joint, link or foot, by name or pattern; empty if it has none.
+        fixed: Parameters that are not fitted.
         coordinates: Free parameters, strengths first.
         variant: Part of an effect with many, e.g. the signal of a sensor.
         joints: Joints that share the law, each with a size of its own: their coordinates come
@@ -72,14 +72,14 @@ class Hypothesis:
         return [i for i, c in enumerate(self.coordinates) if c.strength]
 
     def term(self, x: Sequence[float]) -> Term:
-        """The effect at values of its coordinates, each forced into its bounds."""
+        """The effect at values of its coordinates, each clipped to its bounds."""
         values = assemble(self.coordinates, x)
-        if "stop" in values:  # never before its start, see `Effect.start`
+        if "stop" in values:  # not before its start, see `Effect.start`
             values["stop"] = max(values["stop"], values["start"])
         return Term(self.effect, self.place, {**dict(self.fixed), **values})
 
     def terms(self, x: Sequence[float]) -> list[Term]:
-        """The effect at each of its joints; one term where it is at one place."""
+        """The effect at each of its joints; one term if it is at one place."""
         if not self.joints:
             return [self.term(x)]
         count = len(self.coordinates) // len(self.joints)
@@ -91,10 +91,10 @@ class Hypothesis:
         return found
 
     def starts(self) -> list[list[float]]:
-        """Values of the shapes that are worth a try, strengths one typical unit.
+        """Initial coordinates of a search: shapes from their priors, strengths of one typical unit.
 
-        A lone strength of two signs is tried with the other one, too: a joint that is bolted on
-        with a turn starts elsewhere, however small the turn, which hides its sign.
+        A lone strength that may be negative is tested with both signs. An example is a joint that
+        is mounted with a twist: it starts elsewhere, however small the twist, which hides its sign.
         """
         count = max(len(c.start) for c in self.coordinates)
         made = [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
@@ -107,10 +107,10 @@ class Hypothesis:
 def separable(
     hypotheses: Sequence[Hypothesis],
 ) -> tuple[list[Hypothesis], list[tuple[str, str]]]:
-    """Hypotheses without those that no recording tells from another one (`Identity.twins`).
+    """Hypotheses without those that no recording can distinguish (`Identity.twins`).
 
     Returns:
-        The hypotheses that stay, and the effects that are not tried with the reason.
+        The remaining hypotheses, and the excluded effects with the reason.
     """
     twins = {twin: h.effect for h in hypotheses for twin in EFFECTS[h.effect].identity.twins}
     kept = [h for h in hypotheses if h.effect not in twins or h.variant]
@@ -135,7 +135,7 @@ def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis
 
 
 def untried(robot: Robot, offered: Sequence[Hypothesis]) -> list[tuple[str, str]]:
-    """Effects that apply to a robot and that nobody offered, each with the reason."""
+    """Effects that apply to a robot but that no hypothesis contains, each with the reason."""
     there = {h.effect for h in offered}
     return [
         (name, EFFECTS[name].identity.untried or NOTHING_TO_TRY)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hypotheses that are worth a search, where a run of the model costs seconds: on the ground.
+"""Preselection of hypotheses for robots on the ground, where one simulation costs seconds.
 
-Each is tried on few pieces of the recordings: at a typical size, and at the size that explains
-most if the model were linear, once more where it does not keep that promise. What an effect in
-one joint does shows in that joint first: joints that show no more than the others are tried
-together with those that are like them.
+Each hypothesis is tested on a few pieces of the recordings: at a typical size and at the size that
+would explain most if the model were linear, and once more if the residual does not fall as
+predicted. An effect in a joint shows in that joint first, so only joints with a conspicuous
+residual are tested one by one, if they are few.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from ..prediction.case import Case
 from ..statistics import evidence
 from .hypotheses import Hypothesis
 
-PIECES = 6  # pieces of each record that are looked at
-CONSPICUOUS = 0.5  # of the gap of the joint that shows most: a joint is looked at by itself
-MOST_JOINTS = 4  # joints by themselves: more of them are no few
-KEPT = 24  # hypotheses that are left
-PLACES = 1  # of these of one effect, at least
-WORTH = 3.0  # least evidence for it [nat]; a parameter of no use gains half a nat (theory)
-ROUNDS, KEEPS = 2, 0.7  # of straight lines; share of their promise that ends them (taste)
-GROW, SHRINK = 30.0, 0.03  # most that a size changes between both tries
+PIECES = 6  # pieces of each record that are simulated
+CONSPICUOUS = 0.5  # share of the largest gap of a joint above which a joint is tested by itself
+MOST_JOINTS = 4  # conspicuous joints; with more of them, none is tested by itself
+KEPT = 24  # hypotheses that are kept
+PLACES = 1  # places of each effect that are kept, at least
+WORTH = 3.0  # smallest evidence for it [nat]; a useless parameter gains half a nat (theory)
+ROUNDS, KEEPS = 2, 0.7  # linear steps; share of their predicted decrease that ends them (taste)
+GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
 JOINT_SIGNALS = ("q", "dq", "tau")
 
 Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
@@ -37,16 +37,16 @@ Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
 def likely(
     case: Case, hypotheses: Sequence[Hypothesis], each: Each
 ) -> tuple[list[Hypothesis], list[tuple[str, str]], list[tuple]]:
-    """Hypotheses to search among.
+    """Hypotheses that are worth a search.
 
     Args:
         case: Model and data.
-        hypotheses: All of them.
-        each: Calls a function of the case with arguments, many at once, in order.
+        hypotheses: Hypotheses to choose from.
+        each: Runs a function of the case with many arguments in parallel, results in order.
 
     Returns:
-        Those that stay; the effects of which none does, each with the reason; and the one that
-        explains most with its coordinates, in a list that is empty if nothing explains anything.
+        The kept hypotheses; the effects without a kept hypothesis, each with the reason; and a list
+        of the hypothesis that explains most with its coordinates, empty if none explains anything.
     """
     joints = {c.name for c in case.forward.channels if c.signal in JOINT_SIGNALS}
     alone = conspicuous(case)
@@ -66,7 +66,7 @@ def likely(
 
 
 def conspicuous(case: Case) -> set[str]:
-    """Joints whose own signals show more of the gap than those of most; none if all do."""
+    """Joints whose residual is much larger than that of the others; none if most are alike."""
     whole = [np.where(r[:, None], w, np.nan) for r, w in _rows(case)]
     power: dict[str, float] = {}
     for i, channel in enumerate(case.forward.channels):
@@ -137,7 +137,7 @@ def _columns(
 
 
 def _factors(hypothesis: Hypothesis, columns: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Factors of the strengths that explain most if all is linear; 0 of a forbidden sign."""
+    """Factors of the strengths that explain most in a linear model; 0 of a forbidden sign."""
     factors = -np.linalg.lstsq(columns, before, rcond=1e-6)[0]
     allowed = [not hypothesis.coordinates[i].one_sided for i in hypothesis.strengths]
     return np.where((factors > 0.0) | np.array(allowed), factors, 0.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fallback for a gap without a name: a ridge regression of what the model leaves.
+"""Correction of a gap that no effect explains: a ridge regression of the residual.
 
-It repeats what was seen in the states that were seen. It names no cause, and what it says
-elsewhere means nothing; `KIND` goes wherever it goes.
+It reproduces the residual in the measured states. It names no cause and does not extrapolate;
+the text `KIND` accompanies it in every output.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..recordings.record import Record
 from .localise import JOINT_SIGNALS
 
 KIND = "correction: not an explanation"
-PENALTIES = 10.0 ** np.arange(-4.0, 3.0)  # of the number of samples
+PENALTIES = 10.0 ** np.arange(-4.0, 3.0)  # times the number of samples
 FOLDS = 5
-SLOW = 0.1  # [rad/s, m/s] speed whose side begins to count
-LEAST_EXPLAINED = 0.05  # share of a channel's residual that it must predict where it was not fitted
+SLOW = 0.1  # [rad/s, m/s] speed below which the sign of the velocity is smoothed
+LEAST_EXPLAINED = 0.05  # smallest cross-validated share of a channel's residual for a correction
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Channel:
         signal: Name of the signal.
         name: Joint, foot or axis.
         unit: Unit of the correction.
-        explained: Share of the residual's energy in blocks it was not fitted to.
+        explained: Cross-validated share of the residual's energy.
         weights: Weight of each feature; the correction is the sum of weight times feature.
     """
 
@@ -44,7 +44,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Correction:
-    """Corrections of the channels that can be predicted at all.
+    """Corrections of all channels whose residual can be predicted.
 
     Attributes:
         kind: `KIND`.
@@ -57,7 +57,7 @@ class Correction:
     channels: tuple[Channel, ...]
 
     def predict(self, record: Record, signal: str, name: str) -> np.ndarray:
-        """Correction to add to the model's prediction of a channel, (T,); 0 without one."""
+        """Correction to add to the model's prediction of a channel, (T,); 0 if there is none."""
         for channel in self.channels:
             if (channel.signal, channel.name) == (signal, name):
                 names, x = features(record, _joints([record], signal, name))
@@ -71,13 +71,13 @@ def fit(
     residuals: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> Correction | None:
-    """Fit what the model leaves, channel by channel; None where nothing can be predicted.
+    """Fit the residual channel by channel; None if no channel can be predicted.
 
     Args:
         records: Measured records.
         channels: Columns of the residuals, with `signal`, `name` and `unit`.
         residuals: Measured minus predicted in the channels' units, (T, C) per record.
-        floor: Noise floor of each channel, to weigh them, (C,).
+        floor: Noise floor of each channel, for weighting, (C,).
     """
     found, closed, total = [], 0.0, 0.0
     for column, channel in enumerate(channels):
@@ -102,8 +102,9 @@ def fit(
 def features(record: Record, joints: Sequence[str]) -> tuple[list[str], np.ndarray]:
     """Functions of the measured state: names, and values (T, F).
 
-    For each joint position, speed, their squares and product, cube of the position, side of
-    the speed, command and its distance; contact phases where feet are measured.
+    Of each joint: position, velocity, their squares and product, cube of the position, smoothed
+    sign of the velocity, command and its difference to the position; contact phases if feet are
+    measured.
     """
     named: dict[str, np.ndarray] = {"1": np.ones(len(record.t))}
     for joint in joints:
@@ -124,14 +125,14 @@ def features(record: Record, joints: Sequence[str]) -> tuple[list[str], np.ndarr
 
 
 def ridge(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Ridge regression whose penalty is chosen on contiguous blocks.
+    """Ridge regression with a penalty from cross-validation over contiguous blocks.
 
     Args:
         x: Features, (N, F).
         y: Values to explain, (N,).
 
     Returns:
-        Share of y's energy predicted in blocks that were left out, and weights (F,).
+        Cross-validated share of y's energy, and weights (F,).
     """
     size = np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-12)
     z = x / size
@@ -154,7 +155,7 @@ def ridge(x: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _joints(records: Sequence[Record], signal: str, name: str) -> tuple[str, ...]:
-    """Joints whose states may correct a channel: its own, or all for one of the body."""
+    """Joints whose states may correct a channel: its own joint, or all for a signal of the body."""
     if signal in JOINT_SIGNALS and all(name in r.joints for r in records):
         return (name,)
     return tuple(j for j in records[0].joints if all(j in r.joints for r in records))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measured signals, and what was judged of the model before and after: arrays beside gap.json."""
+"""Measured and predicted signals before and after a search, in a file beside gap.json."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
     from ..prediction.case import Case
 
 FIT, HELD_OUT = "fit", "held-out"
-LASTING = 0.99  # share of the time of which the rest is an instant
+LASTING = 0.99  # share of the time that counts for the largest gaps; the rest is momentary
 _KEYS = ("measured", "before", "after", "floor")
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One record, as the search compared it with both models.
+    """One record, with the predictions of the models before and after.
 
     Attributes:
         name: Name of the record.
         role: `FIT` or `HELD_OUT`.
         t: Times [s], (T,).
         measured: One column per channel, (T, C); NaN where nothing was compared.
-        before: Prediction of the model as given, with what the search refitted of it, (T, C); NaN
+        before: Prediction of the user's model with refitted values and initial states, (T, C); NaN
             where nothing was compared, or where the model diverged.
-        after: The same of the model that was found.
+        after: Prediction of the selected model, (T, C); NaN likewise.
         floor: Noise floor of each value, measurement and numerics together, (T, C).
-        judged: Rows that the numbers of the gap are about, (T,) flags.
-        start: Change of positions, then of velocities of the joints at the start that the search
-            refitted for `after` [rad, rad/s], (2n,); empty where it did not.
+        judged: Rows that enter the numbers of the gap, (T,) flags.
+        start: Change of the initial joint positions, then velocities, that was refitted for
+            `after` [rad, rad/s], (2n,); empty if they were not refitted.
     """
 
     name: str
@@ -60,9 +60,9 @@ class Curve:
         return self.measured - getattr(self, which)
 
     def whitened(self, which: str) -> np.ndarray:
-        """Error of ``before`` or ``after`` at the rows that judge [noise floors], (T, C).
+        """Error of ``before`` or ``after`` at the judged rows [noise floors], (T, C).
 
-        NaN where nothing was compared; a model that diverged misses `evidence.LIMIT`.
+        NaN where nothing was compared; `evidence.LIMIT` where the model diverged.
         """
         rows = np.where(self.judged[:, None], self.measured, np.nan)
         (found,) = evidence.whiten([rows], [getattr(self, which)], self.floor)
@@ -83,27 +83,27 @@ class Curves:
 
     @property
     def judging(self) -> list[Curve]:
-        """Records that judge, at least in part."""
+        """Records with judged rows."""
         return [r for r in self.records if r.judged.any()]
 
     def floors(self, which: str) -> np.ndarray:
-        """Rms of what ``before`` or ``after`` misses [noise floors], (C,); NaN where unknown."""
+        """Rms error of ``before`` or ``after`` per channel [noise floors], (C,); NaN if unknown."""
         return np.array(evidence.by_channel([r.whitened(which) for r in self.judging]))
 
     def rms(self, which: str) -> float:
-        """The same over all channels: the number at the top of the page."""
+        """Rms error of ``before`` or ``after`` over all channels [noise floors]."""
         return evidence.rms([r.whitened(which) for r in self.judging])
 
     @property
     def closed(self) -> float:
-        """Share of the gap that ``after`` closes: see `evidence.closed_by`."""
+        """Share of the gap that ``after`` closes, see `evidence.closed_by`."""
         both = ([r.whitened(which) for r in self.judging] for which in ("before", "after"))
         return evidence.closed_by(*both)
 
     def worst(self, count: int) -> list[int]:
-        """Columns with the largest gap before, in noise floors, in their order.
+        """Columns with the largest gap before, in noise floors, in column order.
 
-        What lasts an instant, such as a start that is a little off, is nothing to look at.
+        Momentary errors, such as those of a slightly wrong initial state, do not count.
         """
         miss = np.abs(np.concatenate([r.whitened("before") for r in self.judging]))
         miss = np.where(np.isfinite(miss).any(axis=0), np.nan_to_num(miss), -1.0)
@@ -112,7 +112,7 @@ class Curves:
         return sorted(np.argsort(-ratio, kind="stable")[:count].tolist())
 
     def label(self, column: int) -> str:
-        """Name of a column for people."""
+        """Name of a column for figures and tables."""
         signal, name, _ = self.channels[column]
         return f"{signal} {name.removesuffix('_joint')}".replace("_", " ").strip()
 
@@ -121,7 +121,7 @@ class Curves:
         return self.channels[column][2]
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz, whole or not at all."""
+        """Write an .npz file, completely or not at all."""
         heads = [{"name": r.name, "role": r.role} for r in self.records]
         arrays = {"head": json.dumps([list(map(list, self.channels)), heads])}
         for i, r in enumerate(self.records):
@@ -130,10 +130,10 @@ class Curves:
 
 
 def load(path: str | Path) -> Curves:
-    """Read what `Curves.save` wrote.
+    """Read a file of `Curves.save`.
 
     Raises:
-        BagError: It is no such file.
+        BagError: The file holds no curves.
     """
     try:
         file = read_npz(path)
@@ -151,12 +151,12 @@ def load(path: str | Path) -> Curves:
 
 
 def curves(case: Case, before: Fitted, after: Fitted) -> Curves:
-    """Curves of what was measured, and of the predictions that two models were judged by.
+    """Measured signals, and the predictions of two models.
 
     Args:
         case: Model and data.
-        before: The model as given.
-        after: The model that goes on.
+        before: The user's own model.
+        after: The selected model.
     """
     found = []
     for i, record in enumerate(case.records):
@@ -172,26 +172,26 @@ def curves(case: Case, before: Fitted, after: Fitted) -> Curves:
 
 
 def _compared(measured: np.ndarray) -> slice:
-    """Rows of which some were compared, as far as these are evenly apart."""
+    """Rows that were compared, as an evenly spaced slice."""
     known = np.flatnonzero(np.isfinite(measured).any(axis=1)).tolist()
     every = gcd(*np.diff(known).tolist()) if len(known) > 1 else 1
     return slice(known[0] % every, None, every) if known else slice(None)
 
 
 def _predicted(measured: np.ndarray, whole: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Prediction that leaves a whitened residual, NaN where it diverged: inverse of `whiten`."""
+    """Prediction from a whitened residual, NaN where it diverged: inverse of `whiten`."""
     return np.where(np.abs(whole) < evidence.LIMIT, measured + whole * floor, np.nan)
 
 
 def joined(air: Curves, ground: Curves) -> Curves:
-    """Curves of a robot in the air and on the ground; the numbers are about the ground alone."""
+    """Curves of a robot in the air and on the ground; only rows on the ground are judged."""
     channels = tuple(dict.fromkeys([*ground.channels, *air.channels]))
     first = [replace(r, judged=np.zeros_like(r.judged)) for r in _over(channels, air)]
     return Curves(channels, (*first, *_over(channels, ground)))
 
 
 def _over(channels: Sequence[tuple[str, str, str]], one: Curves) -> list[Curve]:
-    """Records with columns for more channels; NaN, and a floor of 1, where they have none."""
+    """Records with columns for more channels; NaN and a floor of 1 where a record has none."""
     found = []
     for r in one.records:
         blank = {key: np.full((len(r.t), len(channels)), np.nan) for key in _KEYS[:3]}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of a model over a record, with intervals: NRMSE and mean absolute windowed error.
 
-For block values e_b the interval is that of the mean over blocks drawn with replacement;
-blocks are long against what one sample tells about the next. As in thesis eq. (5.4) the
-windowed error lets the model be early or late by one small shift for the whole record.
+The interval is a bootstrap over blocks, which are long compared to the correlation time of the
+errors. As in thesis eq. (5.4), the windowed error allows one small time shift of the model for the
+whole record.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 
 from .curves import Curve, Curves
 
-BLOCKS = 20  # of a record
+BLOCKS = 20  # blocks of a record
 DRAWS = 400
-SHARE = 0.90  # of the interval
+SHARE = 0.90  # probability of the interval
 WINDOW = 0.05  # largest shift of the windowed error [s]
-MOST_CHANNELS = 4  # channels of a table
+MOST_CHANNELS = 4  # channels in a table
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def nrmse(curve: Curve, column: int, which: str) -> Error:
 
 
 def mawe(curve: Curve, column: int, which: str, window: float = WINDOW) -> Error:
-    """Mean absolute error under the shift that makes it smallest [unit of the channel]."""
+    """Mean absolute error with the time shift that minimises it [unit of the channel]."""
     measured, model = curve.measured[:, column], getattr(curve, which)[:, column]
     dt = (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1)
     most = min(int(window / dt + 1e-9), len(measured) // 4)
@@ -57,7 +57,7 @@ def mawe(curve: Curve, column: int, which: str, window: float = WINDOW) -> Error
 
 
 def _shifted(y: np.ndarray, by: int) -> np.ndarray:
-    """Signal moved by samples; NaN where nothing is known."""
+    """Signal shifted by a number of samples; NaN at the open end."""
     out = np.full(len(y), np.nan)
     if by >= 0:
         out[by:] = y[: len(y) - by]
@@ -67,7 +67,7 @@ def _shifted(y: np.ndarray, by: int) -> np.ndarray:
 
 
 def _interval(values: np.ndarray, key: str, made: Callable) -> Error:
-    """Mean over known values, and its interval over blocks; `made` is applied last."""
+    """Mean over finite values and its interval over blocks, both transformed by `made`."""
     parts = [p[np.isfinite(p)] for p in np.array_split(values, BLOCKS)]
     parts = [p for p in parts if len(p)]
     if not parts:

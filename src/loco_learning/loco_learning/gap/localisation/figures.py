@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figure of the gap of each channel, and what plots of a gap show: record, window, spectrum."""
+"""Figure of the gap of each channel, and data of the plots of a gap: record, window, spectrum."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .curves import Curve, Curves
 # that a line exactly on it still shows.
 MEASURED, BEFORE, AFTER, FLOOR = "#9aa3ad", "#d55e00", "#0072b2", "#222222"
 MOST_SIGNALS = 4  # channels in a figure of signals
-FAINT = 0.01  # noise floors: what is missed less is drawn there, as nothing at all has no logarithm
+FAINT = 0.01  # [noise floors] smallest value drawn, since 0 has no logarithm
 
 
 def window(curve: Curve, columns: list[int], length: float) -> slice:
@@ -20,7 +20,7 @@ def window(curve: Curve, columns: list[int], length: float) -> slice:
 
     Args:
         curve: The record.
-        columns: Channels that count.
+        columns: Channels that are considered.
         length: Length of the stretch [s].
     """
     dt = (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1)
@@ -36,15 +36,15 @@ def window(curve: Curve, columns: list[int], length: float) -> slice:
 
 
 def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitudes of a signal, rms within bands that are even in the logarithm.
+    """Amplitude spectrum of a signal, as rms within logarithmically spaced bands.
 
     Args:
-        t: Even times [s], (T,).
-        y: Signal, (T,); gaps are bridged by the mean.
-        bins: Number of bands at most.
+        t: Evenly spaced times [s], (T,).
+        y: Signal, (T,); gaps are filled with the mean.
+        bins: Largest number of bands.
 
     Returns:
-        Frequencies [Hz] and amplitudes [unit of y] of the bands that hold a line.
+        Centre frequencies [Hz] and amplitudes [unit of y] of all bands with spectral lines.
     """
     known = np.isfinite(y)
     if known.sum() < 8:
@@ -81,7 +81,7 @@ def channels(curves: Curves) -> Chart:
 
 
 def worst_record(curves: Curves, columns: list[int]) -> Curve:
-    """Record with the largest gap before, of those that judge."""
+    """Record with the largest gap before among the judged ones."""
 
     def size(curve: Curve) -> float:
         miss = curve.whitened("before")[:, columns]
@@ -91,5 +91,5 @@ def worst_record(curves: Curves, columns: list[int]) -> Curve:
 
 
 def span(curve: Curve) -> float:
-    """Length of signal that a plot shows at first [s]: enough to see shapes."""
+    """Length of signal that a plot shows initially [s], long enough to see shapes."""
     return max(4.0, 400 * (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cells in which the gap lives: joint x signal x phase x frequency band x part of the range.
+"""Division of the gap into cells: joint x signal x phase x frequency band x third of the range.
 
-Energy of the whitened residual beyond that of noise, with a block bootstrap interval for
-each cell, and the fewest cells that hold most of it.
+The value of a cell is the energy of the whitened residual beyond that of noise, with a block
+bootstrap interval; the main cells are the fewest that hold most of it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ class Cell:
     """Part of the data.
 
     Attributes:
-        joint: Joint, or foot or axis of a signal that belongs to none.
+        joint: Joint; foot or axis for a signal that belongs to no joint.
         signal: Signal of the joint.
-        phase: Phase of the joint's motion, "all" where there is no joint.
-        band: Frequencies.
-        region: Part of the joint's range, "all" where there is no joint.
+        phase: Phase of the joint's motion, "all" if there is no joint.
+        band: Frequency band.
+        region: Third of the joint's range, "all" if there is no joint.
         share: Share of the gap.
         low: Lower end of the share's 95 % interval.
-        high: Upper end.
+        high: Upper end of the share's 95 % interval.
     """
 
     joint: str
@@ -47,11 +47,11 @@ class Cell:
 
 @dataclass(frozen=True)
 class GapMap:
-    """Cells that hold more than noise, the largest share first.
+    """Cells with more energy than noise, the largest share first.
 
     Attributes:
         cells: All of them; their shares add up to 1.
-        main: Number of the first cells that hold the wanted share together.
+        main: Number of leading cells that together hold the requested share.
     """
 
     cells: tuple[Cell, ...]
@@ -111,7 +111,7 @@ def localise(
 
 
 def band_names(rate: float) -> list[str]:
-    """Names of the frequency bands that a sampling rate [Hz] can show."""
+    """Names of the frequency bands below the Nyquist frequency of a sampling rate [Hz]."""
     edges = [e for e in BANDS if e < 0.5 * rate]
     if not edges:
         return ["all frequencies"]
@@ -120,13 +120,13 @@ def band_names(rate: float) -> list[str]:
 
 
 def split(residual: np.ndarray, dt: float) -> list[tuple[str, np.ndarray, float]]:
-    """Parts of a residual by frequency: name, (T,), share of white noise's energy.
+    """Parts of a residual by frequency band: name, part (T,), share of white noise's energy.
 
     The parts add up to the residual where it is known and are NaN elsewhere. Rows that are known
-    once in a few show no frequency beyond half their own rate; gaps are bridged.
+    only at every n-th time have frequencies up to half that rate; gaps are interpolated.
 
     Args:
-        residual: Residual, (T,); NaN where not measured. Some of it is known.
+        residual: Residual, (T,), NaN where not measured; at least one value is known.
         dt: Time between rows [s].
     """
     known = np.flatnonzero(np.isfinite(residual))
@@ -153,7 +153,7 @@ def _add(
     block: np.ndarray,
     ranges: dict[str, tuple[float, float] | None],
 ) -> None:
-    """Add one channel of one record to the cells."""
+    """Add the excess energy of one channel of one record to the cells."""
     known = np.isfinite(residual)
     if not known.any():
         return
@@ -166,7 +166,7 @@ def _add(
         region = np.searchsorted([low, high], position(record, joint))
     parts = split(residual, record.dt)
     whole = np.maximum(sum(part**2 for _, part, _ in parts), 1e-300)
-    for band, part, noise in parts:  # a sample's energy stays at its time, whatever its bands
+    for band, part, noise in parts:  # the energy of a sample is divided among bands, not over time
         excess = residual**2 * part**2 / whole - noise
         for p, r in sorted(set(zip(phase[known].tolist(), region[known].tolist(), strict=True))):
             rows = known & (phase == p) & (region == r)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States of a joint in which the gap lives, in words: a shallow tree for each joint.
+"""Regions of a joint's states with a large gap, in words: a shallow regression tree per joint.
 
-"knee, |dq| < 0.3 rad/s, stance: 62 % of its gap in 12 % of the time".
+Example: "knee, |dq| < 0.3 rad/s, stance: 62 % of its gap in 12 % of the time".
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from ..recordings.record import Record
 from .localise import JOINT_SIGNALS
 
 DEPTH, CUTS = 3, 16
-LEAST_LEAF = 0.04  # share of the samples in a leaf
-WORTH = 0.05  # share of the variance that a split must explain
-DENSE = 1.5  # times the average energy that makes a region worth telling
+LEAST_LEAF = 0.04  # smallest share of the samples in a leaf
+WORTH = 0.05  # smallest share of the variance that a split must explain
+DENSE = 1.5  # smallest energy of a reported region, over the average energy
 
 
 @dataclass(frozen=True)
 class Region:
-    """States of a joint in which much of its gap lives.
+    """States of a joint with much of its gap.
 
     Attributes:
         joint: Name of the joint.
         words: Conditions that hold there, e.g. ("|dq| < 0.3 rad/s", "stance").
         energy: Share of the joint's gap.
-        time: Share of the samples that were measured.
+        time: Share of the measured samples.
     """
 
     joint: str
@@ -84,7 +84,7 @@ def regions(
 def features(
     records: Sequence[Record], joint: str, unit: str
 ) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """States of a joint: names with units, and values (N, F) over all records in a row."""
+    """States of a joint: names with units, and values (N, F) of all records in sequence."""
     named = [("q", unit), ("dq", f"{unit}/s"), ("|dq|", f"{unit}/s"), ("t", "s")]
     rows = []
     errors = all("position" in r.command and joint in r.driven for r in records)
@@ -105,7 +105,7 @@ def features(
 def of_joint(
     joint: str, energy: np.ndarray, named: Sequence[tuple[str, str]], values: np.ndarray
 ) -> list[Region]:
-    """Leaves of a tree on `values` (N, F) in which `energy` (N,) is dense."""
+    """Leaves of a tree on `values` (N, F) with a high density of `energy` (N,)."""
     total = max(float(energy.sum()), 1e-300)
     target = np.minimum(energy, np.quantile(energy, 0.99))
     found = []
@@ -126,7 +126,7 @@ def _leaves(
     scale: float,
     depth: int,
 ) -> list[tuple[np.ndarray, dict[int, tuple[float, float]]]]:
-    """Rows of each leaf with the interval of each feature that leads to it."""
+    """Rows of each leaf, with the interval of each feature on the path to it."""
     best = _best(target[rows], values[rows], round(LEAST_LEAF * len(target))) if depth else None
     if best is None or best[0] < WORTH * scale:
         return [(rows, limits)]
@@ -141,7 +141,7 @@ def _leaves(
 
 
 def _best(y: np.ndarray, x: np.ndarray, least: int) -> tuple[float, int, float] | None:
-    """Split that explains most of the variance: how much, feature, threshold."""
+    """Split that explains most of the variance: explained amount, feature, threshold."""
     best = None
     n, total = len(y), y.sum()
     for feature in range(x.shape[1]):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model, what was measured, and what the one leaves of the other: whitened residuals."""
+"""Model and measurements with their whitened residuals, and refits of uncertain values."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from . import floors as errors
 from . import horizon, loose, nominal, running
 from .loose import Loose
 
-REST = 0.05  # of the numerical error over all records that is there at any time
-ASTRAY = 1.12  # times what straight lines promise, or less by that (1.05: one test is ambiguous)
-ROUNDS = 3  # simulations per value that is refitted without them (taste)
-AGAIN = 3  # runs about what suits a model, until that is near (taste)
-LITTLE = 0.2  # rms [floors] of a change in the step error, or from straight lines, that is none
-CAP = 20.0  # times the largest residual of the model as it came: more is a model that fell over
+REST = 0.05  # share of the numerical error over all records that is assumed at any time
+ASTRAY = 1.12  # largest ratio of simulated and linearised cost (1.05: one test is ambiguous)
+ROUNDS = 3  # simulations per refitted value if the linearisation fails (taste)
+AGAIN = 3  # linearisations, each about the last solution, until it converges (taste)
+LITTLE = 0.2  # rms [floors] below which a change of the step or linearisation error is negligible
+CAP = 20.0  # bound on residuals, over the largest one of the initial model: beyond, a robot fell
 
 
 @dataclass
 class Case:
-    """Residuals of models on the records that are fitted and those that judge.
+    """Residuals of models on the fitted and on the held-out records.
 
     Attributes:
-        forward: Forward model: predictions where the robot was measured.
+        forward: Forward model: predictions at the measured times.
         records: All records, in the order of the forward model.
         fit_rows: Rows of each record that are fitted, (T,) flags.
-        held_rows: Rows of each record that only judge, (T,) flags.
+        held_rows: Held-out rows of each record, (T,) flags.
         floor: Noise and numerical error of each channel, (C,).
-        floors: The same with what no model can tell at that time, (T, C) per record.
-        fine: Physics step over the model's, for runs without the engine.
-        correction: Part that predictions lack because the physics step is not zero, (T, C) for
-            each record, by step.
-        cap: Largest whitened residual that is told from a fall.
-        ground: The robot stands on feet, whose contacts leave nothing to extrapolate.
-        count: Simulations so far [records].
-        runs: Runs of the model as it came, by step.
-        loose: Values that are refitted to every model, where the robot says that it has such.
-        lines: The same about the last model that was asked for, by its effects.
+        floors: The floor with the error that no model can avoid at that time, (T, C) per record.
+        fine: Ratio of the physics step to the model's, for runs without the physics engine.
+        correction: Correction of predictions for the finite physics step, (T, C) for each record,
+            by step.
+        cap: Bound on whitened residuals, so that a fall does not dominate.
+        ground: Whether the robot stands on feet; contacts permit no step extrapolation.
+        count: Number of simulated records so far.
+        runs: Cached predictions of the initial model, by step.
+        loose: Uncertain values, refitted with every model; None if the robot declares none.
+        lines: Cached linearisation about the last model with effects, by these effects.
     """
 
     forward: Any
@@ -67,22 +67,22 @@ class Case:
 
     @property
     def fitted(self) -> list[int]:
-        """Records that are fitted, at least in part."""
+        """Indices of the records with fitted rows."""
         return [i for i, rows in enumerate(self.fit_rows) if rows.any()]
 
     @property
     def judging(self) -> list[int]:
-        """Records that judge, at least in part."""
+        """Indices of the records with held-out rows."""
         return [i for i, rows in enumerate(self.held_rows) if rows.any()]
 
     @property
     def signals(self) -> list[str]:
-        """Names of the signals that were measured."""
+        """Names of the measured signals."""
         return sorted({channel.signal for channel in self.forward.channels})
 
     @property
     def bends(self) -> bool:
-        """Whether values are refitted along straight lines that are so for small changes alone."""
+        """True if values are refitted with a linearisation that holds for small changes only."""
         near = self.loose
         return near is not None and not near.held and bool(np.isfinite(near.most))
 
@@ -93,17 +93,17 @@ class Case:
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ) -> list[np.ndarray]:
-        """Residual of whole records in floors, (T, C) each; coarse in the model's own steps."""
+        """Residuals of whole records [floors], (T, C) each; `coarse` uses the model's own steps."""
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
 
     def fewer(self, most: int) -> Case:
-        """The case with few pieces of each record on the ground."""
-        loose = self.loose and replace(self.loose, grams={})  # they are of what is measured
+        """The case with at most `most` pieces of each record on the ground."""
+        loose = self.loose and replace(self.loose, grams={})  # they depend on the measured rows
         return replace(self, forward=self.forward.fewer(most), loose=loose, lines={})
 
     def kept(self) -> Case:
-        """The case with nothing refitted but the states in which records begin."""
+        """The case in which only the initial states of the records are refitted."""
         if self.loose is None:
             return self
         return self.at(0.0 * self.loose.at)
@@ -116,9 +116,9 @@ class Case:
         coarse: bool = False,
         exact: bool = False,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Residuals with what suits the model best, and the deviations of that (`Loose.best`).
+        """Residuals after refitting the uncertain values, and their deviations (`Loose.best`).
 
-        Where it is not exact, what is known well is taken as linear, however far off it is.
+        Unless `exact`, well-known values stay linearised about nominal, however far they deviate.
         """
         if self.loose is None:
             return self.bare(specs, overrides, only, coarse), []
@@ -127,7 +127,7 @@ class Case:
         for _ in range(AGAIN if exact else 1):
             if not near.far(by, exact):
                 break
-            # too far for a straight line: once more, from there
+            # outside the range of the linearisation: repeat about the solution
             near = near.about(np.where(near.stated | exact, by[0], near.at))
             residuals, by = self._solved(near, specs, given, only, coarse)
         return near.left(residuals, only, by), by
@@ -140,12 +140,12 @@ class Case:
         only: list[int],
         coarse: bool = False,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Residuals simulated about the values of `near`, and what suits the model best there."""
+        """Residuals simulated at the values of `near`, and the refitted deviations."""
         residuals = self.bare(specs, {**_about(near), **overrides}, only, coarse)
         return residuals, near.best(residuals, only)
 
     def _about(self, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
-        """Overrides with the values about which what is refitted is linear."""
+        """Overrides with the values about which the uncertain values are linearised."""
         return {**_about(self.loose), **(overrides or {})}
 
     def suited(
@@ -154,22 +154,22 @@ class Case:
         overrides: Mapping[str, Any],
         known: Mapping[str, float] | None = None,
     ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...]]:
-        """Residuals as of `whitened` of all records; what was refitted for them; its price.
+        """Residuals on all records, refitted values, their prior penalty and initial states.
 
-        What was refitted is simulated once more. Where that is not what straight lines promised, as
-        a joint sticks or a drive rounds its encoder, values are sought by simulation, from there or
-        from the robot as it came. The model without effects, which all others have to beat, is held
-        to more: there any difference that shows will do.
+        The refitted values are checked by a simulation. Where it differs from the linearisation, as
+        when a joint sticks or a drive quantises its encoder, the values are fitted by simulation,
+        starting from there or from the initial robot. The model without effects is the reference
+        for all others; for it, a difference above `LITTLE` is already reason to do so.
 
         Args:
             specs: Effects of the model.
-            overrides: Values of the robot that it has.
-            known: Values from which they are sought, too.
+            overrides: Values of the robot in the model.
+            known: Further initial guess of the uncertain values.
 
         Returns:
-            Residuals, (T, C) each; values by dotted name, none without any that are refitted;
-            half of the squares of all deviations [nat]; by how much positions and velocities at
-            the start of each record were moved [rad, rad/s], (2n,), empty where they were not.
+            Residuals, (T, C) each; refitted values by dotted name, empty if there are none; half of
+            the sum of squares of all deviations [nat]; change of the initial positions and
+            velocities of each record [rad, rad/s], (2n,), empty if they were not refitted.
         """
         left, by, bent = self._promised(specs, overrides)
         if bent is not None:
@@ -187,21 +187,21 @@ class Case:
         return left, {} if stays else self.loose.values(by[0]), _price(by), self._moved(by[1:])
 
     def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-        """Change of the state in which each record begins, (2n,), from deviations of it."""
+        """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""
         if not any(len(by) for by in starts):
             return tuple(starts)
         doubts = self.forward.doubtful()
         return tuple(by * doubt[: len(by)] for by, doubt in zip(starts, doubts, strict=True))
 
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
-        """Whether simulating what was refitted for a model gives what straight lines promised."""
+        """True if a simulation of the refitted values agrees with the linearisation."""
         left, by, bent = self._promised(specs, overrides)
         return bent is None or self._told(left, by, *bent)
 
     def _promised(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
     ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[list, list] | None]:
-        """Residuals and deviations by straight lines; both by simulation, where that may differ."""
+        """Residuals and deviations by linearisation; both by simulation too, if that may differ."""
         every = list(range(len(self.records)))
         left, by = self._refitted(specs, overrides, every, exact=True)
         if not self.bends or not by[0].any():
@@ -211,24 +211,24 @@ class Case:
     def _told(
         self, left: list, by: Sequence[np.ndarray], there: list, at: Sequence[np.ndarray]
     ) -> bool:
-        """A simulation costs what straight lines promised, about."""
+        """True if the costs of simulation and linearisation agree within `ASTRAY`."""
         return 1.0 / ASTRAY < self._cost(there, at) / max(self._cost(left, by), 1e-9) < ASTRAY
 
     def _apart(self, left: Sequence[np.ndarray], there: Sequence[np.ndarray]) -> float:
-        """Rms of what a simulation leaves beside what straight lines promised [floors]."""
+        """Rms difference between simulated and linearised residuals [floors]."""
         apart = [a - b for a, b in zip(left, there, strict=True)]
         return evidence.rms(self.masked(apart, range(len(left)), held=False))
 
     def relined(self, specs: Sequence[Mapping]) -> Case:
-        """The case whose straight lines are those about a model with effects."""
+        """The case with uncertain values linearised about a model with effects."""
         key = repr(specs)
         if key not in self.lines:
-            self.lines.clear()  # they are large
+            self.lines.clear()  # to save memory
             self.lines[key] = loose.of_model(self, specs)
         return replace(self, loose=self.lines[key])
 
     def at(self, deviations: np.ndarray) -> Case:
-        """The case with values at these deviations, which stay; starts are refitted."""
+        """The case with values fixed at these deviations; initial states are refitted."""
         return replace(self, loose=replace(self.loose, at=deviations, held=True))
 
     def _sought(
@@ -238,10 +238,10 @@ class Case:
         start: np.ndarray,
         promised: float,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The same with values that suit the model best by simulation, near others.
+        """Residuals and deviations after fitting the uncertain values by simulation, near `start`.
 
-        Straight lines say where to go first. Only where that does not lead to what they promised is
-        the change by each value simulated.
+        The first steps use the linearisation. The sensitivity to each value is simulated only if
+        the cost does not fall as the linearisation predicts.
         """
         every, (low, high) = list(range(len(self.records))), self.loose.reach
         told = self.at(start).extrapolated(specs, overrides, every)
@@ -260,11 +260,11 @@ class Case:
     def extrapolated(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int]
     ) -> Callable[[np.ndarray], tuple[list[np.ndarray], list[np.ndarray]]]:
-        """Function that follows straight lines from the values of the case, after one simulation.
+        """Linear prediction of residuals about the values of the case, from one simulation.
 
         Returns:
             A function of deviations, (V,), that returns residuals, (T, C) for each record of
-            `only`, with the starts that suit these best, and all deviations.
+            `only`, with refitted initial states, and all deviations.
         """
         near, count = self.loose, len(self.loose.at)
         here = self.bare(specs, self._about(overrides), only)
@@ -280,16 +280,16 @@ class Case:
     def _fixed(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The same with values at these deviations, and starts that suit the model best."""
+        """Residuals and deviations with values fixed at `at` and initial states refitted."""
         return self.at(at)._refitted(specs, overrides, list(range(len(self.records))))
 
     def _line(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> np.ndarray:
-        """Residual where it is fitted and all deviations, (N,): half of its squares is the cost."""
+        """Residuals of fitted rows and all deviations, (N,); half its squared norm is the cost."""
         fitted = self.masked(left, range(len(left)), held=False)
         return np.concatenate([*(np.nan_to_num(r).ravel() for r in fitted), *by])
 
     def _cost(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> float:
-        """Half of the squares of fitted residuals and of deviations [nat]."""
+        """Half of the sum of squares of fitted residuals and deviations [nat]."""
         line = self._line(left, by)
         return 0.5 * float(line @ line)
 
@@ -300,7 +300,7 @@ class Case:
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ) -> list[np.ndarray]:
-        """Residual as of `whitened` with nothing refitted."""
+        """Residuals as `whitened` with nothing refitted."""
         only = list(range(len(self.records))) if only is None else list(only)
         self.count += len(only)
         step = 1.0 if coarse else self.step_of(specs)
@@ -315,7 +315,7 @@ class Case:
     def predicted(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int], step: float
     ) -> list[np.ndarray]:
-        """Prediction; a delay, which the plant rounds to whole steps, lies between two of them."""
+        """Predictions; a delay between two whole steps is interpolated between two simulations."""
         names = [EFFECTS[s["name"]].identity.whole_steps for s in specs]
         late = [i for i, name in enumerate(names) if name]
         if len(late) != 1:
@@ -332,15 +332,15 @@ class Case:
 
     @cached_property
     def period(self) -> float:
-        """Physics step of the model as it came [s]."""
+        """Physics step of the initial model [s]."""
         return running.step(self.forward._robot(0, {}, 1.0), running.period(self.records[0]))
 
     def step_of(self, specs: Sequence[Mapping]) -> float:
-        """Physics step over the model's: fine for what runs without the engine."""
+        """Ratio of the physics step to the model's: `fine` for runs without the physics engine."""
         return 1.0 if any(pull is None for _, pull in pulls.of(from_list(specs))) else self.fine
 
     def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
-        """The case with the step error of another model; itself where that is the same."""
+        """The case with the step error of another model; itself if the change is negligible."""
         if self.ground:
             return self
         step = self.step_of(specs)
@@ -353,18 +353,18 @@ class Case:
         moved = [f - b for f, b in zip(first, bare, strict=True)]
         if self._small(moved):
             return self
-        if step != self.fine:  # what finer steps would add is taken from the model as it came
+        if step != self.fine:  # the effect of finer steps is that of the initial model
             first = [c + m for c, m in zip(self.correction[step], moved, strict=True)]
         known = {step: [np.nan_to_num(c) for c in first]}
         return replace(self, correction={**self.correction, **known})
 
     def _small(self, errors: Sequence[np.ndarray]) -> bool:
-        """Errors of predictions are far below the floor in every channel of every record."""
+        """True if prediction errors are far below the floor in every channel of every record."""
         each = [np.square(np.nan_to_num(e) / f) for e, f in zip(errors, self.floors, strict=True)]
         return all(np.max(np.mean(e, axis=0)) < LITTLE**2 for e in each)
 
     def _bare(self, step: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """The model as it came at half a step, and at the step."""
+        """Predictions of the initial model at half a step, and at the step."""
         if step not in self.runs:
             about = self._about({})
             runs = (self.forward((), about, step=part * step) for part in (0.5, 1.0))
@@ -374,12 +374,12 @@ class Case:
     def masked(
         self, residuals: Sequence[np.ndarray], only: Sequence[int], held: bool
     ) -> list[np.ndarray]:
-        """Residuals of the rows that are fitted, or of those that judge; others are NaN."""
+        """Residuals of the fitted or of the held-out rows; others are NaN."""
         rows = self.held_rows if held else self.fit_rows
         return [np.where(rows[i][:, None], r, np.nan) for i, r in zip(only, residuals, strict=True)]
 
     def judged(self, whole: Sequence[np.ndarray]) -> evidence.Score:
-        """Score of residuals of all records, (T, C) each, on the data that judge."""
+        """Score of residuals of all records, (T, C) each, on held-out data."""
         return evidence.score(self.masked(whole, range(len(self.records)), held=True))
 
     def vector(
@@ -389,7 +389,7 @@ class Case:
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ) -> np.ndarray:
-        """Residual of all fitted values in one line [floors], (N,)."""
+        """Residuals of all fitted values as a vector [floors], (N,)."""
         return self.pulled(specs, overrides, only, coarse)[0]
 
     def pulled(
@@ -399,14 +399,14 @@ class Case:
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same, and all deviations of what was refitted for it, (K,)."""
+        """Residuals as `vector`, and all deviations of the refitted values, (K,)."""
         only = self.fitted if only is None else list(only)
         return self.flat(*self._refitted(specs, overrides, only, coarse), only)
 
     def flat(
         self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of records, (T, C) each, and their deviations, as of `pulled`."""
+        """Residual vector of records, (T, C) each, and their deviations, as `pulled`."""
         residuals = self.masked(left, only, held=False)
         flat = np.concatenate(
             [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
@@ -415,22 +415,22 @@ class Case:
         return flat, np.concatenate([*by, np.zeros(0)])
 
     def _weighed(self, i: int) -> np.ndarray:
-        """Measured values of a record where it is fitted, NaN elsewhere, (T, C)."""
+        """Measured values of the fitted rows of a record, NaN elsewhere, (T, C)."""
         return np.where(self.fit_rows[i][:, None], self.forward.measured[i], np.nan)
 
     def channel_of(self, only: Sequence[int] | None = None) -> np.ndarray:
-        """Channel of each value of `vector`, (N,)."""
+        """Channel index of each value of `vector`, (N,)."""
         only = self.fitted if only is None else list(only)
         return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
 
 
 def _about(near: Loose | None) -> dict[str, float]:
-    """Values about which what is refitted is linear; none where they are the robot's own."""
+    """Values about which the robot is linearised; empty if they are its nominal values."""
     return near.values(near.at) if near is not None and near.at.any() else {}
 
 
 def _price(by: Sequence[np.ndarray]) -> float:
-    """Half of the squares of deviations [nat]."""
+    """Half of the sum of squares of deviations [nat]."""
     return 0.5 * float(sum(np.square(part).sum() for part in by))
 
 
@@ -442,17 +442,17 @@ def prepare(
     known: Collection[str] = (),
     refitted: bool = True,
 ) -> Case:
-    """Split what is fitted from what judges, and find the floor of each channel.
+    """Split data into fitted and held-out rows, and compute the floor of each channel.
 
-    Without records to judge on, the last third of each record judges.
+    Without held-out records, the last third of each record is held out.
 
     Args:
         forward: Forward model of ``[*records, *held_out]``.
         records: Records to fit.
-        held_out: Records to judge on.
-        likely: Effects with which engines are compared, too, on the ground.
-        known: Values that are not refitted to every model, as they are free.
-        refitted: Whether what nobody knows exactly is.
+        held_out: Held-out records.
+        likely: Effects with which physics engines are compared too, on the ground.
+        known: Names of values that are not refitted with every model, because they are free.
+        refitted: Whether uncertain values of the robot are refitted.
     """
     both = [*records, *held_out]
     fit_rows, held_rows = [], []

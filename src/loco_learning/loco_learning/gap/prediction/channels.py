@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals that are compared: the channels of a robot, of a record, and of a run of the model.
+"""Channels: the signals of a robot that are compared, measured in a record or simulated.
 
-Everything stands in one matrix (T, C). Poses of the base are told in the place and heading
-of the record's first sample, where the model starts as well.
+All of them form one matrix (T, C). Poses of the base are relative to the position and heading of
+the first sample of the record, where the model starts as well.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ class Channel:
 def of(
     robots: Sequence[Robot], records: Sequence[Record], signals: Sequence[str]
 ) -> tuple[Channel, ...]:
-    """Channels that any of the records measured, in a fixed order.
+    """Channels that are measured in at least one record, in a fixed order.
 
     Args:
-        robots: One per record, the same but for how it is held.
+        robots: One per record, equal except for how the base is fixed.
         records: Measured records.
-        signals: Signals of `SIGNALS` that count.
+        signals: Names from `SIGNALS` to use.
     """
     from loco_sim.robot.description import Description
 
@@ -95,7 +95,7 @@ def of(
 
 
 def slides(channels: Sequence[Channel]) -> set[str]:
-    """Joints that slide."""
+    """Names of the prismatic joints."""
     return {c.name for c in channels if c.unit == SLIDING.get(c.signal)}
 
 
@@ -108,7 +108,7 @@ def _names(robot: Robot, signal: str) -> tuple[str, ...]:
 def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
     """A signal of a record as numbers that can be subtracted, (T, k); NaN where not measured.
 
-    What a base measures that is bolted to the world says nothing: NaN as well.
+    Signals of the base are NaN as well if the base is fixed.
     """
     if signal in JOINT_SIGNALS:
         return record.read_of(robot, signal)
@@ -127,13 +127,13 @@ def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
 
 
 def heading(orientation: np.ndarray) -> float:
-    """Yaw of the first sample that was measured [rad]; 0 if none was."""
+    """Yaw of the first measured sample [rad]; 0 if there is none."""
     known = np.flatnonzero(np.all(np.isfinite(orientation), axis=1))
     return roll_pitch_yaw(orientation[known[0]])[2] if len(known) else 0.0
 
 
 def _angles(orientation: np.ndarray, yaw: float = 0.0) -> np.ndarray:
-    """Roll, pitch and yaw [rad], (T, 3), the last without jumps and from `yaw` on."""
+    """Roll, pitch and yaw [rad], (T, 3); yaw is unwrapped and relative to `yaw`."""
     angles = all_roll_pitch_yaw(orientation)
     known = np.isfinite(angles[:, 2])
     angles[known, 2] = np.unwrap(angles[known, 2]) - yaw
@@ -141,7 +141,7 @@ def _angles(orientation: np.ndarray, yaw: float = 0.0) -> np.ndarray:
 
 
 def at_home(position: np.ndarray, record: Record) -> np.ndarray:
-    """Positions from the first measured one on, along and across the first heading [m]."""
+    """Positions relative to the first measured one, x along the first heading [m], (T, 3)."""
     known = np.flatnonzero(np.all(np.isfinite(position), axis=1))
     turned = record.signals.get("base_orientation", record.signals.get("orientation"))
     yaw = 0.0 if turned is None else heading(turned)
@@ -162,10 +162,10 @@ def measured(robot: Robot, channels: Sequence[Channel], record: Record) -> np.nd
 
 
 class Track:
-    """Readings of a model, row by row.
+    """Sensor readings of a simulation, collected row by row.
 
     Args:
-        robot: The robot simulated.
+        robot: The simulated robot.
         channels: Columns of the result.
     """
 
@@ -175,7 +175,7 @@ class Track:
         self._true_base = any(s.startswith("base_") for s in self._said)
 
     def add(self, state: Any, sim: Any) -> None:
-        """Take what the sensors say and, if it is compared, the pose of the base."""
+        """Append the sensor readings and, if it is compared, the true pose of the base."""
         for signal, values in self._said.items():
             if not signal.startswith("base_"):
                 values.append(READ[signal](state))
@@ -189,7 +189,7 @@ class Track:
                     self._said[signal].append(value)
 
     def matrix(self, rows: int) -> np.ndarray:
-        """All rows, (rows, C); NaN for those that never came."""
+        """All rows, (rows, C); NaN for those that were not added."""
         said = {signal: np.array(values) for signal, values in self._said.items() if values}
         return assembled(self._robot, self._channels, said, rows)
 
@@ -197,12 +197,12 @@ class Track:
 def assembled(
     robot: Robot, channels: Sequence[Channel], said: Mapping[str, np.ndarray], rows: int
 ) -> np.ndarray:
-    """Channels of signals of a model, (rows, C); NaN where there is none.
+    """Matrix of channels from simulated signals, (rows, C); NaN where there is none.
 
     Args:
-        robot: The robot simulated.
+        robot: The simulated robot.
         channels: Columns of the result.
-        said: Signals from the first row on, each (up to rows, k); attitudes as x y z w.
+        said: Signals from the first row on, each (up to rows, k); orientations as x y z w.
         rows: Rows of the result.
     """
     out = np.full((rows, len(channels)), np.nan)
@@ -225,7 +225,7 @@ READ = {
 
 
 def _groups(robot: Robot, channels: Sequence[Channel]) -> list[tuple[str, list[int], list[int]]]:
-    """Per signal: its columns in the matrix and those in its own array."""
+    """Per signal: its columns in the matrix, and the corresponding columns of its own array."""
     made = []
     for signal in SIGNALS:
         names = _names(robot, signal)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of predictions that are no gap: of the physics step, of hunting drives, of contacts."""
+"""Prediction errors that are no gap: of the physics step, of limit cycles and of contacts."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from ..recordings.record import Record
 from . import horizon, running
 
 _, FASTEST = limits(SimParams, "physics_rate")
-FINE = 0.25  # physics step over the model's where no engine is needed
-ABOUT = 0.05  # time within which an error may come [s]
-PHASE = 0.05  # shift of a drive's rounding [steps]
-NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # speeds at the start, for other phases of hunting [steps/s]
+FINE = 0.25  # ratio of the physics step to the model's if no engine is needed
+ABOUT = 0.05  # uncertainty of the time at which an error occurs [s]
+PHASE = 0.05  # shift of a drive's quantisation [steps]
+NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # initial speeds that shift a limit cycle [steps/s]
 
 
 def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Error of what was recorded, where that is a simulation whose own steps are not zero.
+    """Error of a record that is itself a simulation with a finite physics step.
 
-    A first-order step leaves an error in proportion to its length; that of the model is known.
-    The model may have divided its step for damping that the simulation solved with a whole one.
+    The error of a first-order integrator is proportional to its step; that of the model is known.
+    The model may use substeps for damping where the recorded simulation used whole steps.
 
     Args:
         forward: Forward model.
@@ -47,16 +47,16 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def doubts(forward: Any, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
-    """Deviation about each time, (T, C) each, that nobody can know better in pieces."""
+    """Standard deviation of predictions that start in uncertain measured states, (T, C) each."""
     return _rms(horizon.doubt(forward, likely), forward.records)
 
 
 def hunting(forward: Any, step: float) -> list[np.ndarray]:
-    """Spread of runs whose drives hunt in other phases, (T, C) each.
+    """Spread of simulations whose drives have limit cycles of other phases, (T, C) each.
 
-    A drive that rounds its encoder hunts about its goal; where in a step and when it does so
-    depends on the smallest differences, and what hangs on it swings along: a knee that a step of
-    the hip throws off its stop flies a tenth further or less. No model can tell that.
+    A drive with a quantised encoder oscillates about its target. The phase of this limit cycle
+    depends on the smallest differences, and other joints follow: a knee that leaves its stop
+    because of a step of the hip may swing a tenth further or less. No model predicts the phase.
     """
     robot = forward._robot(0, {}, 1.0)
     rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
@@ -73,7 +73,7 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
 
 
 def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
-    """Largest error about each time, (T, C) each: it may come a little earlier or later."""
+    """Largest error about each time, (T, C) each, since it may occur a little earlier or later."""
     return [
         maximum_filter1d(np.abs(error), max(1, round(ABOUT / record.dt)), axis=0, mode="nearest")
         for error, record in zip(errors, records, strict=True)
@@ -81,7 +81,7 @@ def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np
 
 
 def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
-    """Rms error about each time, (T, C) each: it goes through zero where it is not small."""
+    """Rms error about each time, (T, C) each, since errors pass through zero."""
     levels = []
     for error, record in zip(errors, records, strict=True):
         width = max(1, round(2.0 * ABOUT / record.dt))
@@ -91,7 +91,7 @@ def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.nda
 
 
 def pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.ndarray:
-    """Rms over what was measured in all records, (C,)."""
+    """Rms over the measured values of all records, (C,)."""
     pairs = zip(levels, measured, strict=True)
     every = np.concatenate([np.where(np.isfinite(m), e, np.nan) for e, m in pairs])
     count = np.maximum(np.isfinite(every).sum(0), 1)
@@ -99,7 +99,7 @@ def pooled(levels: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> np.n
 
 
 def finest(forward: Any) -> float:
-    """Step over the model's: as fine as is cheap and as the engine's rate allows for a quarter."""
+    """Step ratio to the model's: the finest that is cheap and within the engine's rate limit."""
     rates = [forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records))]
     for step in (FINE, 2.0 * FINE) if compiled(forward) and forward.fine_steps else ():
         if 4.0 * max(rates) / step <= FASTEST:
@@ -108,7 +108,7 @@ def finest(forward: Any) -> float:
 
 
 def compiled(forward: Any) -> bool:
-    """The model runs without the engine on every record, so that fine steps are cheap."""
+    """True if no record needs the physics engine, so that fine steps are cheap."""
     return not any(
         needs_engine(forward._robot(i, {}, 1.0), from_list(forward.model.effects))
         for i in range(len(forward.records))
@@ -118,23 +118,23 @@ def compiled(forward: Any) -> bool:
 def step_error(
     forward: Any, fine: float, overrides: Mapping[str, Any] | None = None
 ) -> tuple[dict[float, list[np.ndarray]], list[np.ndarray]]:
-    """Error of a model's predictions because its physics step is not zero.
+    """Error of a model's predictions that is due to its finite physics step.
 
-    Predictions at two steps are extrapolated to none (Richardson, first order). The error of
-    a semi-implicit step acts like a delay of half a step: uncorrected it would be named one.
+    Predictions at two steps are extrapolated to a step of zero (Richardson, first order). The error
+    of a semi-implicit step acts like a delay of half a step, and would be identified as a delay.
 
     Args:
         forward: Forward model.
-        fine: Step over the model's that the case uses where it can.
+        fine: Step ratio to the model's that the case uses where it can.
         overrides: Values of robot.yaml, over those of the model.
 
     Returns:
-        Correction of a prediction, (T, C) per record, by step; and the error that remains about
-        each time, the same shape.
+        Correction of a prediction, (T, C) per record, by step; and the remaining error about each
+        time, the same shape.
     """
     rate = max(forward._robot(i, {}, 1.0).sim.physics_rate for i in range(len(forward.records)))
     if 4.0 * rate / fine > FASTEST:
-        none = [np.zeros(m.shape) for m in forward.measured]  # it is fine enough as it is
+        none = [np.zeros(m.shape) for m in forward.measured]  # the step is fine enough
         return {1.0: none}, none
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
     runs = {step: forward((), overrides, step=step) for step in sorted(steps)}

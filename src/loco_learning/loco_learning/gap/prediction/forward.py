@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions of a model where a robot was measured.
+"""Forward model: predictions of a model at the times at which a robot was measured.
 
     forward = Forward(model, records)
     residual = forward.measured[0] - forward([{"name": "coulomb_friction", "torque": 0.1}])[0]
 
-The sensors of the model neither round nor rustle: noise in a prediction would be fitted.
+The sensors of the model add no quantisation and no noise: noise in a prediction would be fitted.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from .channels import SIGNALS, Channel, measured, of
 from .odometry import Legs
 from .running import Start
 
-KEPT = 256  # robots that are remembered
-STILL, AT_HOME = 0.3, 0.02  # a robot slower [rad/s] and nearer to its standing pose stands [rad]
-BEGUN = 2e-4  # that a joint falls before its first sample is taken [rad]
-SURE = 5.0  # deviations of its sensor from which on a bolted joint is elsewhere
+KEPT = 256  # size of the cache of robots
+STILL, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
+BEGUN = 2e-4  # fall of a joint before its first sample [rad]
+SURE = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,13 @@ class ForwardParams(Params):
 
 
 class Forward:
-    """Runs a model with the commands of records, as the robot was run.
+    """Simulates a model with the recorded commands, under the conditions of each record.
 
     Attributes:
-        how: Words for the signals that are compared with the measurement.
-        fine_steps: Finer steps than the model's tell something.
-        channels: Channels that are compared, in a fixed order.
-        measured: Per record what was measured, (T, C); NaN where it was not or does not count.
+        how: Name of the compared signals, for messages.
+        fine_steps: Whether steps finer than the model's improve the prediction.
+        channels: Compared channels, in a fixed order.
+        measured: Measured values per record, (T, C); NaN where not measured or not compared.
         records: The records.
         model: The model.
     """
@@ -82,12 +82,12 @@ class Forward:
     def __init__(
         self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
     ):
-        """Look at the records; nothing is run.
+        """Prepare channels and initial states from the records; nothing is simulated.
 
         Args:
-            model: Robot, overrides and effects; effects of a call come after them.
+            model: Robot, overrides and effects; effects of a call are appended.
             records: Measured records.
-            params: Settings of a run.
+            params: Settings of a simulation.
 
         Raises:
             ParameterError: The robot has no drives in its robot.yaml, or a record lacks a
@@ -129,26 +129,26 @@ class Forward:
         within = np.zeros(len(values), dtype=bool)
         for piece in self._starts[index]:
             within[piece.row + max(1, first) : piece.stop] = True
-        if self._starts[index] or window:  # outside of the pieces there is no prediction
+        if self._starts[index] or window:  # no prediction outside of the pieces
             values[~within] = np.nan
         if not self._starts[index] and self.robot(index).fixed_base:
             values[: min(first, idle(self._told[index]))] = np.nan
         return values
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
-        """Hypotheses whose effects show in what is compared."""
+        """Hypotheses whose effects change the compared signals."""
         return list(hypotheses)
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
-        """The robot of the first record as its files and overrides have it."""
+        """The robot of the first record, from its files and overrides."""
         return self._robot(0, nominal.parted(overrides or {})[0], 1.0)
 
     def robot(self, index: int = 0) -> Robot:
-        """The robot of a record, as the model has it."""
+        """The robot of a record, from the files and overrides of the model and of the record."""
         return self._robot(index, {}, 1.0)
 
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
-        """The robot of a record, with sensors that tell what they can."""
+        """The robot of a record, with sensors that add no quantisation and no noise."""
         key = index, json.dumps(overrides, sort_keys=True), step
         if key not in self._robots:
             if len(self._robots) >= KEPT:
@@ -167,24 +167,24 @@ class Forward:
         step: float = 1.0,
         shift: float = 0.0,
     ) -> list[np.ndarray]:
-        """Run the model.
+        """Simulate the model.
 
         Args:
-            effects: Added to those of the model.
-            overrides: Values of the robot, over those of the model and of the records; also of
-                drives that are off, see `nominal.parted`.
+            effects: Effects in addition to those of the model.
+            overrides: Values of the robot, over those of the model and of the records; includes
+                scale errors of drives, see `nominal.parted`.
             only: Indices of records; None is all.
-            step: Physics step over the model's, 0.5 halves it; its inverse is a whole number
-                or it is one itself.
-            shift: Time by which the clock of the measurements is ahead of that of the
-                commands: the prediction is read that much earlier [s].
+            step: Ratio of the physics step to the model's, e.g. 0.5 halves it; 1 or the inverse of
+                a whole number.
+            shift: Lead of the clock of the measurements over that of the commands [s]; the
+                prediction is evaluated that much earlier.
 
         Returns:
-            Per record what the sensors would have said, (T, C); NaN from where the model
+            Ideal sensor readings per record, (T, C); NaN from the time at which the model
             diverges.
 
         Raises:
-            LocoError: An effect or an override is not possible.
+            LocoError: An effect or an override is invalid.
         """
         rows = range(len(self.records)) if only is None else only
         overrides, drives = nominal.parted(overrides or {})
@@ -201,7 +201,7 @@ class Forward:
         return found
 
     def _ahead(self, late: Sequence[Mapping[str, Any]]) -> Forward:
-        """The same with bolted robots that begin where they are: what was read there is late."""
+        """Copy whose fixed-base robots start in the true state, ahead of the late reading."""
         times = [
             spec[EFFECTS[spec["name"]].identity.late]
             for spec in late
@@ -226,7 +226,7 @@ class Forward:
         return times
 
     def nudged(self, speed: float) -> Forward:
-        """The same, with driven joints that begin faster by so much [rad/s or m/s]."""
+        """Copy whose driven joints start faster by `speed` [rad/s or m/s]."""
         other = copy(self)
         other._starts = [
             _nudged(record, self.robot(i), starts, speed)
@@ -235,9 +235,9 @@ class Forward:
         return other
 
     def doubtful(self) -> list[np.ndarray]:
-        """Deviation of the state in which each record begins: positions, then velocities, (2n,).
+        """Standard deviation of each initial state: joint positions, then velocities, (2n,).
 
-        Empty where a record is cut into pieces, or where its robot stands still as it should.
+        Empty if a record is divided into pieces, or if its robot is initially at rest.
         """
         return [
             np.concatenate(windows.first_doubt(record, self.robot(i)))
@@ -247,7 +247,7 @@ class Forward:
         ]
 
     def begun_at(self, by: Sequence[np.ndarray]) -> Forward:
-        """The same with records that begin elsewhere: positions and velocities off, (2n,) each."""
+        """Copy with initial states changed by `by`: positions, then velocities, (2n,) each."""
         other = copy(self)
         other._starts = [
             [s._replace(q=s.q + d[: len(s.q)], dq=s.dq + d[len(s.q) :]) for s in starts]
@@ -259,11 +259,11 @@ class Forward:
 
     @property
     def starts(self) -> list[list[Start]]:
-        """Pieces of each record; none is the whole record from standing at rest."""
+        """Pieces of each record; empty for a whole record that starts at rest in standing."""
         return self._starts
 
     def legs(self, index: int) -> Legs | None:
-        """Statements of IMU and legs on the base in a record, with the robot as it came."""
+        """Estimates of the base motion from IMU and legs in a record, with the initial robot."""
         if index not in self._said:
             record, robot = self.records[index], self.robot(index)
             known = not record.has("base_position")
@@ -272,23 +272,23 @@ class Forward:
         return self._said[index]
 
     def on_ground(self, index: int) -> bool:
-        """A record is compared in pieces since its robot stands on feet."""
+        """True if a record is compared in pieces because its robot stands on its feet."""
         return bool(self._lengths[index]) and not self.robot(index).fixed_base
 
     @property
     def grounded(self) -> bool:
-        """Some record is on the ground."""
+        """True if any record is on the ground."""
         return any(self.on_ground(i) for i in range(len(self.records)))
 
     @property
     def in_pieces(self) -> bool:
-        """Some record is compared in pieces that begin in the measured state."""
+        """True if any record is compared in pieces that start in the measured state."""
         return any(self._lengths)
 
     def begun(self) -> list[list[int]]:
-        """Rows at which each record begins anew from what was measured, after its first.
+        """Rows at which each record restarts from a measured state, without the first.
 
-        On the ground none: what IMU and legs say of the base errs alike within a record.
+        Empty on the ground: errors of the base estimate are correlated within a record.
         """
         return [
             [] if self.on_ground(i) else [s.row for s in starts[1:]]
@@ -296,7 +296,7 @@ class Forward:
         ]
 
     def fewer(self, most: int) -> Forward:
-        """The same with few pieces of each record on the ground; nothing is compared elsewhere."""
+        """Copy with at most `most` pieces of each record on the ground; other rows are NaN."""
         other = copy(self)
         other._starts = [
             windows.spread(starts, most) if self.on_ground(i) else starts
@@ -306,7 +306,7 @@ class Forward:
         return other
 
     def shaken(self, count: int) -> list[Forward]:
-        """As many of these, with pieces that begin as far off as their states are known."""
+        """Copies of the forward model, with initial states drawn from their uncertainty."""
         off = [
             windows.doubts(record, self.robot(i)) if self._lengths[i] else None
             for i, record in enumerate(self.records)
@@ -331,7 +331,7 @@ class Forward:
 
     @cached_property
     def numeric(self) -> np.ndarray:
-        """Numerical error of the model itself: its change when the physics step is halved, (C,)."""
+        """Numerical error of the model: its rms change when the physics step is halved, (C,)."""
         square = np.zeros(len(self.channels))
         count = np.zeros(len(self.channels))
         for coarse, fine, wanted in zip(self(), self(step=0.5), self.measured, strict=True):
@@ -347,23 +347,23 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     sim = robot.sim
     rate = running.steps_in(record.dt, sim.physics_rate) / (running.period(record) * step)
-    limit = sim.damping_limit * step  # so that sub-stepping is divided as well
-    # Damping is held whichever effects a model has, so that models differ by these alone.
+    limit = sim.damping_limit * step  # so that substeps are divided as well
+    # The same damping scheme for all effects, so that models differ by their effects only.
     sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
     return replace(robot, sim=sim)
 
 
 def start(record: Record, robot: Robot) -> list[Start]:
-    """Starts of the model; empty if the robot stands still in its standing pose.
+    """Initial states of the model; empty if the robot stands at rest in its standing pose.
 
-    Joints that were not measured have the position of standing.
+    Joints that were not measured have their standing position.
     """
     q, standing = record.joints_of(robot, "q"), robot.standing
     at, speed = windows.first_state(record, robot)
     known = np.isfinite(q[0]) & np.isfinite(at)
     if not known.any():
         return []
-    said = record.joints_of(robot, "dq")[0]  # zero of a robot that starts to move right now
+    said = record.joints_of(robot, "dq")[0]  # 0 for a robot that starts to move at this sample
     slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
     near = np.abs(q[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
     if np.all((slow & near) | ~known):
@@ -373,10 +373,10 @@ def start(record: Record, robot: Robot) -> list[Start]:
 
 
 def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
-    """Distance from its standing pose within which a joint stands in it, (n,).
+    """Distance from the standing pose within which a joint is considered to be in it, (n,).
 
-    A bolted leg that has sagged under its weight is not there, however little that is: a model
-    that began in the pose itself would have to sag first.
+    The tolerance of a fixed-base robot is that of its sensors: a leg that has sagged a little under
+    its weight is not in the pose, and a model that starts in the pose would have to sag first.
     """
     if not robot.fixed_base:
         return np.full(q.shape[1], AT_HOME)
@@ -386,10 +386,10 @@ def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def idle(told: running.Orders) -> int:
-    """Rows before a robot is told anything new.
+    """Number of rows before the command changes.
 
-    A bolted one that stands there has come to rest under what pulls at it; a model that gets
-    the same pull at this moment has not.
+    A fixed-base robot at rest is in equilibrium with its loads; a model to which the same loads
+    are first applied at this time is not.
     """
     rows = np.hstack([told.q, told.dq, told.tau, told.stance])
     moved = np.any(rows != rows[0], axis=1)
@@ -399,16 +399,16 @@ def idle(told: running.Orders) -> int:
 def true_starts(
     record: Record, robot: Robot, effects: Sequence[Effect], starts: list[Start]
 ) -> list[Start]:
-    """Starts in which joints really are, if what was read there is off as effects say.
+    """Initial states with true joint positions, where effects of the model falsify the reading.
 
-    A robot that stands elsewhere than it is told, since joints are bolted on turned, is where
-    sensors say that it stands.
+    A robot whose joints are mounted with a twist stands in another pose than commanded, namely in
+    the one that its sensors measure.
 
     Args:
         record: Record of the robot.
         robot: The robot.
         effects: Effects of the model.
-        starts: Starts as they were read; none is standing at rest.
+        starts: Measured initial states; empty for a robot that stands at rest.
     """
     wrong = [e for e in effects if isinstance(e, Measuring) and e.by_itself and _whole(e)]
     patterns = [e.joint or "*" for e in wrong if e.identity.turned]
@@ -427,7 +427,7 @@ def true_starts(
 
 
 def _whole(effect: Effect) -> bool:
-    """The effect is there from start to end."""
+    """True if the effect acts from start to end."""
     return not effect.absent() and effect.start == 0.0 and np.isinf(effect.stop)
 
 
@@ -444,13 +444,13 @@ def _still(record: Record, q: np.ndarray) -> list[Start]:
 
 
 def _late(spec: Mapping[str, Any]) -> bool:
-    """Sensors are late by the same time, all the time: an effect on no more than the clock."""
+    """True for a constant sensor delay, which is applied by a time shift of the prediction."""
     late = EFFECTS[spec["name"]].identity.late
     return bool(late) and {*spec} <= {"name", late, "channel"}
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """Rows read `samples` earlier, between two of them by cubic interpolation; ends are held."""
+    """Rows evaluated `samples` earlier, by cubic interpolation; ends are held."""
     from scipy.ndimage import shift as moved
 
     out = moved(bridged(values), (samples, 0.0), order=3, mode="nearest")

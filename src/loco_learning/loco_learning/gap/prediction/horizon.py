@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time for which runs on the ground follow a recording, and how far they may be off until then.
+"""Time for which simulations on the ground follow a recording, and their error until then.
 
-No start is known exactly, and each contact makes a small error larger. Runs from starts that are
-as far apart as their errors tell how large it grows: as long as it stays near what it was at
-first, a run says something. The same with another engine tells what rests on how an engine
-makes contacts, which no robot follows either.
+Initial states are uncertain, and each contact amplifies errors. Simulations from states that are
+drawn from this uncertainty show how errors grow; predictions are used as long as the error is
+near its initial size. A comparison with another physics engine shows the error that is due to the
+contact model.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ from . import windows
 from .forward import Forward, ForwardParams
 
 LONGEST, SHORTEST = 0.4, 0.08  # pieces [s]
-GROWN = 2.0  # times its first size, or that of the noise: an error that has grown
-FIRST = 0.02  # after a start until what is compared [s]
-DRAWS = 10  # runs from other starts: of few the deviation is as often too small as too large
-CHANCE = 2.0  # deviations by which the mean square over a few pieces may be larger (theory)
-FEW = 12  # pieces that are looked at
-QUICK = "mujoco"  # engine whose runs are compiled
+GROWN = 2.0  # ratio to the initial error, or to the noise, above which an error has grown
+FIRST = 0.02  # time after a start that is not compared [s]
+DRAWS = 10  # simulations from drawn initial states, for a reliable standard deviation
+CHANCE = 2.0  # deviations of the mean square over a few pieces that chance may add (theory)
+FEW = 12  # pieces that are used to find the length
+QUICK = "mujoco"  # the physics engine with compiled runs
 
 
 def length(model: Model, records: Sequence[Record]) -> float:
-    """Length of pieces on the ground [s], the same for all; 0 where no start can be told.
+    """Length of all pieces on the ground [s]; 0 if the initial states cannot be estimated.
 
     Args:
-        model: Model as it came.
+        model: Initial model.
+        records: Records of a robot with a free base.
         records: Records of a robot whose base is free.
     """
     forward = Forward(model, records, ForwardParams(ground=LONGEST, most=FEW))
@@ -64,11 +65,11 @@ def length(model: Model, records: Sequence[Record]) -> float:
 
 
 def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
-    """Deviation of predictions that nobody can know better, (T, C) each; 0 outside of pieces.
+    """Standard deviation of predictions that no model can avoid, (T, C) each; 0 outside of pieces.
 
-    That of starts, and on the ground that of engines where another one is installed. Two engines
-    that agree on the model as it came may part where effects change its contacts: the larger one
-    counts.
+    It is that of uncertain initial states and, on the ground, the difference between two physics
+    engines if another one is installed. Two engines that agree on the initial model may differ
+    where effects change its contacts, so the larger difference is taken.
 
     Args:
         forward: Forward model.
@@ -76,7 +77,7 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
     """
     here = forward()
     runs = [here, *(shaken() for shaken in forward.shaken(DRAWS))]
-    # An error of a start stays for all of its piece, and pieces are few.
+    # The error of an initial state persists over its piece, and pieces are few.
     chance = np.sqrt(1.0 + CHANCE * np.sqrt(2.0 / max(sum(map(len, forward.starts)), 1)))
     apart = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
     found = [chance * np.nan_to_num(each) for each in apart]
@@ -93,7 +94,7 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
 
 
 def timing(forward: Forward) -> list[np.ndarray]:
-    """Error of a prediction whose feet touch down or lift off a sample too late, (T, C) each."""
+    """Error of a prediction with a touch-down or lift-off one sample too late, (T, C) each."""
     found = []
     for i, here in enumerate(forward()):
         change = np.abs(np.diff(np.nan_to_num(here), axis=0, prepend=np.nan_to_num(here[:1])))
@@ -105,7 +106,7 @@ def timing(forward: Forward) -> list[np.ndarray]:
 
 
 def words(forward: Forward) -> list[str]:
-    """Sentences on how records on the ground are compared; none where there are none."""
+    """Sentences on how records on the ground are compared; empty if there are none."""
     every = range(len(forward.records))
     on = [i for i in every if forward.on_ground(i)]
     if not on:
@@ -120,12 +121,12 @@ def words(forward: Forward) -> list[str]:
 
 
 def quickest(model: Model) -> Model:
-    """The model in the engine whose runs are compiled, where that is installed."""
+    """The model with the compiled physics engine, if that is installed."""
     if QUICK not in installed():
         return model
     return Model(model.robot, {**model.overrides, "sim.engine": QUICK}, model.effects)
 
 
 def engine(forward: Forward) -> str:
-    """Name of the engine of a model."""
+    """Name of the physics engine of a model."""
     return forward.robot().sim.engine

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model that is led along the measured motion; the torque that this takes is compared.
+"""Inverse dynamics: the torque along the measured motion is compared with the commanded one.
 
-A robot that is told torques, and no positions, may forget nothing: an error of the torque grows
-with the square of time, so that a run of the model leaves the measurement within a second whatever
-the model lacks. Led by a stiff drive along the measured motion it stays, no state at the start
-has to be known, and what the drive must add to the commanded torque is the gap, at its joint and
-time: inverse dynamics, with all effects as they act in a simulation.
+With torque commands and no position feedback, an error of the torque grows with the square of
+time, so that any simulation departs from the measurement within a second. Here a stiff drive
+tracks the measured motion, so that no initial state has to be known. The torque that it adds to
+the commanded one is the gap, at its joint and time, with all effects as they act in a simulation.
 """
 
 from __future__ import annotations
@@ -34,20 +33,20 @@ from .channels import Channel
 from .forward import Forward, ForwardParams
 
 COARSE = 0.006  # time between rows [s]: torques of a body change more slowly (taste)
-STEPS = 2  # physics steps in a row (theory: four times fewer than the drive's time)
-STIFFNESS = 0.6  # bandwidth of the leading drive times the time between rows (theory: stable)
-# Deviation of the Gaussian that smooths the motion, and again the torques of both sides [s]. On an
-# arm of seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
+STEPS = 2  # physics steps in a row (theory: a quarter of the drive's time constant)
+STIFFNESS = 0.6  # bandwidth of the tracking drive times the time between rows (theory: stable)
+# Standard deviation of the Gaussian filter of the motion, and of both torques [s]. On an arm of
+# seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
 SMOOTH = 0.03
-EDGE = 5.0  # deviations from either end within which nothing is compared (theory)
-FORGOTTEN = 3.0  # times in which a start has faded to a twentieth (theory)
-FED_BACK = 0.7  # share of a torque told by velocity from which on it is a controller's (taste)
+EDGE = 5.0  # filter deviations from either end within which nothing is compared (theory)
+FORGOTTEN = 3.0  # time constants after which an initial state has decayed to 1/20 (theory)
+FED_BACK = 0.7  # share of the torque explained by velocity from which there is feedback (taste)
 WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces [s] (taste)
-CHANGED = 4.0  # times in which a motion changes by its deviation, in a piece (docs/gap_measured.md)
+CHANGED = 4.0  # length of a piece over the time scale of the motion (docs/gap_measured.md)
 _, SUBSTEPS = limits(SimParams, "max_substeps")
-POSES = 7  # of the record, at which inertias are asked
-GIVEN = ("command", "drive")  # sites at which an effect of the model changes the torque it is told
-LEADS = ("torque_constant_error", "joint_offset")  # of these, what acts alike when it is led
+POSES = 7  # poses of the record at which inertias are computed
+GIVEN = ("command", "drive")  # sites of effects that change the commanded torque
+LEADS = ("torque_constant_error", "joint_offset")  # of these, effects that are kept along a motion
 # Sites that an effect may touch, see `Identity.touches`.
 SITES = ("drive", "torque", "brake", "force", "model")
 
@@ -55,12 +54,13 @@ SITES = ("drive", "torque", "brake", "force", "model")
 def forward(
     model: Model, records: Sequence[Record], params: ForwardParams | None = None
 ) -> Forward:
-    """Runs of a model along records as far as these say something.
+    """Forward model of the kind that suits the records.
 
-    From the first sample where that is forgotten within a record; else led along the motion; or,
-    where a controller made the torque from the velocity, so that friction would explain all of it,
-    in pieces that begin in the measured state. Which of these hangs on the kind of the commands and
-    on what was measured, never on the model: a better one is compared as the one before was.
+    It simulates whole records if initial states decay within a record, and otherwise computes
+    torques along the motion. If a controller computed the torque from the velocity, so that
+    friction would explain all of it, it simulates pieces that start in the measured state. The
+    choice depends on the commands and measurements only, never on the model, so that all models are
+    compared alike.
     """
     plain = Forward(model, records, params)
     if plain.params.window or not possible(plain):
@@ -77,7 +77,7 @@ def forward(
 
 
 def measured(forward: Forward) -> list[Free]:
-    """Feedback and memory of each joint, as the records tell them whatever the model."""
+    """Velocity feedback and memory of each joint, estimated from the records alone."""
     robot, found = forward.robot(), []
     for joint, name in enumerate(robot.joints):
         column = list(robot.driven).index(robot.joints.index(name))
@@ -93,7 +93,7 @@ def measured(forward: Forward) -> list[Free]:
 
 
 def possible(forward: Forward) -> bool:
-    """Every joint is measured, is told torques alone, and none of its drives rounds."""
+    """True if every joint is measured and commanded by torque, without quantisation."""
     robots = [forward.robot(i) for i in range(len(forward.records))]
     return all(
         robot.fixed_base
@@ -107,8 +107,8 @@ def possible(forward: Forward) -> bool:
 class Led(Forward):
     """A `Forward` whose channels are the commanded torques; arguments as of `Forward`.
 
-    Effects of the model on commands and drives change the torque that was told, as they do in a
-    run; those on sensors alone are left out.
+    Effects of the model on commands and drives change the commanded torque as in a simulation;
+    effects on sensors alone are left out.
     """
 
     how, fine_steps = "torque along the measured motion", False
@@ -128,12 +128,12 @@ class Led(Forward):
 
     @cached_property
     def _joints(self) -> tuple[Channel, ...]:
-        """Positions, then velocities of all joints."""
+        """Channels of the positions, then of the velocities of all joints."""
         joints = self.robot(0).joints
         return tuple(Channel(s, j, "") for s in ("q", "dq") for j in joints)
 
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
-        """The robot with drives that lead it; sensors, which read nothing, are left out."""
+        """The robot with drives that track the motion, without sensors."""
         told = super()._robot(index, overrides, step)
         rate = STIFFNESS / self.records[index].dt
         drives = {
@@ -142,12 +142,12 @@ class Led(Forward):
         }
         physics = STEPS / (running.period(self.records[index]) * step)
         free = np.full(len(told.joints), np.inf)
-        # links may be refitted to a thousandth of their inertia, which these gains then overdamp
+        # links may be refitted to 1/1000 of their inertia, which these gains then overdamp
         sim = told.sim.replace(physics_rate=physics, damping_limit=1.0, max_substeps=SUBSTEPS)
         return replace(told, drives=drives, effort=free, sensors=None, sim=sim)
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
-        """Hypotheses that change a torque, one per body; what is refitted anyway is none."""
+        """Hypotheses that change a torque, one per body, without those on refitted values."""
         robot = self.given()
         loose = {name.partition(".")[0] for name in robot.uncertain}
         text, out = Description(robot.urdf), {"mass"} if "bodies" in loose else set()
@@ -161,7 +161,7 @@ class Led(Forward):
         ]
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
-        """The robot of the first record with its own drives, which lead nobody."""
+        """The robot of the first record with its own drives instead of the tracking ones."""
         return super()._robot(0, nominal.parted(overrides or {})[0], 1.0)
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
@@ -183,9 +183,9 @@ class Led(Forward):
 
 
 def _heard(values: np.ndarray) -> np.ndarray:
-    """Mean about each row of a command that goes straight from row to row, (T, n).
+    """Mean about each row of a command that is linear between rows, (T, n).
 
-    A chord lies beside its arc by a twelfth of the second difference.
+    The mean of the chord differs from that of the arc by 1/12 of the second difference.
     """
     bend = np.zeros(values.shape)
     bend[1:-1] = np.diff(values, 2, axis=0) / 12.0
@@ -193,24 +193,24 @@ def _heard(values: np.ndarray) -> np.ndarray:
 
 
 def smoothed(values: np.ndarray, dt: float, order: int = 0) -> np.ndarray:
-    """Values after a Gaussian of `SMOOTH`, or their derivative of an order, (T, n)."""
+    """Values after a Gaussian filter of `SMOOTH`, or their derivative of an order, (T, n)."""
     low = gaussian_filter1d(values, SMOOTH / dt, axis=0, order=order, mode="nearest")
     return low / dt**order
 
 
 def _outside(effect: Mapping[str, Any]) -> bool:
-    """An effect of which leading a robot along its motion knows nothing."""
+    """True if an effect does not act in a computation along the measured motion."""
     touches = set(EFFECTS[effect["name"]].identity.touches)
     return effect["name"] not in LEADS and (_acts(effect) or not touches & set(SITES))
 
 
 def _acts(effect: Mapping[str, Any]) -> bool:
-    """An effect on commands or drives."""
+    """True if an effect acts on commands or drives."""
     return bool(set(EFFECTS[effect["name"]].identity.touches) & set(GIVEN))
 
 
 def _given(model: Model, records: Sequence[Record]) -> list[Record]:
-    """Records whose torques are what a model's commands and drives made of those that were told."""
+    """Records whose torques have passed through the model's effects on commands and drives."""
     acting = [e for e in model.effects if _outside(e) and _acts(e)]
     if not acting:
         return list(records)
@@ -233,7 +233,7 @@ def _made(model: Model, record: Record) -> Robot:
 
 
 def _inertia(record: Record, robot: Robot) -> np.ndarray:
-    """Inertia that each joint feels while the others are free, mean over poses [kg·m²], (n,)."""
+    """Inertia of each joint while the others move freely, mean over poses [kg·m²], (n,)."""
     q = record.joints_of(robot, "q")
     q = q[np.isfinite(q).all(axis=1)]
     rows = np.linspace(0, len(q) - 1, POSES).astype(int)
@@ -242,18 +242,18 @@ def _inertia(record: Record, robot: Robot) -> np.ndarray:
 
 
 def _acting(record: Record, robot: Robot) -> np.ndarray:
-    """Commanded torque as it acts about each row, (T, m)."""
+    """Commanded torque, mean about each row, (T, m)."""
     torque = record.command_of(robot, "torque")
     if "torque" in record.ramps:
         return torque
-    # held from its stamp on: half of each acts before the next
+    # zero-order hold from its time stamp on: each value acts half before the next row
     return 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
 
 
 def _led(record: Record, robot: Robot) -> Record:
-    """A record in which the measured motion is the command, and the commanded torque a signal.
+    """A record with the measured motion as the command and the commanded torque as a signal.
 
-    Both are smoothed alike and thinned: the motion to `COARSE`, torques to `SMOOTH`.
+    Both pass the same filter and are subsampled: the motion to `COARSE`, torques to `SMOOTH`.
     """
     measured, torque = record.read_of(robot, "q"), _acting(record, robot)
     known, dt = np.isfinite(measured).all(axis=1), record.dt

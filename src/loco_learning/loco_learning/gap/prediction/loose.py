@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values that nobody knows exactly, refitted to every model without a simulation.
+"""Uncertain values, refitted with every model by linear least squares instead of simulations.
 
-These are values of the robot (`nominal`) and the states in which records begin. The change of the
-residual by each is simulated once. From then on those that suit a model best, within their
-priors, are linear least squares. Torques along a given motion are linear in masses, centres and
-inertias. A motion is so for small changes alone: there nothing moves by more than `MOST`
-deviations, and the changes are simulated about the values that suit the robot.
+These are values of the robot (`nominal`) and the initial states of records. The sensitivity of the
+residual to each is simulated once. The values that fit a model best, within their priors, then
+solve a linear least-squares problem. Torques along a given motion are linear in masses, centres and
+inertias. A motion is linear for small changes only: there no value deviates by more than `MOST`
+standard deviations, and the sensitivities are simulated about the values that fit the robot.
 """
 
 from __future__ import annotations
@@ -20,47 +20,47 @@ import numpy as np
 from ..statistics import evidence
 from .nominal import legal, nominal_value
 
-PART = 0.5  # of a deviation that is simulated; the rest is taken as linear (taste)
-ROUNDS = 3  # of the weights, each with what the one before leaves (taste)
-TIMES, NEAR = 4, 0.5  # that changes are simulated, at most; deviations that need no more (taste)
-MOST = 2.5  # deviations that a value may be off where a motion is compared: beyond is an effect
-LEAST = 0.2  # of an inertia, mass or gain that must be left where a motion is compared (taste)
-ON_BOUND = 1e-6  # deviations from the largest that count as there (theory: rounding)
-CHANCE = 2.0  # cost of values as they were that chance explains [nat] (theory: 95 % of one value)
-LEVELS, SAME = 8, 0.9  # rounds of what is left in each channel, until that falls by less (taste)
-CHANGES = 20  # of what lies on a bound, at most
+PART = 0.5  # simulated change, in standard deviations; the rest is taken as linear (taste)
+ROUNDS = 3  # updates of the weights, each from the residual of the previous one (taste)
+TIMES, NEAR = 4, 0.5  # most linearisations, and deviations that need no further one (taste)
+MOST = 2.5  # largest deviation of a value where a motion is compared: beyond, it is an effect
+LEAST = 0.2  # smallest ratio of a refitted inertia, mass or gain to its nominal value (taste)
+ON_BOUND = 1e-6  # tolerance of deviations on their bound (theory: rounding)
+CHANCE = 2.0  # increase of the cost that chance explains [nat] (theory: 95 % of one value)
+LEVELS, SAME = 8, 0.9  # updates of residual levels per channel, until they fall by less (taste)
+CHANGES = 20  # most iterations of the active-set method
 
 
 class Products(NamedTuple):
     """Sums over time of a residual, for each channel."""
 
     square: np.ndarray  # of its squares, at all times, (C,)
-    moment: np.ndarray  # with what each value and start does, where it is used, (C, K)
-    every: np.ndarray  # the same at all times, (C, K)
+    moment: np.ndarray  # with the sensitivity to each value and start, in used rows, (C, K)
+    every: np.ndarray  # as `moment`, at all times, (C, K)
 
 
 @dataclass(frozen=True)
 class Loose:
-    """Linear nuisance: V values of the robot, then what each record begins with.
+    """Linear nuisance parameters: V values of the robot, and the initial state of each record.
 
     Attributes:
-        names: Values by dotted name, N of them.
-        nominal: Value of each as the robot says it, (N,).
+        names: Dotted names of N values of the robot.
+        nominal: Nominal value of each, (N,).
         spread: Standard deviation of each, (N,).
         legal: Smallest and largest value of each, (N, 2).
-        of: Index among the V of each; values that change together have the same, (N,).
-        columns: Change of the residual [floors] per deviation, (T, C, V + S) per record, with S
-            deviations of its own start; 0 where nothing was measured.
+        of: Index of each among the V values; names that change together have the same, (N,).
+        columns: Sensitivity of the residual [floors] per deviation, (T, C, V + S) per record, with
+            S deviations of its own initial state; 0 where nothing was measured.
         weight: Information of a residual of 1 floor in each channel, (C,).
         rows: Rows of each record that are fitted, (T,) flags.
-        judges: Rows that only judge: there a record's own start is found where none is fitted.
-        most: Largest deviations.
+        judges: Held-out rows; they determine the initial state of a record without fitted rows.
+        most: Largest deviation.
         at: Deviations of the values about which models are simulated, (V,).
-        stated: Flags of the V that robot.yaml calls uncertain: these may be large, (V,).
-        held: Values stay as they are, and the starts alone are refitted.
-        level: A channel in which more is left counts less, as in a motion.
-        grams: Products of the columns in each channel, where they are used and at all times,
-            (C, K, K), by record.
+        stated: Flags of the values that robot.yaml declares uncertain and may be large, (V,).
+        held: Whether values are fixed and only the initial states are refitted.
+        level: Whether channels with larger residuals have less weight, as for a motion.
+        grams: Products of the columns in each channel, in used rows and at all times, (C, K, K),
+            by record.
     """
 
     names: tuple[str, ...]
@@ -83,7 +83,7 @@ class Loose:
 
     @property
     def reach(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest deviations that values may have, (V,) each."""
+        """Smallest and largest deviations of the values, (V,) each."""
         high = np.full(len(self.at), self.most)
         low = -high
         if math.isfinite(self.most):
@@ -93,11 +93,11 @@ class Loose:
         return low, high
 
     def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> list[np.ndarray]:
-        """Deviations that suit a model best: of the values, (V,), and of each start, (S,) each.
+        """Deviations with the lowest cost: of values, (V,), and of each initial state, (S,).
 
         Args:
             residuals: Residuals of the model [floors], (T, C) each, simulated at `at`.
-            only: Their records.
+            only: Indices of their records.
         """
         seen = [self._products(i, r) for i, r in zip(only, residuals, strict=True)]
         if not self.level:
@@ -116,7 +116,7 @@ class Loose:
         return [self.at, *(np.zeros(self.columns[i].shape[2] - count) for i in only)]
 
     def _products(self, index: int, residual: np.ndarray) -> Products:
-        """All that is asked of the residual of a record, so that it is gone through once."""
+        """Sums over time that the fit needs from the residual of a record, in one pass."""
         columns = self.columns[index]
         known = np.isfinite(residual)
         rows = self.rows[index] if self.rows[index].any() else self.judges[index]
@@ -124,7 +124,7 @@ class Loose:
         own = values * rows[:, None]
         moment = _moment(columns, own)
         every = moment if rows.all() else moment + _moment(columns, values - own)
-        if index not in self.grams:  # what was measured is so for every model
+        if index not in self.grams:  # the measured rows are the same for every model
             used = _gram(columns, known & rows[:, None])
             whole = used if rows.all() else used + _gram(columns, known & ~rows[:, None])
             self.grams[index] = used, whole
@@ -133,7 +133,7 @@ class Loose:
     def _power(
         self, seen: Sequence[Products], only: Sequence[int], by: Sequence[np.ndarray]
     ) -> np.ndarray:
-        """Squares of what is left in each channel with everything at deviations `by`, (C,)."""
+        """Sum of squares of the residual in each channel at deviations `by`, (C,)."""
         power, moved = np.zeros(len(self.weight)), by[0] - self.at
         for i, products, start in zip(only, seen, by[1:], strict=True):
             x = np.concatenate([moved, start])
@@ -152,7 +152,7 @@ class Loose:
             mine = np.r_[np.arange(count), np.arange(ends[k], ends[k + 1])]
             some = weight @ products.moment
             whole = np.tensordot(weight, self.grams[i][0], axes=1)
-            if not self.rows[i].any():  # what judges says nothing of the robot
+            if not self.rows[i].any():  # held-out records do not determine the robot
                 whole[:count], whole[:, :count], some[:count] = 0.0, 0.0, 0.0
             gram[np.ix_(mine, mine)] += whole
             moment[mine] -= some
@@ -170,17 +170,17 @@ class Loose:
         return np.split(found, ends[:-1])
 
     def far(self, by: Sequence[np.ndarray], exact: bool = False) -> bool:
-        """Whether values lie so far from `at` that what they do is no straight line.
+        """True if values are too far from `at` for the linearisation.
 
         Args:
-            by: Deviations, as `best` gives them.
-            exact: Whether those count as well that are known to a few percent.
+            by: Deviations, as from `best`.
+            exact: Whether values that are known to a few percent count as well.
         """
         apart = np.abs(by[0] - self.at)[self.stated | exact]
         return math.isfinite(self.most) and bool(np.max(apart, initial=0.0) > NEAR)
 
     def about(self, values: np.ndarray) -> Loose:
-        """The same for models that are simulated at other deviations."""
+        """Copy for models that are simulated at other deviations."""
         return replace(self, at=values)
 
     def left(
@@ -200,19 +200,19 @@ class Loose:
         return np.array(by)
 
     def bound(self, by: np.ndarray) -> np.ndarray:
-        """Flags of values whose deviations are the largest that they may have, (V,)."""
+        """Flags of values whose deviations are on a bound, (V,)."""
         low, high = self.reach
         return (by <= low + ON_BOUND) | (by >= high - ON_BOUND)
 
     def idle(
         self, by: np.ndarray, residuals: Sequence[np.ndarray], weight: Sequence[np.ndarray]
     ) -> np.ndarray:
-        """Flags of values that could as well be the robot's own, all of them together, (V,).
+        """Flags of values that, all together, may as well be nominal, (V,).
 
         Args:
             by: Deviations, (V,).
-            residuals: Residuals of the model that they suit [floors], (T, C) for each record.
-            weight: Information of a residual of 1 floor, (C,) for each record.
+            residuals: Residuals of the model with these deviations [floors], (T, C) per record.
+            weight: Information of a residual of 1 floor, (C,) per record.
         """
         count, gram = len(by), np.eye(len(by))
         for columns, rows, r, each in zip(self.columns, self.rows, residuals, weight, strict=True):
@@ -231,7 +231,7 @@ class Loose:
         return back
 
     def values(self, at: np.ndarray) -> dict[str, float]:
-        """Values of ``robot.yaml`` at deviations, none beyond what is legal."""
+        """Values of ``robot.yaml`` at deviations, clipped to their legal range."""
         found = np.clip(self.nominal + self.spread * at[self.of], *self.legal.T)
         return dict(zip(self.names, map(float, found), strict=True))
 
@@ -242,7 +242,7 @@ def _moment(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _gram(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Sum over the times that are used, (T, C) flags, of columns times columns: (C, K, K)."""
+    """Sum of products of the columns over the used times, (T, C) flags: (C, K, K)."""
     own = (columns * used[:, :, None]).transpose(1, 0, 2)
     return own.transpose(0, 2, 1) @ own
 
@@ -277,16 +277,16 @@ def prepare(
     linear: bool,
     likely: Sequence[Mapping[str, float]] = (),
 ) -> Loose | None:
-    """Simulate what each value and each start does.
+    """Simulate the sensitivities to all values and initial states; None if there are none.
 
     Args:
-        case: Model and data, without any nuisance yet.
-        spread: Standard deviation of each value that robot.yaml calls uncertain, by dotted name.
-        robot: The robot as it came, with drives as its file has them.
-        linear: Whether residuals are linear in the values, however large their changes; channels
-            are then weighed by what all of them together leave. On the ground they are weighed by
-            how long that hangs together: errors of contacts and engines are no noise.
-        likely: Deviations of further values, of those that change together in one mapping.
+        case: Model and data, without nuisance parameters.
+        spread: Standard deviation of each value that robot.yaml declares uncertain, by dotted name.
+        robot: The initial robot, with drives as in its file.
+        linear: Whether residuals are linear in the values for changes of any size; channels are
+            then weighted by their joint residual. Otherwise `level` sets the weights; on the ground
+            they depend on the correlation time, since errors of contacts are no white noise.
+        likely: Standard deviations of further values; one mapping for values that change together.
     """
     groups = [*({n: s} for n, s in spread.items()), *likely]
     starts = [] if linear else case.forward.doubtful()
@@ -312,7 +312,7 @@ def prepare(
             left = loose.left(here, every, loose.best(here, every))
             fitted = case.masked(left, every, held=False)
             score = evidence.score([r for r, used in zip(fitted, rows, strict=True) if used.any()])
-            wide = np.square(score.scale) if linear else 1.0  # else `level` sees to it
+            wide = np.square(score.scale) if linear else 1.0  # otherwise `level` does this
             weight = 1.0 / (np.max(score.tau, axis=0) * wide)
             loose = replace(loose, weight=weight, grams={})
         best = loose.best(here, every)
@@ -323,7 +323,7 @@ def prepare(
 
 
 def of_model(case: Any, specs: Sequence[Mapping[str, Any]]) -> Loose:
-    """The changes that values and starts make to a model with effects: large ones alter them."""
+    """Sensitivities to values and initial states of a model with effects, which may alter them."""
     return _about(case, case.loose, case.forward.doubtful(), specs)
 
 
@@ -333,7 +333,7 @@ def _about(
     starts: Sequence[np.ndarray],
     specs: Sequence[Mapping[str, Any]] = (),
 ) -> Loose:
-    """The same with what each value does about the deviations `at`, and each start."""
+    """Copy with sensitivities about the deviations `at`, for a model with the given effects."""
     here = case.bare(specs, loose.values(loose.at), coarse=True)
     columns: list[list[np.ndarray]] = []
     for k in range(len(loose.at)):
@@ -348,7 +348,7 @@ def _about(
         columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), here, 1.0))
     found = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
     values = len(loose.at)
-    for i, own in enumerate(starts):  # a start of its own is known to no deviation: not refitted
+    for i, own in enumerate(starts):  # a record without deviations has no columns of its own
         found[i] = found[i][..., : values + len(own)]
     return replace(loose, columns=tuple(found), grams={})
 

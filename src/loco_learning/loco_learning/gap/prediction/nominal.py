@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nominal values of a robot that are not known well and are refitted with every candidate.
+"""Nominal values of a robot that are uncertain and refitted with every candidate.
 
-If masses, inertias and drives are a little off, so is every size that is found with them, in all
-records alike, and a model that knows of it only by an effect gives that a false name.
+If masses, inertias and drives are slightly wrong, so is every fitted parameter, in all records
+alike, and a model without this uncertainty would attribute the error to an effect.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from loco_sim.robot.servo import ImpedanceDrive, ServoParams, TorqueDrive
 
 SECTIONS = ("drives", "springs", "masses")
 # Standard deviations over the value: a link on a kitchen scale with its cables and screws, an
-# inertia from CAD, a torque constant or gain as its maker gives it (engineering judgement).
+# inertia from CAD, a torque constant or gain from a data sheet (engineering judgement).
 MASS, INERTIA, DRIVE = 0.02, 0.04, 0.02
-# Torque per torque asked for, beyond the drive's limit as well: no value of robot.yaml has it.
+# Ratio of actual to commanded torque, beyond the drive's limit too; not in robot.yaml.
 CONSTANT = TorqueConstantError.name
 SCALES = {
     TorqueDrive: ("gain",),
@@ -39,10 +39,10 @@ def values(robot: Robot, names: Sequence[str]) -> dict[str, float]:
     """Nominal values before any fit.
 
     Args:
-        robot: The robot as it came.
+        robot: The initial robot.
         names: Names of overrides of ``robot.yaml``: ``masses.<link>``,
-            ``drives.<joint>.<parameter>`` or ``springs.<joint>.<parameter>``; a pattern gives
-            all that it matches one value.
+            ``drives.<joint>.<parameter>`` or ``springs.<joint>.<parameter>``; all names that
+            match a pattern share one value.
 
     Raises:
         NameUnknownError: There is no such value.
@@ -58,7 +58,7 @@ def values(robot: Robot, names: Sequence[str]) -> dict[str, float]:
 
 
 def nominal_value(robot: Robot, name: str) -> float:
-    """Value of a dotted name as the robot has it."""
+    """Value of a dotted name in the robot."""
     section = name.partition(".")[0]
     if section == CONSTANT:
         return 0.0
@@ -68,12 +68,12 @@ def nominal_value(robot: Robot, name: str) -> float:
 
 
 def legal(robot: Robot, name: str, least: float = 0.0) -> tuple[float, float]:
-    """Smallest and largest value of a dotted name that a refit may give.
+    """Smallest and largest value of a dotted name in a refit.
 
     Args:
-        robot: Robot as its file has it.
-        name: Value of it.
-        least: Share of a value that cannot be below 0, such as an inertia, that must be left.
+        robot: Robot from its file.
+        name: Dotted name of the value.
+        least: Smallest ratio to the nominal value, for values that cannot be negative.
     """
     section = name.partition(".")[0]
     if section == CONSTANT:
@@ -86,7 +86,7 @@ def legal(robot: Robot, name: str, least: float = 0.0) -> tuple[float, float]:
 
 
 def _part(robot: Robot, name: str) -> tuple[Any, str]:
-    """Part of the robot that has a value of `bodies`, `drives` or `springs`, and its parameter."""
+    """Part of the robot with a value of `bodies`, `drives` or `springs`, and the parameter name."""
     section, _, rest = name.partition(".")
     place, _, parameter = rest.rpartition(".")
     return (BodyParams() if section == "bodies" else getattr(robot, section)[place]), parameter
@@ -118,24 +118,24 @@ def _first(names: Sequence[str], pattern: str, whole: str) -> str:
 
 
 def torques(robot: Robot, factor: float) -> dict[str, float]:
-    """Values of robot.yaml with which all drives pull harder by a factor."""
+    """Values of robot.yaml with which all drives give a torque larger by a factor."""
     return {
         f"drives.{joint}.{name}": factor * getattr(drive, name)
         for joint, drive in robot.drives.items()
         for name in SCALES.get(type(drive), ())
-        if getattr(drive, name) >= 0.0  # swing_kp: -1 stands for kp
+        if getattr(drive, name) >= 0.0  # swing_kp: -1 means kp
     }
 
 
 def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
-    """Standard deviations by dotted name: of every link that moves and every drive.
+    """Prior standard deviations by dotted name, of every moving link and every drive.
 
     Args:
-        robot: Robot as its file has it.
+        robot: Robot from its file.
         known: Names or patterns of values that are left out.
 
     Returns:
-        One mapping for all that changes together.
+        One mapping for each group of values that change together.
     """
     text = Description(robot.urdf)
     moved = dict.fromkeys(text.child(joint) for joint in robot.joints)
@@ -160,7 +160,7 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
 
 
 def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Values of a robot as those that ``robot.yaml`` has, and the rest as a list of effects."""
+    """Values of a robot divided into those of ``robot.yaml`` and effects for scale errors."""
     drives = [name for name in values if name.startswith(f"{CONSTANT}.")]
     effects = [
         {"name": CONSTANT, "joint": name.partition(".")[2], "error": values[name]}
@@ -170,13 +170,13 @@ def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, An
 
 
 def built(specs: Sequence[Mapping[str, Any]], drives: Sequence[Mapping[str, Any]]) -> list:
-    """Effects of a model with drives that are off: these give less of what motors were asked for.
+    """Effects of a model with scale errors of drives, in the order in which they act.
 
-    What limits a motor comes before, since its limit is off as well.
+    Effects that limit a motor come first, since the scale error applies to the limit as well.
 
     Args:
-        specs: Effects as in an experiment's list.
-        drives: Effects of `parted`.
+        specs: Effects as in the list of an experiment.
+        drives: Effects from `parted`.
     """
     motors = [i for i, s in enumerate(specs) if issubclass(EFFECTS[s["name"]], MotorEffect)]
     after = max(motors, default=-1) + 1
@@ -184,13 +184,13 @@ def built(specs: Sequence[Mapping[str, Any]], drives: Sequence[Mapping[str, Any]
 
 
 def written(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a robot for a file, drives that are off as gains that are.
+    """Values of a robot for a file, with scale errors of drives as changed gains.
 
-    Within the drive's limit that is the same.
+    Within the drive's torque limit both are equivalent.
 
     Args:
-        robot: Robot as its file has it.
-        values: Values as of `parted`.
+        robot: Robot from its file.
+        values: Values as for `parted`.
     """
     found, drives = parted(values)
     for drive in drives:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State of a base that nobody measured: attitude from the IMU, height and speed from the feet.
+"""Estimated state of an unmeasured base: attitude from the IMU, height and velocity from the feet.
 
-A foot that stands is at rest where it touches, so joints and gyro say how fast and how high the
-base moves over it; between touches the accelerometer carries on. Both are joined over the whole
-record at once. The accelerometer is trusted as far as its noise allows, the feet as far as they
-agree with it: on a robot whose feet slide all the time they count little.
+A standing foot is at rest at its contact point, so joints and gyro give velocity and height of the
+base; without contact the accelerometer is integrated. Both are combined over the whole record by
+least squares. The weight of the accelerometer follows from its noise, that of the feet from their
+agreement with it: on a robot whose feet slide all the time they count little.
 Source: Bloesch et al. 2012, State estimation for legged robots, RSS; there it is a filter.
 """
 
@@ -26,47 +26,47 @@ from ..statistics import evidence, noise
 from .channels import heading
 from .phases import LOADED
 
-NUDGE = 1e-4  # time over which points of the legs are moved for their speed [s]
-LOW = 0.01  # without forces: a foot as near to the lowest as this share of the standing height
-ROUNDS = 6  # times that trust is weighed again
-SPEED, HEIGHT = 1e-3, 1e-4  # least deviation of what feet say [m/s], [m]
-SLIDING, RISING = 3.0, 0.01  # the same before anything is known
+NUDGE = 1e-4  # time step of the finite difference for the velocity of contact points [s]
+LOW = 0.01  # without forces: height of a standing foot over the lowest one, over standing height
+ROUNDS = 6  # updates of the weights
+SPEED, HEIGHT = 1e-3, 1e-4  # smallest deviation of foot velocities [m/s] and heights [m]
+SLIDING, RISING = 3.0, 0.01  # their initial deviations [m/s], [m]
 BIAS = 0.2  # error of an accelerometer, its tilt included [m/s²]
-BLIND = 5.0  # the same of a robot without one: how usual accelerations of a base are
-DRIFT = 0.1  # error of the vertical speed [m/s]
-REST = 0.03  # of gravity: a base that turns [rad/s] and is accelerated less is at rest at first
+BLIND = 5.0  # deviation of the acceleration of a base without accelerometer [m/s²]
+DRIFT = 0.1  # error of the vertical velocity [m/s]
+REST = 0.03  # of gravity: bound on rates [rad/s] and accelerations of a base initially at rest
 
 
 class Legs(NamedTuple):
-    """Statements of IMU and legs on a base, in its home: heading and place of the first sample."""
+    """Estimates from IMU and legs, in the frame of the base's first sample (place and heading)."""
 
     dt: float  # time between samples [s]
     turn: np.ndarray  # attitude, x y z w, (T, 4)
     spin: np.ndarray  # angular velocity in the world [rad/s], (T, 3)
-    speed: np.ndarray  # of the base if each foot is at rest [m/s], (T, f, 3)
-    height: np.ndarray  # of the base if each foot touches the ground [m], (T, f)
-    stands: np.ndarray  # feet that stand, (T, f)
-    steps: np.ndarray  # a foot touches down or lifts off, (T,)
-    load: np.ndarray  # force of the ground on each foot, 0 where it does not stand [N], (T, f)
+    speed: np.ndarray  # velocity of the base if each foot is at rest [m/s], (T, f, 3)
+    height: np.ndarray  # height of the base if each foot touches the ground [m], (T, f)
+    stands: np.ndarray  # flags of standing feet, (T, f)
+    steps: np.ndarray  # flags of a touch-down or lift-off of any foot, (T,)
+    load: np.ndarray  # ground force on each foot, 0 where it does not stand [N], (T, f)
     pull: np.ndarray  # acceleration of the base [m/s²], (T, 3)
-    doubt: float  # deviation of the acceleration [m/s²]
-    still: bool  # the base is at rest at first
+    doubt: float  # standard deviation of the acceleration [m/s²]
+    still: bool  # whether the base is initially at rest
 
 
 class Carried(NamedTuple):
-    """Motion of a base over flat ground, in its home."""
+    """Motion of a base over flat ground, in the frame of its first sample."""
 
     velocity: np.ndarray  # of the origin in the world [m/s], (T, 3)
     height: np.ndarray  # of the origin over the ground [m], (T,)
-    apart: tuple[float, float]  # usual deviation of speed [m/s] and height [m]
+    apart: tuple[float, float]  # typical deviation of velocity [m/s] and height [m]
 
 
 def legs(record: Record, robot: Robot, q: np.ndarray, dq: np.ndarray) -> Legs | None:
-    """Statements of IMU and legs; None where no attitude was measured or no foot ever stands.
+    """Estimates from IMU and legs; None if no attitude was measured or no foot ever stands.
 
     Args:
         record: Measured record.
-        robot: The robot as the model has it.
+        robot: The robot with the values of the model.
         q: Smoothed joint positions [rad or m], (T, n).
         dq: Smoothed joint velocities, (T, n).
     """
@@ -95,11 +95,11 @@ def legs(record: Record, robot: Robot, q: np.ndarray, dq: np.ndarray) -> Legs | 
 
 
 def carried(said: Legs, depth: np.ndarray | None = None) -> Carried:
-    """Motion of the base that IMU and legs tell together.
+    """Motion of the base from IMU and legs together.
 
     Args:
-        said: Statements of both.
-        depth: Depth of each foot in the ground, beyond the model's own [m], (T, f).
+        said: Estimates from IMU and legs.
+        depth: Penetration of each foot into the ground, beyond the model's own [m], (T, f).
     """
     speed, height = said.speed, said.height
     if depth is not None:
@@ -123,22 +123,22 @@ def joined(
     way: float,
     still: bool = False,
 ) -> tuple[np.ndarray, float]:
-    """Values that feet say while they stand, and of which the change per sample is known.
+    """Fusion of values that standing feet measure with a known change per sample.
 
-    Least squares in one band. How far feet are believed is read off what is left: its deviation
-    and for how long it is the same error (the longest seen: feet that always slide the same way
-    take what is left with them); single ones that are far off count less (Huber).
+    Banded least squares. The deviation of the feet follows from their residual: its median size and
+    its correlation time (the longest found, since feet that always slide in the same direction bias
+    the estimate). Outliers have less weight (Huber).
 
     Args:
         said: Value by each foot, (T, f).
-        holds: Flags of the samples that count, (T, f).
+        holds: Flags of valid samples, (T, f).
         change: Known change from each sample to the next, (T - 1,).
-        own: Deviation of the values at first, and the least.
-        way: Deviation of the change.
-        still: It is 0 at the first sample.
+        own: Initial standard deviation of the values, and the smallest.
+        way: Standard deviation of the change.
+        still: Whether the value is 0 at the first sample.
 
     Returns:
-        Values, (T,), and their usual deviation.
+        Values, (T,), and their typical standard deviation.
     """
     rows, (own, least), long = len(said), own, 1.0
     weight = holds.astype(float)
@@ -162,16 +162,16 @@ def joined(
             holds, 1.0 / np.maximum(np.abs(said - value[:, None]) / (2.0 * usual), 1.0), 0.0
         )
     usual = np.median(trust[trust > 0.0])
-    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # of an endless band
+    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # of an infinitely long band
 
 
 def touching(
     robot: Robot, q: np.ndarray, dq: np.ndarray, rotation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest point of each foot's ball and the speed of the matter there.
+    """Lowest point of the sphere of each foot, and the velocity of the material point there.
 
     Returns:
-        Points [m] and speeds [m/s] in the frame of the base, (T, f, 3) each.
+        Points [m] and velocities [m/s] in the frame of the base, (T, f, 3) each.
     """
     balls = feet_of(robot.urdf, robot.feet)
     down = -rotation[:, 2, :]  # in the base frame
@@ -189,7 +189,7 @@ def touching(
 
 
 def feet_of(urdf: str, feet: tuple[str, ...]) -> list[tuple[np.ndarray, float]]:
-    """Centre (3,) and radius of the ball of each foot [m], in its link; a point without one."""
+    """Centre (3,) and radius of each foot's sphere [m], in its link; radius 0 without a sphere."""
     found = []
     links = {link.get("name"): link for link in ElementTree.fromstring(urdf).iter("link")}
     for foot in feet:
@@ -204,9 +204,9 @@ def feet_of(urdf: str, feet: tuple[str, ...]) -> list[tuple[np.ndarray, float]]:
 
 
 def standing(record: Record, robot: Robot, low: np.ndarray) -> np.ndarray:
-    """Feet that stand, by their force, or by their height where no force was measured, (T, f).
+    """Flags of standing feet, from their force, or from their height without force sensor, (T, f).
 
-    The first and last sample of each touch are left out: a foot that lands is not at rest.
+    The first and last sample of each contact are left out: a landing foot is not at rest.
 
     Args:
         record: Measured record.
@@ -227,20 +227,20 @@ def standing(record: Record, robot: Robot, low: np.ndarray) -> np.ndarray:
 
 
 def loads(record: Record, robot: Robot, stands: np.ndarray) -> np.ndarray:
-    """Force of the ground on each foot [N], (T, f): measured, or a share of the weight."""
+    """Ground force on each foot [N], (T, f): measured, or an equal share of the weight."""
     share = robot.mass * GRAVITY / np.maximum(stands.sum(axis=1, keepdims=True), 1)
     force = record.feet_of(robot.feet)
     return np.where(np.isfinite(force), np.maximum(force, 0.0), share)
 
 
 def at_home(turn: np.ndarray, yaw: float) -> np.ndarray:
-    """Attitudes x y z w seen from a heading [rad], (T, 4)."""
+    """Attitudes x y z w relative to a heading [rad], (T, 4)."""
     home = (0.0, 0.0, float(np.sin(-0.5 * yaw)), float(np.cos(-0.5 * yaw)))
     return np.array([multiply(home, row) for row in turn.tolist()])
 
 
 def even(turn: np.ndarray) -> np.ndarray:
-    """Attitudes x y z w of length 1, none the negative of its neighbour, (T, 4)."""
+    """Unit quaternions x y z w without sign changes between neighbours, (T, 4)."""
     signs = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
     turn = turn.copy()
     turn[1:] *= np.cumprod(np.where(signs < 0.0, -1.0, 1.0))[:, None]
@@ -248,7 +248,7 @@ def even(turn: np.ndarray) -> np.ndarray:
 
 
 def rates(turn: np.ndarray, dt: float) -> np.ndarray:
-    """Angular velocity in the world [rad/s], (T, 3), of attitudes x y z w."""
+    """Angular velocity in the world [rad/s], (T, 3), from attitudes x y z w."""
     change = np.gradient(turn, dt, axis=0)
     back = turn * np.array([-1.0, -1.0, -1.0, 1.0])
     both = zip(change.tolist(), back.tolist(), strict=True)
@@ -256,7 +256,7 @@ def rates(turn: np.ndarray, dt: float) -> np.ndarray:
 
 
 def matrices(turn: np.ndarray) -> np.ndarray:
-    """Rotations of attitudes x y z w, (T, 3, 3)."""
+    """Rotation matrices of attitudes x y z w, (T, 3, 3)."""
     x, y, z, w = turn.T
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -267,5 +267,5 @@ def matrices(turn: np.ndarray) -> np.ndarray:
 
 
 def turned(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors after rotations, broadcast: (…, 3, 3) times (…, 3)."""
+    """Rotated vectors, broadcast: (…, 3, 3) times (…, 3)."""
     return np.einsum("...ij,...j->...i", rotation, vectors)

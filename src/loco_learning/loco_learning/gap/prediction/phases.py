@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Phase of a joint's motion at each sample, from the measurement alone.
 
-With a foot force: swing, touchdown, stance, lift-off of its leg. Without: moving, reversal,
-rest of the joint itself.
+With a measured foot force: swing, touchdown, stance or lift-off of the leg. Without: moving,
+reversal or rest of the joint itself.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ..recordings.record import Record, bridged
 STRIDE_PHASES = ("swing", "touchdown", "stance", "lift-off")
 MOTION = ("moving", "reversal", "rest")
 WHOLE = ("all",)
-AROUND = 0.05  # [s] after a touchdown, around a lift-off and a reversal
-LOADED = 0.05  # of a foot's usual largest force
-RESTING = 0.05  # of a joint's usual largest speed
+AROUND = 0.05  # [s] after a touchdown, and before and after a lift-off or a reversal
+LOADED = 0.05  # share of a foot's typical largest force above which it stands
+RESTING = 0.05  # share of a joint's typical largest speed below which it rests
 SPEED_TIME = 0.01  # [s] width of the smoother before a position is differentiated
 
 
 def phases(record: Record, joint: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the phases and the index of the one at each sample, (T,).
+    """Names of the phases, and the index of the current one at each sample, (T,).
 
     Args:
         record: Measured record.
@@ -40,7 +40,7 @@ def phases(record: Record, joint: str) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def foot_of(joint: str, feet: Sequence[str]) -> int | None:
-    """Foot at the end of a joint's leg: whose name begins most like the joint's."""
+    """Index of the foot of a joint's leg, by the longest common prefix of their names."""
     if len(feet) == 1:
         return 0
     alike = [len(os.path.commonprefix([joint, foot])) for foot in feet]
@@ -49,7 +49,7 @@ def foot_of(joint: str, feet: Sequence[str]) -> int | None:
 
 
 def position(record: Record, joint: str) -> np.ndarray:
-    """Measured position, gaps filled, (T,); 0 where it never was measured."""
+    """Measured position with gaps interpolated, (T,); 0 if it was never measured."""
     values = record.signals.get("q")
     if values is None:
         return np.zeros(len(record.t))
@@ -57,7 +57,7 @@ def position(record: Record, joint: str) -> np.ndarray:
 
 
 def speed(record: Record, joint: str) -> np.ndarray:
-    """Measured speed, or the derivative of the smoothed position, (T,)."""
+    """Measured velocity, or the derivative of the smoothed position, (T,)."""
     if record.has("dq"):
         values = record.signals["dq"][:, record.joints.index(joint)]
         if np.isfinite(values).any():
@@ -87,6 +87,6 @@ def _motion(dq: np.ndarray, dt: float) -> np.ndarray:
     turns = np.flatnonzero(np.diff(sign[going]))
     near = max(1, round(AROUND / dt))
     for last, first in zip(going[turns], going[turns + 1], strict=True):
-        if first - last <= 4 * near:  # longer: it stood in between
+        if first - last <= 4 * near:  # longer: it rested in between
             index[max(last - near, 0) : first + near] = 1
     return index

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of a model along a record: without the engine where that is possible."""
+"""Simulation of a model along a record, without the physics engine where possible."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from .channels import Channel, Track, assembled
 
 
 class Start(NamedTuple):
-    """State in which a piece of a record begins."""
+    """Initial state of a piece of a record."""
 
     row: int  # first row
     stop: int  # row after the last
     q: np.ndarray  # joint positions [rad or m], (n,)
     dq: np.ndarray  # joint velocities, (n,)
-    base: Base | None = None  # None is that of a reset
+    base: Base | None = None  # None: as after a reset
 
 
 def period(record: Record) -> float:
-    """Time between samples [s]; stamps are rounded, rates are not."""
+    """Time between samples [s]; the rate is rounded, since time stamps are."""
     return 1.0 / round(1.0 / record.dt, 3)
 
 
 def steps_in(dt: float, rate: float) -> int:
-    """Physics steps in a control period, at least as many as a rate [Hz] asks for."""
-    return max(1, math.ceil(dt * rate - 0.01))  # a rounded rate asks for no step more
+    """Physics steps in a control period, for at least a given rate [Hz]."""
+    return max(1, math.ceil(dt * rate - 0.01))  # tolerance for a rounded rate
 
 
 def step(robot: Robot, dt: float) -> float:
-    """Physics step of a run [s], with the parts into which its damping divides it."""
+    """Physics step of a simulation [s], including its substeps for damping."""
     if not needs_engine(robot, []):
         return Bolted(robot, [], 0, dt).physics_dt
     with Simulation(None, (), 0, dt, robot) as sim:
@@ -54,8 +54,8 @@ def orders(record: Record, robot: Robot) -> Orders:
     """Commands of a record.
 
     Raises:
-        ParameterError: The record lacks the kind of command that a drive needs, or one is
-            not a number.
+        ParameterError: The record lacks the kind of command that a drive needs, or a command is
+            not finite.
     """
     driven = robot.driven
     drives = [robot.drives[robot.joints[i]] for i in driven]
@@ -80,7 +80,7 @@ def orders(record: Record, robot: Robot) -> Orders:
 
 
 def _servos(drives: Sequence[Any]) -> np.ndarray:
-    """Drives that take no torque besides a position, (m,) bool."""
+    """Flags of drives that accept no torque in addition to a position, (m,) bool."""
     return np.array([isinstance(drive, ServoParams) for drive in drives], dtype=bool)
 
 
@@ -92,18 +92,18 @@ def run(
     dt: float,
     channels: Sequence[Channel],
 ) -> np.ndarray:
-    """Readings of a robot, (T, C); NaN where no piece is, and from where it diverges.
+    """Simulated readings of a robot, (T, C); NaN outside of pieces, and where it diverges.
 
     Args:
         robot: The robot.
         effects: Effects on the robot.
         told: Commands.
-        starts: Pieces; none at all is the whole record, from standing at rest.
+        starts: Initial states of the pieces; empty for the whole record from rest in standing.
         dt: Time between rows [s].
         channels: Columns of the result.
 
     Raises:
-        LocoError: An effect is not possible.
+        LocoError: An effect is invalid for the robot.
     """
     made = [effect for effect in effects if not effect.identity.noise]
     if needs_engine(robot, made):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of a record that each begin in the measured state: multiple shooting.
+"""Pieces of a record that each start in the measured state: multiple shooting.
 
-A robot that falls over, or that steps on ground, forgets nothing: a run from the first
-sample says little after the first contact that comes too late. Short runs from smoothed
-measurements do.
+For a robot that falls over or steps on ground, initial errors do not decay: a simulation from the
+first sample departs after the first contact that comes too late. Short simulations from smoothed
+measurements stay close.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from . import odometry
 from .channels import at_home, heading
 from .running import Start
 
-signal = lazy.module("scipy.signal")  # half a second, which no record needs that begins at rest
+signal = lazy.module("scipy.signal")  # loaded on first use: it takes 0.5 s, and not all need it
 
-HALVES = (2, 3, 5, 8, 13)  # samples on each side that a local polynomial may be fitted to
-LONGER = (21, 34, 55)  # the same at the start of a record, where a robot mostly rests
-AGREES = 1.5  # deviations within which it must agree with shorter ones (least doubt on a wave)
-JUMP = 0.02  # about a touch-down or lift-off in which speeds jump [s]
-CHANCE = 1.5  # deviations of noise that a first parabola may leave of the next polynomial
-BENT = 0.1  # of its range: so far a command may be off a parabola; steps are by 0.15 (taste)
+HALVES = (2, 3, 5, 8, 13)  # half widths of local polynomials [samples]
+LONGER = (21, 34, 55)  # further ones at the start of a record, where a robot mostly rests
+AGREES = 1.5  # deviations within which it must agree with shorter ones (least error on a wave)
+JUMP = 0.02  # time around a touch-down or lift-off in which velocities jump [s]
+CHANCE = 1.5  # noise deviations of the cubic coefficient at which a parabola still fits
+BENT = 0.1  # largest rms of a command about a parabola, of its range; steps have 0.15 (taste)
 
 
 def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
-    """Starts one after the other, where the state of the robot was measured.
+    """Consecutive pieces of a record that start where the state of the robot was measured.
 
-    A single sample that is left over at the end belongs to the last piece. On the ground they
-    begin where no foot touches down or lifts off: there speeds jump.
+    A single remaining sample belongs to the last piece. On the ground, pieces start where no foot
+    touches down or lifts off, since velocities jump there.
 
     Args:
         record: Measured record.
-        robot: Joints that were not measured have the position of standing.
+        robot: The robot; joints that were not measured have their standing position.
         length: Length of each piece [s].
     """
     rows = max(2, round(length / record.dt))
@@ -69,14 +69,14 @@ def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
 
 
 def still(said: odometry.Legs, time: float) -> np.ndarray:
-    """Samples about which no foot touches down or lifts off for a time [s], (T,) flags."""
+    """Samples without touch-down or lift-off within a time [s] before and after, (T,) flags."""
     return ~binary_dilation(said.steps, iterations=max(1, round(time / said.dt)))
 
 
 def begun(
     robot: Robot, effects: Sequence[Effect], starts: list[Start], said: odometry.Legs | None
 ) -> list[Start]:
-    """Pieces that begin where a robot with effects was, if IMU and legs say what they say."""
+    """Pieces with the base states that a robot with effects has, given its IMU and leg data."""
     acting = [effect for effect in effects if not effect.absent()]
     if said and any(overrides(effect, "depth") for effect in acting):
         load, depth = dict(zip(robot.feet, said.load.T, strict=True)), np.zeros(said.load.shape)
@@ -92,13 +92,13 @@ def begun(
 
 
 def spread(starts: list[Start], most: int) -> list[Start]:
-    """Pieces of which no more are left than wanted, as far apart as can be."""
+    """At most `most` of the pieces, evenly spread."""
     chosen = np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).round().astype(int))
     return [starts[i] for i in chosen]
 
 
 class Doubts(NamedTuple):
-    """Standard deviations of the states in which the pieces of a record begin.
+    """Standard deviations of the initial states of the pieces of a record.
 
     Attributes:
         q: Deviation of joint positions [rad or m], (T, n).
@@ -118,7 +118,7 @@ class Doubts(NamedTuple):
 
 
 def doubts(record: Record, robot: Robot) -> Doubts:
-    """Deviations of the states in which the pieces of a record begin."""
+    """Standard deviations of the initial states of the pieces of a record."""
     shape = len(record.t), len(robot.joints)
     if robot.fixed_base:
         q, dq = np.zeros((2, *shape))
@@ -133,7 +133,7 @@ def doubts(record: Record, robot: Robot) -> Doubts:
         )
         for k, v in said.items()
     }
-    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # of a parabola's slope
+    reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # for a parabola's slope
     speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
     seen = odometry.legs(record, robot, *joint_states(record, robot))
     moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
@@ -144,7 +144,7 @@ def doubts(record: Record, robot: Robot) -> Doubts:
 
 
 def shaken(starts: list[Start], off: Doubts, rng: np.random.Generator) -> list[Start]:
-    """Pieces that begin as far off as their states are known, drawn."""
+    """Pieces with initial states drawn from their uncertainty."""
     found = []
     for s in starts:
         q, dq = (rng.standard_normal(len(s.q)) for _ in range(2))
@@ -161,12 +161,12 @@ def shaken(starts: list[Start], off: Doubts, rng: np.random.Generator) -> list[S
 
 
 def deviation(values: np.ndarray, step: float) -> float:
-    """Noise of a column with a quantisation step, 0 where it was not measured."""
+    """Standard deviation of a column's noise, given its quantisation step; 0 if not measured."""
     return noise_of(values[np.isfinite(values)], step)
 
 
 def _of_imu(record: Record, signal: str) -> float:
-    """Noise of the first value of a signal of the IMU, 0 without it."""
+    """Noise of the first component of an IMU signal; 0 if it was not measured."""
     if not record.has(signal):
         return 0.0
     return deviation(record.signals[signal][:, 0], record.step(signal))
@@ -175,7 +175,7 @@ def _of_imu(record: Record, signal: str) -> float:
 def carried_states(
     said: odometry.Legs | None, depth: np.ndarray | None = None
 ) -> list[Base] | None:
-    """State of the base at each sample, as IMU and legs tell it, above the place of the first."""
+    """Base state at each sample from IMU and legs, above the first position; None without them."""
     if said is None:
         return None
     motion = odometry.carried(said, depth)
@@ -189,8 +189,9 @@ def carried_states(
 def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Smoothed positions [rad or m] and velocities of the joints, (T, n) each.
 
-    Velocities of a bolted robot are those of its positions where a sensor of speed is noisier, as
-    that of a drive often is. On the ground they are the sensor's, which jumps where contacts do.
+    For a fixed base, velocities are derivatives of the positions where the velocity sensor is
+    noisier, as those of drives often are. On the ground they are the sensor's, with its jumps at
+    contacts.
     """
     q = np.repeat(robot.standing[None].astype(float), len(record.t), axis=0)
     dq = np.zeros(q.shape)
@@ -201,7 +202,7 @@ def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
-    """Smoothed position of each joint with the speed of `joint_states`; None if not measured."""
+    """Smoothed position and velocity of each joint for `joint_states`; None if not measured."""
     measured, said = record.joints_of(robot, "q"), record.joints_of(robot, "dq")
     found: list[Smooth | None] = []
     for joint, read, speed in zip(robot.joints, measured.T, said.T, strict=True):
@@ -220,8 +221,8 @@ def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
 def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Position [rad or m] and velocity of the joints at the first sample, (n,) each.
 
-    Smoothed over the first samples alone, so that a robot which rests there and moves fast
-    later is smoothed as long as it rests.
+    Smoothed over the first samples only, so that a robot that first rests and later moves fast is
+    smoothed over its rest.
     """
     q, dq = robot.standing.astype(float), np.zeros(len(robot.joints))
     for joint, found in _firsts(record, robot):
@@ -230,7 +231,7 @@ def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Deviation of both, (n,) each; 0 for joints that were not measured."""
+    """Standard deviations of `first_state`, (n,) each; 0 for joints that were not measured."""
     q, dq = np.zeros(len(robot.joints)), np.zeros(len(robot.joints))
     for joint, found in _firsts(record, robot):
         q[joint], dq[joint] = found[2:]
@@ -238,7 +239,7 @@ def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
-    """Measured joints, each with what `_first` says."""
+    """Index of each measured joint with the results of `_first`."""
     measured = record.joints_of(robot, "q")
     told = np.zeros_like(measured)
     if "position" in record.command:
@@ -247,7 +248,7 @@ def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
             rows, values = _of_sensor(measured[:, joint])
             step = record.step_of("q", robot.joints[joint])
-            off = float(np.hypot(noise_of(values, step), 0.5 * step))  # it jumps by a step
+            off = float(np.hypot(noise_of(values, step), 0.5 * step))  # quantisation included
             command = told[np.rint(rows).astype(int), joint]
             yield joint, _first(rows * record.dt, values, off, command)
 
@@ -255,16 +256,15 @@ def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
 def _first(
     t: np.ndarray, values: np.ndarray, off: float, told: np.ndarray
 ) -> tuple[float, float, float, float]:
-    """Value and rate at time 0 by the longest parabola that leaves no more than noise.
+    """Value and rate at time 0 with their standard deviations, from a parabola.
 
-    A command that steps bends the motion sooner than it shows beside a coarse encoder: nor is the
-    parabola longer than the command is one.
+    The parabola is the longest one whose residual is noise. What it misses shows first in the cubic
+    coefficient, whose standard deviation from noise is sqrt(7 / n) of that of the noise. A command
+    that steps changes the motion before it shows in a coarse encoder, so the command must fit a
+    parabola over this length as well.
 
-    Then the deviations of both: of noise, and of a rate at any time within one sample, since
-    nothing tells what is wound up in the drive.
-
-    Whatever else the motion does shows in what is left, and first in the next polynomial, whose
-    coefficient noise makes as large as sqrt(7 / n) of its own deviation.
+    The deviations include noise, and the change of the rate within one sample, since the internal
+    state of the drive is unknown.
     """
     for half in reversed((*HALVES, *LONGER)):
         n = min(2 * half + 1, len(t))
@@ -273,7 +273,7 @@ def _first(
         straight = abs(found.coef[3]) <= CHANCE * off * np.sqrt(7.0 / n)
         if left <= off and straight and bent <= max(off, BENT * np.ptp(told[:n])):
             break
-    else:  # through what a step has reached by its speed at most
+    else:  # at most up to the sample that the largest step of the command affects
         n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
     parabola, _ = _fitted(t[:n], values[:n], 2)
     spread = off * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
@@ -283,7 +283,7 @@ def _first(
 
 
 def _fitted(t: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.polynomial.Legendre, float]:
-    """Polynomial through values, and the rms that it leaves."""
+    """Polynomial fit of values, and the rms of its residual."""
     found = np.polynomial.Legendre.fit(t, values, degree)
     return found, float(np.sqrt(np.mean((found(t) - values) ** 2)))
 
@@ -293,7 +293,7 @@ def _powers(t: np.ndarray) -> np.ndarray:
 
 
 def base_states(record: Record) -> list[Base | None]:
-    """State of the base at each sample, in its home; None where it was not measured."""
+    """State of the base at each sample, relative to the first; None where it was not measured."""
     position, turned = (record.signals.get(k) for k in ("base_position", "base_orientation"))
     if position is None or turned is None:
         return [None] * len(record.t)
@@ -320,9 +320,9 @@ class Smooth(NamedTuple):
 
     Attributes:
         level: Values, (T,); NaN where nothing was measured.
-        rate: Their rate [1/s], (T,).
-        level_noise: Standard deviation of the values from the truth, (T,); more at the ends.
-        rate_noise: The same of their rate [1/s], (T,).
+        rate: Time derivative of the values [1/s], (T,).
+        level_noise: Standard deviation of the error of the values, (T,); larger at the ends.
+        rate_noise: Standard deviation of the error of the rate [1/s], (T,).
     """
 
     level: np.ndarray
@@ -332,15 +332,15 @@ class Smooth(NamedTuple):
 
 
 def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
-    """Values and their rate by local cubics.
+    """Smoothed values and rates from local cubics.
 
-    At each sample the cubic is as long as its value, or slope, agrees with those of all shorter
-    ones: short where the motion bends, long where it is smooth (intersection of confidence
-    intervals: Goldenshluger and Nemirovski 1997, Katkovnik 1999). Cubics count samples of the
-    sensor, which may be rarer than those of the axis: between them is nothing to smooth.
+    At each sample the cubic is as long as possible while its value, or slope, agrees with those of
+    all shorter ones: short where the motion is curved, long where it is smooth (intersection of
+    confidence intervals: Goldenshluger and Nemirovski 1997, Katkovnik 1999). The width counts
+    samples of the sensor, which may be slower than the time axis.
 
     Args:
-        values: Samples, (T,); single gaps are bridged.
+        values: Samples, (T,); single gaps are interpolated.
         dt: Time between samples [s].
         step: Quantisation step of the values.
     """
@@ -370,15 +370,15 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
 
 
 def _kept(half: int, order: int, count: int) -> np.ndarray:
-    """Share of the noise that a cubic through 2 half + 1 of so many samples keeps, (count,)."""
+    """Noise gain of a cubic fit over 2 half + 1 of `count` samples, at each of them, (count,)."""
     place, last = np.arange(count), count - 1
-    place = np.minimum(place, half) + np.maximum(place - (last - half), 0)  # its middle but at ends
+    place = np.minimum(place, half) + np.maximum(place - (last - half), 0)  # centre, except at ends
     return _shares(half, order)[place]
 
 
 @lru_cache
 def _shares(half: int, order: int) -> np.ndarray:
-    """Share of the noise that a cubic keeps at each place of its window, (2 half + 1,)."""
+    """Noise gain of a cubic fit at each position in its window, (2 half + 1,)."""
     width = 2 * half + 1
     rows = [signal.savgol_coeffs(width, 3, deriv=order, pos=p) for p in range(width)]
     return np.linalg.norm(rows, axis=1)
@@ -391,12 +391,12 @@ def _smoothed_columns(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.nda
 
 
 def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Even rows from the first to the last reading, as far apart as the sensor usually read.
+    """Evenly spaced rows from the first to the last reading, at the typical sensor period.
 
-    The last one is that of the last reading, never later, however unevenly the sensor read.
+    The last row is that of the last reading, however unevenly the sensor was read.
 
     Returns:
-        Rows and the values there, (S,) each.
+        Rows and interpolated values, (S,) each.
     """
     rows = np.flatnonzero(np.isfinite(values))
     apart = np.diff(rows)
@@ -406,10 +406,10 @@ def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def noise_of(values: np.ndarray, step: float = 0.0) -> float:
-    """Standard deviation of white noise on something smooth, from its third differences.
+    """Standard deviation of white noise on a smooth signal, from its third differences.
 
     Args:
-        values: Even samples, (S,).
-        step: Quantisation step of the readings, whose rounding is part of the noise.
+        values: Evenly spaced samples, (S,).
+        step: Quantisation step of the readings; quantisation counts as noise.
     """
     return noise.white([values], step, orders=(3,), fewest=1)

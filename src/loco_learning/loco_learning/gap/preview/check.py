@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preview of what recordings can tell about a model, before any search and in half a minute.
+"""Preview of what recordings can show about a model, in half a minute and without a search.
 
-`look` says how the recordings were made, which effects would show in them from which size on,
-what is missing, and how long a search would take.
+`look` reports properties of the recordings, the smallest visible size of each effect, missing
+signals, and the expected duration of a search.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from . import visible
 from .visible import Visible
 
 FORMAT = 1
-BUDGET, SLOW_BUDGET = 6000.0, 150.0  # simulated: joints times bundles times seconds; with an engine
-LEAST, MOST = 0.7, 20.0  # seconds of all recordings that are simulated
-STEPS = 20.0  # of its encoder, or
-TURN = 0.01  # [rad or m]: a joint that moves less tells nothing
-SIZES = 6.0  # simulations of a hypothesis while it is screened
+BUDGET, SLOW_BUDGET = 6000.0, 150.0  # joints times bundles times simulated seconds; with an engine
+LEAST, MOST = 0.7, 20.0  # bounds on the simulated seconds of all recordings
+STEPS = 20.0  # smallest travel of an informative joint [encoder steps]
+TURN = 0.01  # [rad or m] smallest travel of an informative joint
+SIZES = 6.0  # simulations for screening one hypothesis
 
 
 def look(
@@ -55,20 +55,20 @@ def look(
     progress: Callable[[float, str], Any] | None = None,
     workers: int = 1,
 ) -> dict[str, Any]:
-    """Look at recordings and at what they can tell of a model.
+    """Compute the preview of recordings and a model.
 
     Args:
         model: Robot, overrides and effects.
-        records: All recordings, those that are held out as well.
+        records: All recordings, including held-out ones.
         params: Settings of the search to come.
-        progress: Called with the share done and the stage.
-        workers: Processes; all but the time of the search is the same for any number.
+        progress: Called with the completed share and the stage.
+        workers: Number of processes; it only influences the expected duration of a search.
 
     Returns:
         Contents of ``check.json``.
 
     Raises:
-        LocoError: The model cannot be run along the recordings.
+        LocoError: The model cannot be simulated along the recordings.
     """
     params = params or GapParams()
     tell = progress or (lambda share, stage: None)
@@ -82,7 +82,7 @@ def look(
     parts = _parts(records, _seconds(whole))
     case = _case(Forward(model, parts, ForwardParams(window=params.window)), parts)
     offered = offer(robots[0], case.signals, hints.find(case, robots[0]))
-    single = [h for h in offered if "*" not in h.place]  # groups show where their joints do
+    single = [h for h in offered if "*" not in h.place]  # effects on groups show in their joints
     hypotheses, twins = separable(single)
     fixed = all(robot.fixed_base for robot in robots)
     bundled = bundles(robots[0], case.forward.channels, hypotheses, fixed)
@@ -115,7 +115,7 @@ def look(
 def _setup(
     model: Model, records: Sequence[Record], findings: Sequence[Finding]
 ) -> dict[str, Any]:
-    """Contents of ``check.json`` where the set-up has to be mended first: no effect is tried."""
+    """Contents of ``check.json`` if the set-up must be corrected first: no effect is tested."""
     robots = [Model(model.robot, {**model.overrides, **r.overrides}).make_robot() for r in records]
     ways = [_way(robot) for robot in robots]
     return {
@@ -133,7 +133,7 @@ def _setup(
 
 
 def recording(record: Record, way: str) -> dict[str, Any]:
-    """Facts about a recording: signals, stamps, travel of the joints, lags behind commands."""
+    """Properties of a recording: signals, time stamps, travel of joints, delay after commands."""
     q = record.signals["q"]
     command = record.command.get("position")
     late = {}
@@ -161,7 +161,7 @@ def recording(record: Record, way: str) -> dict[str, Any]:
 
 
 def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
-    """Reasons why a search could tell less than it might, a sentence each, the worst first."""
+    """Deficiencies of the recordings for a search, a sentence each, the most important first."""
     found, robot = [], robots[0]
     driven = {robot.joints[i] for i in robot.driven}
     measured = {joint for r in records for joint in r.joints}
@@ -207,9 +207,10 @@ def _case(forward: Forward, records: list[Record]) -> Case:
 
 
 def _seconds(forward: Forward) -> float:
-    """Seconds of all recordings together that are simulated for each effect.
+    """Duration of all recordings together that is simulated for each effect [s].
 
-    Branches of a bolted robot are tried at once, so that bundles grow with the longest branch.
+    Branches of a fixed-base robot are simulated together, so that the number of bundles grows with
+    the longest branch.
     """
     robot = forward.robot()
     if not floors.compiled(forward):
@@ -219,13 +220,13 @@ def _seconds(forward: Forward) -> float:
 
 
 def _parts(records: Sequence[Record], seconds: float) -> list[Record]:
-    """Of each recording the part in which it moves most, as long as all may be together."""
+    """The part of each recording with the most motion, within a total duration."""
     share = seconds / len(records)
     return [_busiest(r, share) if r.duration > share else r for r in records]
 
 
 def _busiest(record: Record, seconds: float) -> Record:
-    """The part of a recording that is so long and in which the joints move most."""
+    """The part of a recording, of given duration, with the most joint motion."""
     rates = np.nan_to_num(np.diff(record.signals["q"], axis=0))
     size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
     energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
@@ -237,7 +238,7 @@ def _busiest(record: Record, seconds: float) -> Record:
 
 
 def _row(one: Visible, robot: Robot) -> dict[str, Any]:
-    """A strength as JSON, in the unit of its joint."""
+    """A strength as a dictionary for JSON, in the unit of its joint."""
     text = Description(robot.urdf)
     sliding = text.joint_types().get(one.place) == "prismatic"
     return asdict(replace(one, unit=ON_SLIDES.get(one.unit, one.unit) if sliding else one.unit))
@@ -248,21 +249,21 @@ def _way(robot: Robot) -> str:
 
 
 def _travel(q: np.ndarray) -> np.ndarray:
-    """Distance between the smallest and the largest value of each column; NaN without one."""
+    """Range of the values of each column; NaN if it has no value."""
     known = np.isfinite(q)
     low, high = np.where(known, q, np.inf).min(axis=0), np.where(known, q, -np.inf).max(axis=0)
     return np.where(known.any(axis=0), high - low, np.nan)
 
 
 def _search(forward: Forward, count: int, params: GapParams, workers: int) -> list[float]:
-    """Processor time of a search that finds one effect, and of one that finds all it may [s].
+    """Processor time of a search that finds one effect, and of the longest search [s].
 
-    The model as it came is timed over the shortest recording. Counted are the simulations of
-    screening (`SIZES` of each bundle), of rough fits and of fits to the end.
+    The initial model is timed over the shortest recording. The estimate counts simulations of the
+    screening (`SIZES` per bundle), of rough fits and of complete fits.
     """
     index = int(np.argmin([r.duration for r in forward.records]))
-    forward(only=[index])  # once, so that nothing is compiled or read while it is timed
-    began = time.process_time()  # what others do on this machine is not counted
+    forward(only=[index])  # first a run without timing, since it compiles and reads files
+    began = time.process_time()  # excludes other processes of the machine
     forward(only=[index])
     speed = (time.process_time() - began) / forward.records[index].duration
     fine = 1.0 / floors.finest(forward)
@@ -279,7 +280,7 @@ def _search(forward: Forward, count: int, params: GapParams, workers: int) -> li
 
 
 def _rounds(robot: Robot) -> bool:
-    """A drive rounds its encoder, so that its hunting is simulated in several phases."""
+    """True if a drive quantises its encoder: its limit cycle is simulated in several phases."""
     return any(getattr(drive, "resolution", 0.0) > 0.0 for drive in robot.drives.values())
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The smallest size of each effect that shows in some recordings, and what looks the same there.
+"""The smallest visible size of each effect in given recordings, and effects that look alike.
 
-An effect shows when it adds as much to one channel as a search counts as more than noise. Only
-the model and its commands are asked: what the robot really lacks plays no part.
+An effect is visible if it changes a channel by more than what a search treats as noise. Only the
+model and its commands are used; the measured signals of the robot have no influence.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 
 TRIES = 4  # sizes of an effect that are simulated
-GROW, SHRINK = 30.0, 0.03  # most that a size changes from one try to the next
-NEAR = 4.0  # factor from the wanted response within which a size is taken as proportional to it
-DEAD = 1e-6  # response over one that shows below which there is none
-FLAT, STEEP = 0.3, 3.0  # powers of a size by which responses to two sizes may differ (taste)
-SAME = 0.95  # cosine of two responses above which these recordings do not tell them apart
+GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
+NEAR = 4.0  # factor from the target response within which the response is taken as linear
+DEAD = 1e-6  # response over a visible one below which there is none
+FLAT, STEEP = 0.3, 3.0  # bounds on the exponent of the response over the size (taste)
+SAME = 0.95  # cosine of two responses above which these recordings cannot distinguish them
 YES, LARGE, NO = "yes", "if large", "no"
 
 
@@ -41,13 +41,13 @@ class Visible:
         place: Joint, link or foot; empty for the whole robot.
         parameter: Name of the strength.
         unit: Unit of the strength.
-        smallest: Smallest size that shows; infinite where none does.
-        typical: Size that robots usually have, if they have the effect at all.
-        most: Largest size that nine of ten robots stay below.
-        seen: `YES` below the typical size, `LARGE` below the largest, else `NO`.
-        channel: Channel in which it shows most.
+        smallest: Smallest visible size; infinite if no size is visible.
+        typical: Typical size in robots with this effect.
+        most: Size that nine of ten robots stay below.
+        seen: `YES` if visible below the typical size, `LARGE` below the largest, else `NO`.
+        channel: Channel with the largest response.
         alike: Other effects that change these recordings in the same way.
-        failed: Why the robot cannot be built with it; empty if it can.
+        failed: Reason why the robot cannot be built with it; empty if it can.
     """
 
     effect: str
@@ -65,26 +65,26 @@ class Visible:
 
 
 class _Size(NamedTuple):
-    """A size of a strength that was simulated."""
+    """A simulated size of a strength."""
 
     x: float  # coordinate
-    level: float  # rms in the channel that shows most, over that which shows
-    channel: int
+    level: float  # rms in the channel with the largest response, over that of a visible effect
+    channel: int  # index of this channel
     column: np.ndarray  # change of all values [floors], (N,)
 
     @property
     def off(self) -> float:
-        """Distance of the level from one that just shows, in its logarithm."""
+        """Absolute logarithm of the level: distance from a just visible response."""
         return abs(math.log(max(self.level, 1e-9)))
 
 
 @dataclass
 class _Trial:
-    """One strength of a hypothesis while sizes of it are tried."""
+    """Search state of one strength of a hypothesis."""
 
     hypothesis: Hypothesis
     strength: int
-    channels: np.ndarray | None  # those of its branch, (C,) flags; None is all
+    channels: np.ndarray | None  # channels of its branch, (C,) flags; None is all
     x: float
     best: _Size | None = None
     done: bool = False
@@ -97,12 +97,12 @@ class _Trial:
         return self.hypothesis.term(at).spec
 
     def take(self, response: np.ndarray, channel_of: np.ndarray, shows: float) -> None:
-        """Keep the response to this size if it is the nearest to one that shows; choose the next.
+        """Keep the response to this size if it is closest to a visible one; choose the next size.
 
         Args:
             response: Change of all values [floors], (N,).
             channel_of: Channel of each value, (N,).
-            shows: Rms in one channel from which on an effect shows [floors].
+            shows: Rms in one channel above which an effect is visible [floors].
         """
         if self.done:
             return
@@ -120,7 +120,7 @@ class _Trial:
         self.done = 1.0 / NEAR <= level <= NEAR or self.x == size.x
 
     def _power(self, size: _Size) -> float:
-        """Power of the size with which the response grows, by this one and the best before."""
+        """Exponent of the response over the size, from this and the best earlier size."""
         best = self.best
         if best is None or size.x == best.x or min(size.level, best.level) < DEAD:
             return 1.0
@@ -128,9 +128,9 @@ class _Trial:
         return min(max(grown, FLAT), STEEP)
 
     def smallest(self) -> float:
-        """Size that just shows, in proportion to the nearest one that was simulated.
+        """Smallest visible size, extrapolated linearly from the closest simulated one.
 
-        One that is still loud there, however small, is taken for no more than `NEAR` times that.
+        The extrapolation to smaller sizes is limited to a factor of `NEAR`.
         """
         c = self.hypothesis.coordinates[self.strength]
         if self.best is None or self.best.level < DEAD:
@@ -140,13 +140,13 @@ class _Trial:
 
 
 def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> list[Visible]:
-    """Try every strength of every hypothesis.
+    """Find the smallest visible size of every strength of every hypothesis.
 
     Args:
         case: Model and recordings.
-        bundles: Hypotheses that may be tried together.
-        shows: Rms in one channel from which on an effect shows [floors].
-        tasks: Place where `fitting.search.call` runs with the case.
+        bundles: Hypotheses that can be simulated together.
+        shows: Rms in one channel above which an effect is visible [floors].
+        tasks: Pool of processes that run `fitting.search.call` with the case.
     """
     jobs = [(try_bundle, (bundle, shows)) for bundle in bundles]
     trials = [trial for found in tasks.ordered(jobs) for trial in found]
@@ -154,9 +154,9 @@ def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> li
 
 
 def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
-    """Responses of the recordings to the strengths of some hypotheses, each by itself.
+    """Responses of the recordings to each strength of some hypotheses.
 
-    Those that the robot cannot be built with say why.
+    A hypothesis with which the robot cannot be built reports the reason.
     """
     base, channel_of = case.vector((), coarse=True), case.channel_of()
     found = []
@@ -169,7 +169,7 @@ def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
             try:
                 moved = case.vector([t.spec() for t in trials], coarse=True)
             except LocoError as error:
-                if len(trials) > 1:  # one of them is at fault: one by one
+                if len(trials) > 1:  # simulate them one by one to find the invalid one
                     pairs = zip(bundle.hypotheses, bundle.channels, strict=True)
                     return [
                         t for h, m in pairs for t in try_bundle(case, Bundle((h,), (m,)), shows)
@@ -185,7 +185,7 @@ def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
 
 
 def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
-    """Findings of the trials, with other effects that respond alike."""
+    """Results of the trials, with other effects of similar responses."""
     responses = [_unit(t) for t in trials]
     found = []
     for trial, mine in zip(trials, responses, strict=True):
@@ -210,7 +210,7 @@ def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
 
 
 def _unit(trial: _Trial) -> np.ndarray | None:
-    """Response of length 1; None where nothing shows."""
+    """Response normalised to length 1; None if there is none."""
     if trial.best is None or trial.best.level < DEAD:
         return None
     return trial.best.column / np.linalg.norm(trial.best.column)

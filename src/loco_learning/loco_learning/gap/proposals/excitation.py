@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments that excite a robot, made to the measure of its joints.
+"""Experiments that excite a robot, scaled to the limits of its joints.
 
-`library` works for every robot that commands its drives with a position or a torque. Sizes
-are shares of the room that a joint has about its resting place; speeds stay below
-`SPEED_SHARE` of what the URDF allows, commanded torques below `TORQUE_SHARE`.
+`library` works for every robot whose drives accept a position or a torque command. Amplitudes are
+shares of the travel of a joint about its standing position; velocities stay below `SPEED_SHARE`
+of the limits in the URDF, commanded torques below `TORQUE_SHARE`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from ...runs import gait_file
 from ...runs.experiment import Experiment
 
 ROOM_SHARE, SPEED_SHARE, TORQUE_SHARE = 0.8, 0.4, 0.2
-MOST_ROOM = 0.6  # of a joint without near stops [rad or m]
-FASTEST = 8.0  # end of a chirp [Hz]
+MOST_ROOM = 0.6  # of a joint without close stops [rad or m]
+FASTEST = 8.0  # end frequency of a chirp [Hz]
 HANG = 1.0  # height of the base of a robot that hangs in the air [m]
-DROP = 0.05  # how far a robot falls [m]
-START = 0.5  # still at first [s]
+DROP = 0.05  # drop height [m]
+START = 0.5  # time at rest before the motion [s]
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Joints:
     """Driven joints of a robot.
 
     Attributes:
-        rest: Command that they start with [rad, or N·m for torque drives], (m,).
+        rest: Initial command [rad, or N·m for torque drives], (m,).
         room: Largest amplitude about it, (m,).
-        speed: Largest speed of the command [rad/s]; infinite for torques, (m,).
+        speed: Largest velocity of the command [rad/s]; infinite for torques, (m,).
     """
 
     rest: np.ndarray
@@ -50,7 +50,7 @@ class Joints:
 
 
 def joints_of(robot: Robot) -> Joints:
-    """Room and speed of the driven joints."""
+    """Amplitude and velocity limits of the driven joints."""
     description, fastest = Description(robot.urdf), velocities(robot.urdf)
     rest, room, speed = [], [], []
     for i in robot.driven:
@@ -71,7 +71,7 @@ def joints_of(robot: Robot) -> Joints:
 
 
 def velocities(urdf: str) -> dict[str, float]:
-    """Largest speed of each joint [rad/s or m/s] as a URDF says it."""
+    """Velocity limit of each joint [rad/s or m/s] in a URDF."""
     found = {}
     for joint in ET.fromstring(urdf).iter("joint"):
         limit = joint.find("limit")
@@ -86,13 +86,13 @@ MAKERS: dict[str, Maker] = {}
 
 
 def _motion(make: Maker) -> Maker:
-    """Register a motion; its docstring says what it is for."""
+    """Register a motion; its docstring becomes the description of the experiment."""
     MAKERS[make.__name__] = make
     return make
 
 
 def _sweep(j: Joints, size: float, first: float, most: float, length: float) -> dict[str, Any]:
-    """Chirp whose fastest part is within the speed of the joints."""
+    """Chirp whose highest frequency respects the velocity limit of the joints."""
     amplitude = size * j.room
     limit = float(np.min(j.speed / (2.0 * math.pi * np.maximum(amplitude, 1e-9))))
     last = max(first, min(most, limit))
@@ -113,7 +113,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _rise(j: Joints, travel: np.ndarray, least: float) -> float:
-    """Time of a step within the speed of the joints [s]; its steepest part is 1.5 times even."""
+    """Duration of a step within the velocity limit [s]; the peak is 1.5 times the mean velocity."""
     return max(least, float(np.max(1.5 * travel / j.speed)))
 
 
@@ -174,18 +174,18 @@ def in_turn(j: Joints) -> tuple[float, dict]:
 
 
 def library(model: Model, notes: list[str] | None = None) -> list[Experiment]:
-    """Experiments for the robot of a model, in a fixed order; effects and overrides are its.
+    """Experiments for the robot of a model, in a fixed order, with its effects and overrides.
 
-    A robot with a free base does the motions hanging in the air, and on the ground the slower
-    ones, its gaits and a drop.
+    A robot with a free base has all motions in the air, and gentler versions of them on the ground,
+    besides its gaits and a drop.
 
     Args:
         model: Robot, overrides and effects.
-        notes: Gets a sentence for each motion that the robot cannot make; without it such a
-            motion is an error.
+        notes: List to which a sentence is appended for each motion that the robot cannot make; if
+            None, such a motion is an error.
 
     Raises:
-        LocoError: A motion is not possible for the robot, and there is nowhere to note it.
+        LocoError: A motion is impossible for the robot, and `notes` is None.
     """
     robot = model.make_robot()
     j = joints_of(robot)
@@ -203,7 +203,7 @@ def library(model: Model, notes: list[str] | None = None) -> list[Experiment]:
 
 
 def _motions(model: Model, name: str, make: Maker, j: Joints, fixed_base: bool) -> list[Experiment]:
-    """A motion of a bolted robot, or the same in the air and on the ground."""
+    """A motion of a fixed-base robot, or its two versions in the air and on the ground."""
     duration, target = make(j)
     description = str(make.__doc__).rstrip(".")
     if fixed_base:
@@ -217,10 +217,10 @@ def _motions(model: Model, name: str, make: Maker, j: Joints, fixed_base: bool) 
 
 
 def _gentle(target: dict[str, Any]) -> dict[str, Any]:
-    """Less than half the size, the first half of the joints against the second, at most 3 Hz.
+    """Motion with 35 % of the amplitude, opposite in both halves of the joints, at most 3 Hz.
 
-    The robot should keep standing: when front and hind legs move against each other its
-    middle stays where it is.
+    The robot should not fall: when front and hind legs move in opposite directions, its centre
+    hardly moves.
     """
     slow = {"end_frequency": min(target["end_frequency"], 3.0)} if "end_frequency" in target else {}
     size = target["amplitude"]
@@ -230,7 +230,7 @@ def _gentle(target: dict[str, Any]) -> dict[str, Any]:
 
 
 def _gaits(model: Model, robot: Robot) -> list[Experiment]:
-    """The robot's gaits, slower and faster than they were searched for."""
+    """The robot's stored gaits, at lower and higher frequencies."""
     found = []
     for name in gait_file.names():
         gait = gait_file.load(name)
@@ -245,7 +245,7 @@ def _gaits(model: Model, robot: Robot) -> list[Experiment]:
 
 
 def _drop(model: Model, robot: Robot, j: Joints) -> list[Experiment]:
-    """Held in its pose and let go a little above the ground."""
+    """A drop from a small height above the ground, in the standing pose."""
     from loco_sim.plant.simulation import Simulation
 
     with Simulation(None, [], 0, 1.0 / robot.control_rate, robot) as sim:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment that would tell most next, of the robot's pool."""
+"""Next experiment: the one of the robot's pool that best discriminates the explanations."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from . import pool, propose
 
 MOST_PROPOSALS = 3  # experiments that are proposed
 HYPOTHESES = 3
-ENOUGH = 1000.0  # odds from which on nothing is left to tell apart
-FEW = 0.5  # evidence that is about none [nat] (taste)
+ENOUGH = 1000.0  # odds above which an explanation is excluded
+FEW = 0.5  # evidence that is negligible [nat] (taste)
 
 
 def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> list[dict[str, Any]]:
-    """Experiments that tell the leading explanations apart, with the odds expected.
+    """Experiments that discriminate the leading explanations, with the expected odds.
 
     Args:
         model: Model before the search.
         case: Model and data.
-        judged: Decision with its evidence; nothing is proposed when it is settled.
-        notes: Gets a sentence for each experiment that is not possible.
+        judged: Decision with its evidence; without two explanations nothing is proposed.
+        notes: List to which a sentence is appended for each impossible experiment.
     """
     leading = hypotheses(judged)
     if judged.decision.verdict == NO_GAP or len(leading) < 2:
@@ -65,10 +65,10 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
 
 
 def hypotheses(judged: Judged, limits: Limits = LIMITS) -> list[Fitted]:
-    """The selected model and what is not excluded beyond doubt, one of each set of names.
+    """The selected model and the rivals that are not excluded, one per set of names.
 
-    None where the model closes next to nothing, and no rival that does: what tells causes of a
-    small part of the gap apart does not tell what most of it is.
+    Models that close almost nothing of the gap are omitted: what discriminates causes of a small
+    part of the gap does not help with its main cause.
     """
     base = judged.base.held.residuals
 
@@ -93,17 +93,17 @@ def _doubt(
     """Change of predictions by one standard error of each parameter, (T, C, P) each.
 
     Args:
-        case: Model and data, which tell the errors.
-        there: The same with the experiments in place of the records.
+        case: Model and data, from which the standard errors are computed.
+        there: The case with the experiments in place of the records.
         model: Fitted model.
         said: Predictions of the model.
-        every: Numbers of the experiments.
+        every: Indices of the experiments.
     """
     known = sensitivities(case, model)[1]
     columns, errors = [], iter(known.errors if known else ())
     for index, (_, x) in enumerate(model.parts):
         for j, error in zip(range(len(x)), errors, strict=False):
-            by = min(float(error), max(1.0, abs(x[j])))  # no further than a typical size
+            by = min(float(error), max(1.0, abs(x[j])))  # at most a typical size
             specs = model.moved(index, [v + by * (k == j) for k, v in enumerate(x)])
             moved = there.predicted(specs, model.overrides, every, there.step_of(specs))
             columns.append([a - b for a, b in zip(moved, said, strict=True)])
@@ -113,10 +113,10 @@ def _doubt(
 
 
 def _worth(judged: Judged, leading: list[Fitted], tau: float) -> float:
-    """Evidence that the recordings gave over what they promised by the same count, at most 1.
+    """Ratio of the evidence that the recordings gave to what was expected of them, at most 1.
 
-    Of the rivals that are to be told apart. What no model explains makes every promise too large,
-    in an experiment as in the recordings.
+    For the rivals to be discriminated. The part of the gap that no model explains makes every
+    expectation too large, for an experiment as for the recordings.
     """
     over, shares = {model.key: each for model, each in judged.rivals}, []
     for rival in leading:
@@ -130,7 +130,7 @@ def _worth(judged: Judged, leading: list[Fitted], tau: float) -> float:
 
 
 def _floors(case: Case, forward: Forward, best: Fitted) -> np.ndarray:
-    """Floor times what the best model leaves, for the channels of a pool's records, (C,)."""
+    """Floor times residual scale of the best model, for the channels of an experiment, (C,)."""
     known = {
         (c.signal, c.name): case.floor[i] * best.held.scale[i]
         for i, c in enumerate(case.forward.channels)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pool of experiments to choose the next one from, and what a model says in them."""
+"""Pool of experiments from which the next is chosen, and their simulation."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..prediction import running
 from ..recordings.record import Record, bridged
 from .excitation import joints_of, library
 
-SAME = 0.98  # cosine from which on two motions are the same: noise and smoothing are less (taste)
-SHRINK, TRIES = 0.7, 6  # of a motion that is beyond a limit
+SAME = 0.98  # cosine above which two motions are the same; noise and smoothing are less (taste)
+SHRINK, TRIES = 0.7, 6  # scaling of a motion that violates a limit, and number of attempts
 
 
 def pool(model: Model, notes: list[str] | None = None) -> list[Experiment]:
@@ -31,15 +31,15 @@ def pool(model: Model, notes: list[str] | None = None) -> list[Experiment]:
 def alike(
     model: Model, experiments: Sequence[Experiment], robots: Sequence[Robot]
 ) -> list[Experiment]:
-    """Those in which the robot is bolted, or free, as in some recording; else all.
+    """Experiments with the base fixed or free as in some recording; all if there is none.
 
-    On the ground contacts join in, of which recordings on a stand say nothing: what the model
-    lacks there would be a gap of its own.
+    Recordings on a stand contain no contacts: a wrong contact model would appear as a gap of its
+    own on the ground.
 
     Args:
         model: Model before the search.
         experiments: Experiments to choose from.
-        robots: Robots as they were held in the recordings.
+        robots: Robots with the base fixed or free as in the recordings.
     """
     ways = {robot.fixed_base for robot in robots}
     found = [e for e in experiments if _with(model, e).plant.fixed_base in ways]
@@ -47,10 +47,10 @@ def alike(
 
 
 def same_motion(experiment: Record, given: Record) -> bool:
-    """Whether a recording holds the motion that an experiment commands, at any time.
+    """True if a recording contains the commanded motion of an experiment, at any time.
 
-    What robots that are led along their motion were told is not there: where no kind of command is
-    common, measured positions are compared.
+    If the two have no kind of command in common, as with inverse dynamics, measured positions are
+    compared.
     """
     kinds = [kind for kind in experiment.command if kind in given.command]
     if kinds:
@@ -68,14 +68,14 @@ def same_motion(experiment: Record, given: Record) -> bool:
 
 
 def _even(t: np.ndarray, values: np.ndarray, dt: float) -> np.ndarray:
-    """Columns on an even axis, without their means, (S, n)."""
+    """Columns on an evenly spaced time axis, minus their means, (S, n)."""
     axis = np.arange(t[0], t[-1] + 0.5 * dt, dt)
     found = np.column_stack([np.interp(axis, t, column) for column in values.T])
     return found - found.mean(axis=0)
 
 
 def _likeness(short: np.ndarray, long: np.ndarray) -> float:
-    """Largest cosine of a motion with a part of a longer one, both (S, n)."""
+    """Largest cosine of a motion and a part of a longer one, both (S, n)."""
     pairs = list(zip(short.T, long.T, strict=True))
     product = sum(correlate(b, a, mode="valid", method="fft") for a, b in pairs)
     ones = np.ones(len(short))
@@ -88,7 +88,7 @@ def choose(experiments: Sequence[Experiment], name: str) -> Experiment:
     """An experiment by its name.
 
     Raises:
-        NameUnknownError: It is not in the pool.
+        NameUnknownError: The pool has no experiment of this name.
     """
     for experiment in experiments:
         if experiment.name == name:
@@ -99,16 +99,16 @@ def choose(experiments: Sequence[Experiment], name: str) -> Experiment:
 def records(
     model: Model, experiments: Sequence[Experiment], notes: list[str] | None = None
 ) -> list[Record]:
-    """Readings of the model's sensors in each experiment, as if they had been measured.
+    """Simulated sensor readings of the model in each experiment, as records.
 
     Args:
-        model: Model that runs them.
-        experiments: Experiments to run.
-        notes: Gets a sentence for each experiment that the model cannot run, which is left out;
-            without it that is an error.
+        model: Model to simulate.
+        experiments: Experiments to simulate.
+        notes: List to which a sentence is appended for each experiment that the model cannot run
+            and that is left out; if None, that is an error.
 
     Raises:
-        LocoError: The model cannot run an experiment, and there is nowhere to note it.
+        LocoError: The model cannot run an experiment, and `notes` is None.
     """
     found = []
     for experiment in experiments:
@@ -122,9 +122,9 @@ def records(
 
 
 def _with(model: Model, experiment: Experiment) -> Experiment:
-    """The experiment with a model's effects, and its values under those of the experiment.
+    """The experiment with the effects and values of a model; its own values have priority.
 
-    Its control period is a whole number of physics steps, as in a search, whatever the rates.
+    The control period is a whole number of physics steps, as in a search, for any rates.
     """
     made = experiment.replace(
         overrides={**model.overrides, **experiment.overrides},
@@ -135,7 +135,7 @@ def _with(model: Model, experiment: Experiment) -> Experiment:
 
 
 def record_of(log: Log, name: str = "") -> Record:
-    """A run as a `Record`: commands, joints and IMU."""
+    """A simulation log as a `Record`: commands, joints and IMU."""
     robot = log.experiment.plant
     driven = tuple(robot.joints[i] for i in robot.driven)
     torque = not np.isfinite(joints_of(robot).speed).any()
@@ -151,7 +151,7 @@ def record_of(log: Log, name: str = "") -> Record:
 
 
 def beyond(log: Log) -> str:
-    """The first limit of the robot that a run does not keep, in words; empty if it keeps all."""
+    """The first limit of the robot that a simulation violates, in words; empty if there is none."""
     from loco_sim.robot.description import Description
 
     from .excitation import velocities
@@ -167,17 +167,17 @@ def beyond(log: Log) -> str:
             return f"{name} reaches its stop"
         if np.abs(log.dq[:, i]).max() > fastest.get(name, np.inf):
             return f"{name} is faster than {fastest[name]:g} rad/s"
-        geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # limits its motor
+        geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # motor is limited
         if not geared and np.abs(log.tau[:, i]).max() > 0.98 * robot.effort[i]:
             return f"{name} meets its torque limit"
     return ""
 
 
 def within_limits(experiment: Experiment) -> Experiment:
-    """The experiment, its motion made smaller until the model keeps within the robot's limits.
+    """The experiment with its motion scaled down until the model respects the robot's limits.
 
     Raises:
-        ParameterError: The smallest one does not.
+        ParameterError: The smallest motion violates a limit.
     """
     why = ""
     for _ in range(TRIES):

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Choice of the experiment that would tell the leading hypotheses apart.
+"""Choice of the experiment that best discriminates the leading hypotheses.
 
-Expected evidence of hypothesis i over j: half the squared distance of their whitened
-predictions, after each may use what is uncertain in its parameters (Box and Hill 1967;
-without uncertainty the criterion of Hunter and Reiner 1965). An experiment is worth what
-it brings to whichever hypothesis turns out true, against the rival nearest to it.
+Expected evidence of hypothesis i over j: half the squared distance of their whitened predictions,
+after each was adapted within the uncertainty of its parameters (Box and Hill 1967; without
+uncertainty the criterion of Hunter and Reiner 1965). The value of an experiment is the expected
+evidence for the true hypothesis against its closest rival, averaged over the hypotheses.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ..statistics import evidence
 
 @dataclass(frozen=True)
 class Proposal:
-    """An experiment and what it would bring.
+    """An experiment and its expected result.
 
     Attributes:
         experiment: Name of the experiment.
-        separates: The leading hypothesis and the rival that it would be hardest to tell from.
-        odds: Expected between these two after the experiment, whichever of them is true.
-        value: Expected logarithm of the odds of the truth against its nearest rival [nat].
+        separates: The leading hypothesis and the rival that is hardest to distinguish from it.
+        odds: Expected odds between these two after the experiment, whichever is true.
+        value: Expected log odds of the true hypothesis against its closest rival [nat].
     """
 
     experiment: str
@@ -44,17 +44,17 @@ def rank(
     tau: float = 1.0,
     worth: float = 1.0,
 ) -> list[Proposal]:
-    """Experiments by what they would bring, the best first.
+    """Experiments ordered by their expected value, the best first.
 
     Args:
         predictions: Per experiment one (T, C) array for each hypothesis; NaN = not compared.
         names: Names of the hypotheses, two or more.
-        floor: Noise floor of each channel, times what the best model leaves, (C,).
-        probabilities: Probability of each hypothesis now; None is all the same.
+        floor: Noise floor of each channel, times the residual scale of the best model, (C,).
+        probabilities: Current probability of each hypothesis; None is uniform.
         sensitivities: Per experiment and hypothesis (T, C, P): change of the prediction for one
             standard error of each parameter.
-        tau: Correlation of the residual to expect [samples].
-        worth: Share of the expected evidence that recordings gave so far.
+        tau: Correlation time of the expected residual [samples].
+        worth: Share of the expected evidence that the recordings gave so far.
     """
     p = np.ones(len(names)) if probabilities is None else np.asarray(probabilities, dtype=float)
     p = p / p.sum()
@@ -83,14 +83,14 @@ def expected(
     columns: np.ndarray | None = None,
     tau: float = 1.0,
 ) -> float:
-    """Evidence to expect between two predictions [nat], half their squared distance.
+    """Expected evidence between two predictions [nat], half their squared distance.
 
     Args:
         a: (T, C) [floors].
         b: (T, C) [floors].
-        columns: (T, C, P), effect of one standard error of every uncertain parameter [floors]:
-            a difference that these can make counts less.
-        tau: Correlation of the residual to expect [samples].
+        columns: (T, C, P), sensitivity to one standard error of every uncertain parameter [floors]:
+            a difference in their span counts less.
+        tau: Correlation time of the expected residual [samples].
     """
     known = np.isfinite(a) & np.isfinite(b)
     z = (a - b)[known] / math.sqrt(tau)
