@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the physics engines, and which of them is the default; loads nothing else."""
+"""Names of the physics engines and the default engine; imports no engine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from loco_control.exceptions import ParameterError
 ENGINES = ("pybullet", "mujoco")
 
 
-@functools.cache  # looking for a package takes longer than making parameters
+@functools.cache  # cached: searching for a package is slow
 def installed() -> tuple[str, ...]:
     """Names of the engines that are installed, in the order of `ENGINES`."""
     return tuple(name for name in ENGINES if importlib.util.find_spec(name))
@@ -28,9 +28,9 @@ def require(engine: str) -> None:
 
 
 def default_engine() -> str:
-    """Engine of robots and experiments that name none.
+    """Default engine of robots and experiments.
 
-    It is what the environment variable ``LOCO_ENGINE`` says (`loco … --engine` sets it), else
-    PyBullet where it is installed, else MuJoCo.
+    The value of the environment variable ``LOCO_ENGINE`` (set by `loco … --engine`), else PyBullet
+    if it is installed, else MuJoCo.
     """
     return os.environ.get("LOCO_ENGINE") or (installed() or ENGINES)[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rotations and sums in plain floats: for one quaternion several times faster than arrays.
+"""Rotations and sums in plain floats, several times faster than arrays for single quaternions.
 
 Quaternions are x y z w and turn vectors of the base frame into the world frame.
 """
@@ -14,16 +14,16 @@ from typing import Any
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Rotation = tuple[float, float, float, float, float, float, float, float, float]  # by rows
+Rotation = tuple[float, float, float, float, float, float, float, float, float]  # row by row
 
 
 def added(values: Iterable[float]) -> float:
-    """Sum of numbers, added one after the other: `sum` rounds otherwise since Python 3.12."""
+    """Sum of numbers in sequential order; `sum` rounds differently since Python 3.12."""
     return reduce(add, values, 0.0)
 
 
 def multiply(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """Quaternion product a b: first turn by b, then by a."""
+    """Quaternion product a b: rotation by b, then by a."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -45,21 +45,21 @@ def rotation_matrix(quaternion: Sequence[float]) -> Rotation:
 
 
 def rotate(matrix: Rotation, v: Sequence[float]) -> Triple:
-    """R v: a vector of the base frame in the world frame."""
+    """R v: a vector of the base frame, expressed in the world frame."""
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = v
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def rotate_back(matrix: Rotation, v: Sequence[float]) -> Triple:
-    """Rᵀ v: a vector of the world frame in the base frame."""
+    """Rᵀ v: a vector of the world frame, expressed in the base frame."""
     a, b, c, d, e, f, g, h, i = matrix
     x, y, z = v
     return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
 def seen_from(turn: Sequence[float], base: Any) -> Any:
-    """State of a base (`world.Base`) in a world that is turned: attitude and velocities."""
+    """State of a base (`world.Base`), attitude and velocities rotated by a quaternion."""
     matrix = rotation_matrix(turn)
     return base._replace(
         orientation=multiply(turn, base.orientation),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Modules that are loaded when something in them is used, and not before.
+"""Lazy loading of modules at their first use.
 
-Compiled kernels cost a second to import. Whoever only reads an experiment or prints a
-list never calls one.
+Importing compiled kernels takes a second. Commands that only read an experiment or print a
+list do not need them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from types import ModuleType
 
 
 def module(name: str) -> ModuleType:
-    """A module that loads itself at the first use; the module itself if it is loaded.
+    """A module that is loaded at its first use; the module itself if it is already loaded.
 
     Args:
         name: Full name, e.g. ``loco_sim.effects.reading_laws``.

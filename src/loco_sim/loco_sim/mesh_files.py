@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files that a URDF means by the names of its meshes."""
+"""Resolution of the mesh file names in a URDF to existing files."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-NEAR = 2  # folders above a URDF in which a mesh without a package is looked for
+NEAR = 2  # levels above a URDF's folder that are searched for a mesh whose package is unknown
 
 
 def mesh_path(filename: str, folder: Path) -> Path | None:
-    """File that a URDF means by the name of a mesh, None if there is none.
+    """File of a mesh named in a URDF; None if it does not exist.
 
-    ``package://NAME/REST`` is looked for in the folders of ``AMENT_PREFIX_PATH`` and
-    ``ROS_PACKAGE_PATH``, then in and above the folder of the URDF. What is nowhere there is looked
-    for near the URDF by the end of its path: files are copied without their package.
+    ``package://NAME/REST`` is searched in the folders of ``AMENT_PREFIX_PATH`` and
+    ``ROS_PACKAGE_PATH``, then in and above the folder of the URDF. If it is not found there, the
+    end of its path is searched near the URDF, for files copied without their package.
 
     Args:
         filename: Name of the file in the URDF: a path, ``file://`` or ``package://``.
@@ -40,14 +40,14 @@ def _in_packages(rest: str, folder: Path) -> Iterator[Path]:
     places += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     above = [folder.resolve(), *folder.resolve().parents]
     yield from (place / rest for place in (*places, *above))
-    for place in above:  # the clone of a package need not be named like it
+    for place in above:  # the folder of a package may have another name than the package
         if (place / "package.xml").is_file():
             yield place / inside
     yield folder / inside
 
 
 def _nearby(parts: list[str], folder: Path) -> Iterator[Path]:
-    """Files with the same end of path up to two folders above; with the name alone only beside."""
+    """Files with the same end of path, up to two folders above; a bare name only beside."""
     around = [folder.resolve(), *folder.resolve().parents][: NEAR + 1]
     for k in range(len(parts) - 1):
         yield from (place.joinpath(*parts[k:]) for place in around)
@@ -56,7 +56,7 @@ def _nearby(parts: list[str], folder: Path) -> Iterator[Path]:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that no file can have is that of none."""
+    """Whether a file exists; False for names that no file can have."""
     try:
         return path.is_file()
     except OSError:
@@ -64,12 +64,12 @@ def _is_file(path: Path) -> bool:
 
 
 def is_pointer(path: Path) -> bool:
-    """Whether Git LFS has left a few lines of text where the file should be."""
+    """Whether the file is a Git LFS pointer instead of the content."""
     return path.stat().st_size < 1024 and b"git-lfs" in path.read_bytes()[:64]
 
 
 def whole_stl(path: Path) -> bool:
-    """A binary STL has as many triangles as it says; the engine reads on beyond its end."""
+    """Whether a binary STL has as many triangles as it states; the engine reads beyond its end."""
     data = path.read_bytes()
     if data[:5] == b"solid" and b"facet" in data[:1000]:
         return b"endsolid" in data[-1000:]

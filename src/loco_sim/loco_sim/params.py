@@ -89,7 +89,7 @@ class TickParams(Params):
     leave: bool = parameter(
         False, "the plant's process ends a second after its run, for who watches processes only"
     )
-    # Shared memory of Fast DDS holds 512 messages and 512 KiB per process, and a tick of
+    # Shared memory of Fast DDS has 512 messages and 512 KiB per process, and a tick of
     # all nodes in one process is 10 messages and 4.3 KiB. Robots that share a recorder share
     # its 512: `loco run` gives each a part of the window.
     flow_window: int = parameter(

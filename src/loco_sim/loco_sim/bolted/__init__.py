@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot on a bolted base that touches nothing, in one compiled loop without the engine."""
+"""Compiled simulation, without an engine, of a robot with fixed base and without contacts."""

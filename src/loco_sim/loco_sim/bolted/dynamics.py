@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of a bolted tree of links: mass matrix, bias forces, and one step in time.
+"""Dynamics of a fixed-base tree of links: mass matrix, bias forces and one integration step.
 
-Recursive Newton-Euler and composite bodies in the axes of the world (Featherstone 2008,
-Rigid body dynamics algorithms, chapters 5 and 6); semi-implicit Euler, stops and brakes as
-impulses, like the engine's.
+Recursive Newton-Euler and composite rigid bodies in world axes (Featherstone 2008, Rigid body
+dynamics algorithms, chapters 5 and 6); semi-implicit Euler, with joint stops and brakes as
+impulses, as in PyBullet.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from numba import njit
 
 from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
 
-STOP_SHARE = 0.2  # of the way beyond a stop that is given back per step, as the engine does
-STOP_DEPTH = 0.04  # but nothing of a way that is longer [rad or m]
-SWEEPS = 50  # of the impulses, at most
-SETTLED = 1e-5  # they end when no joint's velocity changes by more, as the engine's [rad/s]
+STOP_SHARE = 0.2  # share of the penetration of a stop that is corrected per step, as in PyBullet
+STOP_DEPTH = 0.04  # deeper penetrations are not corrected [rad or m]
+SWEEPS = 50  # largest number of iterations over the impulses
+SETTLED = 1e-5  # velocity change below which the iterations end, as in PyBullet [rad/s]
 
 
-# What is known of a link, a row of `workshop`: where it is, how it moves (accelerations with
-# gravity), then what it takes to move it and all that hangs on it.
+# Columns of the link array of `workshop`: pose, velocities and accelerations (including gravity),
+# then force, moment and inertia of the link with all links outwards of it.
 AT, ALONG, SPIN, SPIN_RATE, RATE, ROT = 0, 3, 6, 9, 12, 15
 FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = 24, 27, 30, 33, 42, 43
 
 ZERO = (0.0, 0.0, 0.0)
 EYE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
-# Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers. Views of arrays
-# are counted in and out at each use, which took longer than the arithmetic.
+# Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers. Reference counting
+# of array views took longer than the arithmetic.
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,7 +49,7 @@ def matrix(a, i, k=0):
 
 @njit(cache=True, error_model="numpy")
 def put(a, i, k, values):
-    """Put a vector or matrix into row i of an array, from column k."""
+    """Write a vector or matrix into row i of an array, from column k."""
     for r in range(len(values)):
         a[i, k + r] = values[r]
 
@@ -68,7 +68,7 @@ def cross(a, b):
 
 @njit(cache=True, error_model="numpy")
 def along_by(a, b, by):
-    """Vector a + by b."""
+    """Vector a + by * b, with the scalar `by`."""
     return a[0] + by * b[0], a[1] + by * b[1], a[2] + by * b[2]
 
 
@@ -80,7 +80,7 @@ def applied(m, v):
 
 @njit(cache=True, error_model="numpy")
 def transposed(m):
-    """Matrix, rows for columns."""
+    """Transposed matrix."""
     return m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]
 
 
@@ -94,7 +94,7 @@ def product(a, b):
 
 @njit(cache=True, error_model="numpy")
 def turn_about(axis, angle):
-    """Rotation about a unit axis."""
+    """Rotation matrix about a unit axis by an angle [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = axis
     v = 1.0 - c
@@ -107,11 +107,11 @@ def turn_about(axis, angle):
 
 @njit(cache=True, error_model="numpy")
 def workshop(n):
-    """Arrays that `advance` works in, for n joints; making them takes longer than a step.
+    """Work arrays of `advance` for n joints, allocated once.
 
-    Links; mass matrix; velocities after an impulse of 1 on a joint, a row each, and after them
-    accelerations, which are seen by themselves as well; impulses by stops, then by brakes, and
-    which of them act.
+    Links, (n, WIDTH); mass matrix, (n, n); velocity responses to a unit impulse on each joint and
+    the accelerations in the last row, (n + 1, n); a view of that row; impulses of stops, then of
+    brakes, (2 n,); indices of the active ones, (2 n,).
     """
     rows = np.empty((n + 1, n))
     given, acting = np.empty(2 * n), np.empty(2 * n, dtype=np.int64)
@@ -120,16 +120,16 @@ def workshop(n):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def dynamics(tree, gravity, q, dq, links, mass_matrix, bias):
-    """Mass matrix, (n, n), and torque that keeps all accelerations zero, (n,), in place.
+    """Mass matrix, (n, n), and bias torque at zero acceleration, (n,), in place.
 
     Args:
         tree: `tree.Tree`.
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
-        links: First of `workshop`; filled in.
-        mass_matrix: Filled in, but for zeros between branches.
-        bias: Filled in.
+        links: First array of `workshop`; overwritten.
+        mass_matrix: Overwritten, except zeros between branches.
+        bias: Overwritten.
     """
     outwards(tree, gravity, q, dq, links)
     inwards(tree, links, mass_matrix, bias)
@@ -137,17 +137,17 @@ def dynamics(tree, gravity, q, dq, links, mass_matrix, bias):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def outwards(tree, gravity, q, dq, links):
-    """From the base outwards: where links are, and what it takes to move them as they do.
+    """Pass from base to tips: poses, velocities, and link forces at zero joint acceleration.
 
     Args:
         tree: `tree.Tree`.
         gravity: Acceleration of gravity [m/s²], (3,).
         q: Joint positions [rad or m], (n,).
         dq: Joint velocities, (n,).
-        links: Filled in, if no joint accelerates: origin of each link [m], axis of its joint,
-            angular velocity and acceleration, acceleration, rotation to the world, force on
-            it [N], moment [N·m], mass times centre of mass, inertia, and mass; moment to
-            inertia about the world's origin.
+        links: Overwritten: origin of each link [m], axis of its joint, angular velocity and
+            acceleration, acceleration, rotation to the world, force on it [N], moment [N·m],
+            mass times centre of mass, inertia, and mass; moment to inertia are about the
+            world's origin.
     """
     kin, body = tree[0], tree[1]
     for i in range(len(kin)):
@@ -201,21 +201,21 @@ def outwards(tree, gravity, q, dq, links):
 
 @njit(cache=True, error_model="numpy")
 def carried(arm, spin, spin_rate, rate):
-    """Acceleration of a point that is `arm` away on a body."""
+    """Acceleration of the point at `arm` [m] from the origin of a rotating body [m/s²]."""
     x, y = cross(spin_rate, arm), cross(spin, cross(spin, arm))
     return rate[0] + x[0] + y[0], rate[1] + x[1] + y[1], rate[2] + x[2] + y[2]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def inwards(tree, links, mass_matrix, bias):
-    """From the tips inwards: what each joint carries; arguments as of `dynamics`."""
+    """Pass from tips to base: bias torques and mass matrix; arguments as in `dynamics`."""
     kin = tree[0]
     for i in range(len(kin) - 1, -1, -1):
         at, along, first = vector(links, i, AT), vector(links, i, ALONG), vector(links, i, FIRST)
         force = vector(links, i, FORCE)
         bias[i] = lever(kin[i, 1], at, along, force, vector(links, i, MOMENT))
         m = links[i, WEIGHT]
-        if kin[i, 1]:  # momentum of what a joint moves with speed 1
+        if kin[i, 1]:  # momentum of the links moved by the joint at unit speed
             push, spun = (m * along[0], m * along[1], m * along[2]), cross(first, along)
         else:
             arm = cross(at, along)  # velocity of the point at the world's origin
@@ -239,7 +239,7 @@ def inwards(tree, links, mass_matrix, bias):
 
 @njit(cache=True, error_model="numpy")
 def lever(slides, at, along, force, moment):
-    """Torque at a joint, of a force and a moment about the world's origin."""
+    """Torque (force if sliding) at a joint from a force and a moment about the world's origin."""
     if slides:
         return dot(along, force)
     return dot(along, along_by(moment, cross(at, force), -1.0))
@@ -265,7 +265,7 @@ def factorise(kin, matrix):
 
 @njit(cache=True, error_model="numpy")
 def solve(kin, factor, rows, k):
-    """Solve M x = x in place in row k, with M from `factorise`."""
+    """Solve M y = x for row k of `rows`, in place, with the factors of M from `factorise`."""
     n = len(kin)
     for i in range(n - 1, -1, -1):
         rows[k, i] /= factor[i, i]
@@ -283,11 +283,11 @@ def solve(kin, factor, rows, k):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def pulled(tree, links, pulls, step, x):
-    """Take what forces from outside do at the joints from torques, in place.
+    """Subtract the joint torques of external forces from `x`, in place.
 
     Args:
         tree: `tree.Tree`.
-        links: After `outwards`.
+        links: Link array from `outwards`.
         pulls: `effects.pulls.Pulls`.
         step: Number of the physics step.
         x: Torques [N·m], (n,).
@@ -313,19 +313,19 @@ def pulled(tree, links, pulls, step, x):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
-    """One step in time, in place.
+    """One integration step of positions and velocities, in place.
 
     Args:
         tree: `tree.Tree`.
         gravity: Acceleration of gravity [m/s²], (3,).
         tau: Joint torques [N·m], (n,).
-        brake: Torque that is there to stop each joint [N·m], (n,), >= 0.
+        brake: Available braking torque of each joint [N·m], (n,), >= 0.
         pulls: `effects.pulls.Pulls`.
         step: Number of this step.
         q: Joint positions, (n,).
         dq: Joint velocities, (n,).
         dt: Step [s].
-        room: Arrays to work in, from `workshop`.
+        room: Work arrays from `workshop`.
     """
     kin, body, fastest = tree
     links, factor, rows, x, given, acting = room
@@ -348,10 +348,11 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
 
 @njit(cache=True, error_model="numpy")
 def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
-    """Impulses of stops and brakes, by sweeps to and fro; arguments as of `advance` and `workshop`.
+    """Impulses of joint stops and brakes; arguments as in `advance` and `workshop`.
 
-    A brake may work against a stop, and light legs feel what is left over when the sweeps
-    end: so order and end are those of the engine.
+    They are solved by projected Gauss-Seidel sweeps in alternating order. Brakes may oppose stops,
+    and the error at the end of the sweeps affects light legs; so the order of the sweeps and their
+    termination are those of PyBullet.
     """
     n = len(kin)
     count = 0
@@ -387,12 +388,12 @@ def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
 
 @njit(cache=True, error_model="numpy")
 def given_back(way, dt):
-    """Speed with which a stop pushes a joint back that is beyond it [rad/s or m/s]."""
+    """Speed that corrects the penetration `way` of a stop [rad/s or m/s]."""
     return STOP_SHARE * way / dt if abs(way) < STOP_DEPTH else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def shove(answer, i, impulse, dq):
-    """Add what an impulse on joint i does to the velocities."""
+    """Add the effect of an impulse on joint i to the velocities."""
     for j in range(len(dq)):
         dq[j] += impulse * answer[i, j]

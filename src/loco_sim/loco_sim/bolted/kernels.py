@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of `bolted.Bolted`, compiled: drives, springs, laws of effects and motion."""
+"""Compiled loop of `loop.Bolted`: drives, springs, laws of effects and dynamics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "db045b778aea"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "e3fc29a8002f"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,31 +37,31 @@ def run(
     out,
     memories,
 ):
-    """Run along commands, in pieces that each begin anew, until states are no longer finite.
+    """Simulate pieces of a command sequence, each from its own initial state, until one diverges.
 
     Args:
         tree: `tree.Tree` of n joints.
         order: Index among the robot's joints of each joint of the tree, (n,).
         gravity: Acceleration of gravity [m/s²], (3,).
         pieces: First row of each piece and the row after its last, (w, 2).
-        starts: Positions and velocities at the start of each, in the robot's order, (w, 2, n).
+        starts: Initial positions and velocities of each piece, in the robot's order, (w, 2, n).
         targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
         which: Row of `targets` for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).
-        drives: Drives as `actuators.drive_torques` takes them, (n, COLUMNS).
-        springs: Springs as `actuators.drive_torques` takes them, (n, 7).
-        rotors: Rotors as `actuators.drive_torques` takes them, (n, MEMORY);
+        drives: Drives as in `actuators.drive_torques`, (n, COLUMNS).
+        springs: Springs as in `actuators.add_springs`, (n, 7).
+        rotors: State of the drives as in `actuators.drive_torques`, (n, MEMORY);
             changed.
         change: `effects.rows.Laws` of the effects on torques.
-        brakes: The same of the effects that brake.
+        brakes: `effects.rows.Laws` of the friction effects.
         pulls: `effects.pulls.Pulls`.
         slow: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
         dt: Physics step [s].
-        out: Filled in: positions, velocities and mean torques before each row, (T, 3, n).
-        memories: Filled in: memory of the effects before each row, (T, rows, MEMORY), or empty.
+        out: Result: positions, velocities and mean torques before each row, (T, 3, n).
+        memories: Result: memory of the effects before each row, (T, rows, MEMORY), or empty.
     """
     memory, line, n = change[3], change[4], out.shape[2]
-    q, dq = np.empty(n), np.empty(n)  # of the tree
+    q, dq = np.empty(n), np.empty(n)  # in the order of the tree
     for w in range(len(pieces)):
         for i in range(n):
             q[i], dq[i] = starts[w, 0, order[i]], starts[w, 1, order[i]]
@@ -98,14 +98,14 @@ def follow(
     out,
     memories,
 ):
-    """Run one piece; arguments as of `run`, `q` and `dq` those of the tree, changed."""
+    """Simulate one piece; arguments as in `run`, `q` and `dq` in the order of the tree, changed."""
     plan, joint, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
     n = len(q)
     steps = len(which) // out.shape[0]
     known, mean = np.empty(2 * n), np.zeros(n)
     command, budget, tau, given = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n), np.empty(n)
-    push, motor = np.empty(n), np.zeros(n)  # of the tree
+    push, motor = np.empty(n), np.zeros(n)  # in the order of the tree
     step, braked, weakened = first * steps, len(brake_plan) > 0, False
     rows = drives.copy()
     for k in range(len(plan)):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limbs of a bolted robot, each run by itself, and once.
+"""Cache of simulated limbs of a fixed-base robot.
 
-Legs on a trunk that cannot move feel nothing of each other. A search changes one of them at a
-time and asks what all do, so what a limb did under the same orders before is kept.
+Legs on a fixed trunk are dynamically independent. A search changes one leg at a time and needs
+the motion of all, so the motion of a limb is cached by its inputs.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ..effects.rows import Laws
 from .kernels import run
 from .tree import Tree
 
-MOST = 2**25  # size of all that is kept [bytes]
+MOST = 2**25  # size of the cache [bytes]
 
 
 class Orders(NamedTuple):
-    """Arguments of `kernels.run` in its order, but for those that it fills in."""
+    """Input arguments of `kernels.run`, in its order."""
 
     tree: Tree
     order: np.ndarray
@@ -43,7 +43,7 @@ class Orders(NamedTuple):
     dt: float
 
     def of(self, limb: np.ndarray) -> Orders:
-        """Orders for some joints of the tree, as for a robot that has no others, in that order."""
+        """Inputs restricted to some joints of the tree, in the order of `limb`."""
         joints, bodies = self.order[limb], _numbered(limb, len(self.order))
         kin = self.tree.kin[limb]
         kin[:, 0] = bodies[kin[:, 0]]
@@ -62,7 +62,7 @@ class Orders(NamedTuple):
         )
 
     def digest(self) -> bytes:
-        """Tells orders apart. Memory and delay lines are left out: a run begins with zeros."""
+        """Hash of the inputs without memory and delay lines, which are zero at the start."""
         told = (*self, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
         arrays = [values for values in told if isinstance(values, np.ndarray)]
         plain = self.tree.fastest, self.dt, [values.shape for values in arrays]
@@ -71,7 +71,7 @@ class Orders(NamedTuple):
 
 
 def limbs(kin: np.ndarray) -> list[np.ndarray]:
-    """Indices of the joints that hang on each other, from the base outwards; `Tree.kin`."""
+    """Joint indices of each limb (branch of the tree at the base), outwards, from `Tree.kin`."""
     root = np.arange(len(kin))
     for i, before in enumerate(kin[:, 0]):
         if before >= 0:
@@ -80,30 +80,30 @@ def limbs(kin: np.ndarray) -> list[np.ndarray]:
 
 
 class Kept:
-    """Keeps how limbs moved under their orders, and drops what was not used for longest.
+    """Least-recently-used cache of the motion of limbs by their inputs.
 
     Attributes:
-        asked: Number of limbs that were asked for.
-        known: Number of these that were known.
+        asked: Number of limbs requested.
+        known: Number of requested limbs found in the cache.
     """
 
     def __init__(self, most: int = MOST):
-        """Keep so many bytes."""
+        """Empty cache of at most `most` bytes."""
         self._most = most
         self.forget()
 
     def forget(self) -> None:
-        """Keep nothing of what was so far."""
+        """Clear the cache and its counters."""
         self._runs: OrderedDict[bytes, np.ndarray] = OrderedDict()
         self._size = self.asked = self.known = 0
 
     def run(self, orders: Orders, apart: Sequence[np.ndarray], out: np.ndarray) -> None:
-        """Run a robot as `kernels.run` does, but for limbs that did the same before.
+        """Simulate a robot as `kernels.run` does, with cached limbs taken from the cache.
 
         Args:
-            orders: Orders; no law joins limbs, and nothing asks for what effects remember.
-            apart: Limbs, as `limbs` gives them.
-            out: Filled in, (T, 3, n).
+            orders: Inputs; no law couples limbs, and the memory of effects is not requested.
+            apart: Limbs, from `limbs`.
+            out: Result, (T, 3, n).
         """
         keys = [orders.of(limb).digest() for limb in apart]
         new = [k for k, key in enumerate(keys) if key not in self._runs]
@@ -120,14 +120,14 @@ class Kept:
         out[:, :, orders.order[joints]] = made
         for first, stop in orders.pieces:
             lost = np.isnan(made[first:stop, 0]).any(axis=1)
-            if lost.any():  # nothing is known of the robot, nor of limbs that were run with it
+            if lost.any():  # a diverged limb invalidates all limbs of this run
                 out[first + np.argmax(lost) : stop] = np.nan
                 new = []
         for k in new:
             self._keep(keys[k], out[:, :, orders.order[apart[k]]])
 
     def _keep(self, key: bytes, made: np.ndarray) -> None:
-        if key in self._runs:  # two limbs of one run that are the same
+        if key in self._runs:  # two limbs of one run are identical
             return
         self._runs[key] = made
         self._size += made.nbytes
@@ -135,11 +135,11 @@ class Kept:
             self._size -= self._runs.popitem(last=False)[1].nbytes
 
 
-KEPT = Kept()  # of this process
+KEPT = Kept()  # cache of this process
 
 
 def _numbered(chosen: np.ndarray, n: int) -> np.ndarray:
-    """New number of each index, -1 of those that are not chosen and of -1 itself, (n + 1,)."""
+    """New index of each old index, (n + 1,); -1 for indices not chosen and for -1 itself."""
     numbers = np.full(n + 1, -1)
     numbers[chosen] = np.arange(len(chosen))
     return numbers
@@ -150,7 +150,7 @@ def _columns(values: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 
 def _laws(laws: Laws, numbers: np.ndarray) -> Laws:
-    """Laws of some joints, with the rows of others left out."""
+    """Laws restricted to some joints."""
     plan, mine = laws.plan.copy(), numbers[laws.joint] >= 0
     row = np.concatenate([[0], np.cumsum(mine)])
     plan[:, 1:3] = row[plan[:, 1:3]]

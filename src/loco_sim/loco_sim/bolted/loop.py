@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bolted robot that touches nothing, run along commands that are known beforehand.
+"""Simulation of a fixed-base robot without contacts for a command sequence known in advance.
 
-Tells what `Simulation` would, many times faster: no engine, one compiled loop. For
-predictions; robots that walk, and experiments with a controller in the loop, need the engine.
+Same results as `Simulation`, many times faster: no engine, one compiled loop. For predictions;
+robots that walk, and experiments with a controller in the loop, need the engine.
 
     plant = Bolted(robot, effects)
     run = plant.run(q_wanted, dq_wanted)
@@ -42,22 +42,22 @@ from . import limbs, tree
 
 
 class Run(NamedTuple):
-    """Readings of the sensors before each command; NaN from where the state is not finite."""
+    """Sensor readings before each command; NaN from the row where the state is not finite."""
 
     q: np.ndarray  # positions [rad or m], (T, n)
     dq: np.ndarray  # velocities, (T, n)
-    tau: np.ndarray  # torques, mean over the period before [N·m or N], (T, n)
+    tau: np.ndarray  # torques, mean over the previous period [N·m or N], (T, n)
 
 
 class Pieces(NamedTuple):
-    """Stretches of a run that begin anew, each from a state of its own."""
+    """Sections of a run, each with its own initial state."""
 
-    rows: np.ndarray  # first row of each piece and the one after its last, (w, 2) of whole numbers
-    starts: np.ndarray  # positions and velocities there, (w, 2, n)
+    rows: np.ndarray  # first row of each piece and the row after its last, (w, 2) integers
+    starts: np.ndarray  # initial positions and velocities, (w, 2, n)
 
 
 class Bolted:
-    """A bolted robot with its drives, sensors and effects.
+    """A fixed-base robot with its drives, sensors and effects.
 
     Attributes:
         robot: The robot simulated.
@@ -72,7 +72,7 @@ class Bolted:
         seed: int = 0,
         dt: float | None = None,
     ):
-        """Prepare; arguments as of `Simulation`.
+        """Prepare a simulation; arguments as in `Simulation`.
 
         Raises:
             ParameterError: The robot or an effect needs the engine: see `needs_engine`; or
@@ -104,15 +104,15 @@ class Bolted:
         self._limbs = limbs.limbs(self._tree.kin)
 
     def _substeps(self) -> int:
-        """Parts of a physics step until damping held over one is harmless: `stability.substeps`.
+        """Number of sub-steps for which explicit damping is stable: `stability.substeps`.
 
-        Here no damping is solved, as with `SimParams.implicit_damping` off.
+        Damping is never implicit here, as with `SimParams.implicit_damping` off.
         """
         robot, dt = self.robot, self.dt / self._steps
         return substeps(robot.damping + self._damping, self.inertia(robot.standing), dt, robot.sim)
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
-        """Inertia that the joints feel [kg·m²], (n, n), in the robot's order."""
+        """Joint-space inertia matrix [kg·m²], (n, n), in the robot's order."""
         n = len(q)
         matrix, bias = np.zeros((n, n)), np.empty(n)
         at = np.asarray(q, dtype=float)[self._order]
@@ -132,20 +132,20 @@ class Bolted:
         ramps: tuple[bool, bool, bool] = (False, False, False),
         swinging: np.ndarray | None = None,
     ) -> Run:
-        """Run along commands, each held for a control period.
+        """Simulate a command sequence, each command held for a control period.
 
         Args:
-            q_wanted: Positions wanted of all joints [rad], (T, n).
-            dq_wanted: Velocities wanted, (T, n); None is none.
-            tau_wanted: Torques wanted, (T, n); None is none.
-            start: Positions and velocities at the start, (n,) each; None is standing at rest.
-            power: Supply and switch of the drives (`Simulation.power`), (T, 2); None is on.
-            pieces: Begin anew at rows, instead of `start`. Time and commands go on, so that
-                effects come and go as in one run; what they remember does not.
-            ramps: Positions, velocities, torques wanted go straight from row to row instead
-                of being held.
+            q_wanted: Desired positions of all joints [rad], (T, n).
+            dq_wanted: Desired velocities [rad/s], (T, n); None for zero.
+            tau_wanted: Feed-forward torques [N·m], (T, n); None for zero.
+            start: Initial positions and velocities, (n,) each; None for the standing pose at rest.
+            power: Supply and switch of the drives (`Simulation.power`), (T, 2); None for on.
+            pieces: Sections with their own initial states, in place of `start`. Time and commands
+                continue, so effects start and stop as in one run; their memory is reset.
+            ramps: Whether desired positions, velocities, torques are interpolated linearly from
+                row to row instead of being held.
             swinging: Above 0 where the leg of a joint swings, which may change its gains,
-                (T, n); None is nowhere.
+                (T, n); None for nowhere.
         """
         rows, n = q_wanted.shape
         none = np.zeros((rows, n))
@@ -188,9 +188,9 @@ class Bolted:
         return self._measured(out, pieces.rows, measures, change, memories)
 
     def _joined(self, brakes: Laws) -> bool:
-        """Limbs do not move apart: they are one, share a cause, or several of them are braked.
+        """Whether limbs are simulated together: one limb, a shared effect, or several braked.
 
-        The sweeps of `dynamics.stop` go on until all brakes are settled.
+        The sweeps of `dynamics.stop` end only when the brakes of all limbs have converged.
         """
         if len(self._limbs) < 2 or any(e.shared and not e.absent() for e in self._effects):
             return True
@@ -198,15 +198,15 @@ class Bolted:
         return sum(braked) > 1
 
     def _chain(self, *hooks: str) -> Laws:
-        """Laws of the effects that have one of some hooks."""
+        """Laws of the effects that override one of the given hooks."""
         there = [e for e in self._effects if not e.absent()]
         acting = [e for e in there if any(overrides(e, hook) for hook in hooks)]
         return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
 
     def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Commands as the drives get them, (k, COMMANDS, n), and which counts in each physics step.
+        """Commands received by the drives, (k, COMMANDS, n), and their index at each physics step.
 
-        What a spring before the joint does to them is left to the loop.
+        The deflection of a series spring is applied in the loop.
         """
         changes, end = [], len(which)
         for first, last, change in commanding(self._effects, self.physics_dt):
@@ -227,7 +227,7 @@ class Bolted:
     def _measured(
         self, out: np.ndarray, pieces: np.ndarray, measures: list, change: Laws, memories: Any
     ) -> Run:
-        """Readings of what happened, (T, 3, n)."""
+        """Sensor readings of a simulated motion `out`, (T, 3, n)."""
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
         for first, stop in pieces if self.robot.sensors else ():
             q[first:stop], dq[first:stop] = self._sensed(q[first:stop])
@@ -253,7 +253,7 @@ class Bolted:
         return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))
 
     def _sensed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities as `Sensors` that are exact form them, (T, n) each."""
+        """Positions and velocities as measured by noise-free `Sensors`, (T, n) each."""
         sensors, q = self.robot.sensors, q.copy()
         for i, joint in enumerate(self.robot.joints):
             if joint in self.robot.hall:
@@ -265,7 +265,7 @@ class Bolted:
 
 
 def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
-    """Why a robot with effects cannot be run without the engine; empty if it can."""
+    """Reason why a robot with effects needs the engine; "" if it does not."""
     if not robot.fixed_base or not robot.equipped or robot.height is None:
         return "it has no drives in its robot.yaml, or is not bolted at a height"
     if robot.sensors and not robot.sensors.exact:
@@ -287,7 +287,7 @@ def _read(description: Description, joints: tuple[str, ...]) -> tuple[Any, ...]:
 
 @lru_cache(maxsize=64)
 def _file(urdf: str, joints: tuple[str, ...]) -> tuple[Any, ...]:
-    """Tree, order, frames and damping of a URDF that no effect changes; not to be changed."""
+    """Tree, order, frames and damping of an unmodified URDF; cached and therefore read-only."""
     return _read(Description(urdf), joints)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The moving links of a bolted robot as arrays, for `tree_kernels`.
+"""The moving links of a fixed-base robot as arrays, for `dynamics`.
 
-Links that are fixed to others become part of them. A joint's frame is that of its child
+Links with fixed joints are merged into their parents. A joint's frame is that of its child
 link at position 0; all vectors of a link are in that frame.
 """
 
@@ -25,53 +25,53 @@ MOVES = ("revolute", "continuous", SLIDES)
 
 
 # Columns of `Tree.body`: vectors have three, matrices nine, by rows.
-PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the link before
-AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # axis of length 1; [kg], [m], about it [kg·m²]
+PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the parent link
+AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # unit axis; [kg]; centre [m]; inertia [kg·m²]
 DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
-ARMATURE = 31  # inertia that the joint alone feels [kg·m²]
+ARMATURE = 31  # inertia of rotor and gear about the joint [kg·m²]
 
-# Joints that a free base has with the world, from there outwards: it slides along the axes of the
-# world, then turns about its own. Its pose is kept in the frames of the first and the fourth, so
-# that these joints are at 0 at every step.
+# Joints between the world and a free base, from the world outwards: three slide along the world
+# axes, three turn about the axes of the base. The pose is stored in the frames of the first and
+# the fourth, so that these joints are at 0 at every step.
 FREE = tuple(f"loco_base_{way}" for way in ("x", "y", "z", "roll", "pitch", "yaw"))
 
 
 class Tree(NamedTuple):
     """Joints from the base outwards, each with the link it moves; n joints.
 
-    In few arrays, as a compiled function takes its time over each that it is given.
+    In few arrays, since each array argument of a compiled function costs time.
     """
 
-    kin: np.ndarray  # index of the joint before it, -1 is the base, and whether it slides, (n, 2)
+    kin: np.ndarray  # index of the parent joint, -1 for the base; 1 if the joint slides, (n, 2)
     body: np.ndarray  # columns as above, (n, 32)
-    fastest: float  # velocities are clipped at this, as by the engine
+    fastest: float  # limit of joint velocities, as in the engine [rad/s or m/s]
 
 
 class Frame(NamedTuple):
-    """The place of a link of the description in the tree."""
+    """Location of a link of the description in the tree."""
 
-    body: int  # joint whose body it is part of, -1 is the base
-    place: np.ndarray  # its origin in the frame of that body [m], (3,)
-    turn: np.ndarray  # rotation into that frame, (3, 3)
+    body: int  # joint of the body that contains the link, -1 for the base
+    place: np.ndarray  # origin of the link in the frame of that body [m], (3,)
+    turn: np.ndarray  # rotation from the link frame to the body frame, (3, 3)
 
 
 def build(
     description: Description, joints: tuple[str, ...], free: bool = False
 ) -> tuple[Tree, np.ndarray, dict[str, Frame]]:
-    """Tree of a robot whose joints are all its moving ones.
+    """Tree of all moving joints of a robot.
 
     Args:
         description: The robot.
         joints: Names of its moving joints.
-        free: The base is not bolted: `FREE` come before the joints.
+        free: Whether the base is free; the joints `FREE` then come first.
 
     Returns:
-        The tree, for each of its joints the index in `joints` and then `FREE`, (n,), and the
+        The tree; for each of its joints the index in `joints` followed by `FREE`, (n,); and the
         frames of all links.
 
     Raises:
-        ParameterError: A moving link has no inertia that a body can have, or another joint
-            moves.
+        ParameterError: The inertia of a moving link is physically impossible, or `joints` is not
+            the set of moving joints.
     """
     walk = _Walk(description, free)
     joints = (*joints, *FREE) if free else joints
@@ -81,7 +81,7 @@ def build(
     order = np.array([joints.index(name) for name in walk.names], dtype=np.int64)
     for name, mass, inertia in zip(walk.names, walk.mass, walk.inertia, strict=True):
         moments = np.linalg.eigvalsh(inertia)
-        if name in FREE[:-1]:  # only the last of them moves a link
+        if name in FREE[:-1]:  # only the last of these joints has a link with mass
             continue
         if not mass > 0.0 or moments[0] <= 0.0 or moments[2] > moments[0] + moments[1] + 1e-9:
             raise ParameterError(f"what joint {name} moves has no inertia that a body can have")
@@ -103,13 +103,13 @@ def build(
 def geared(
     made: Tree, order: np.ndarray, joints: Sequence[str], armature: Mapping[str, float]
 ) -> Tree:
-    """The tree of a bolted robot with rotors on some of its joints.
+    """The tree of a fixed-base robot, with rotor inertia added to some joints.
 
     Args:
         made: Tree of the robot.
         order: Index of each of its joints in `joints`, (n,).
-        joints: Names.
-        armature: Inertia that a joint feels and none before it [kg·m²], by name.
+        joints: Names of the robot's joints.
+        armature: Rotor inertia at the joint [kg·m²], by name.
     """
     body = made.body.copy()
     body[:, ARMATURE] = [armature.get(joints[i], 0.0) for i in order]
@@ -117,14 +117,14 @@ def geared(
 
 
 def _rubbing(description: Description, joint: str) -> tuple[float, float, float]:
-    """Damping of a joint and its limits."""
+    """Viscous damping of a joint, and its lower and upper limit."""
     if joint in FREE:
         return 0.0, -math.inf, math.inf
     return description.damping(joint), *description.limits(joint)
 
 
 class _Walk:
-    """Goes through a description from the root outwards."""
+    """Traversal of a description from the root outwards."""
 
     def __init__(self, description: Description, free: bool):
         self._links = {e.get("name"): e for e in description.elements("link")}
@@ -140,7 +140,7 @@ class _Walk:
         self._visit(description.root_link(), len(self.names) - 1, np.zeros(3), np.eye(3))
 
     def _join(self, name: str, parent: int, slides: bool, frame: tuple, axis: np.ndarray) -> None:
-        """Add a joint that moves nothing yet."""
+        """Append a joint whose body has no mass yet."""
         self.names.append(name)
         self.parent.append(parent)
         self.slides.append(slides)
@@ -152,7 +152,7 @@ class _Walk:
         self.inertia.append(np.zeros((3, 3)))
 
     def _visit(self, link: str, carrier: int, place: np.ndarray, turn: np.ndarray) -> None:
-        """Add a link that is fixed to the link of joint `carrier` there, and what hangs on it."""
+        """Add a link fixed to the body of joint `carrier` at a pose, and its descendants."""
         self.frames[link] = Frame(carrier, place, turn)
         if carrier >= 0:
             self._add(self._links[link], carrier, place, turn)
@@ -170,7 +170,7 @@ class _Walk:
             self._visit(child, len(self.names) - 1, np.zeros(3), np.eye(3))
 
     def _add(self, link: Any, to: int, place: np.ndarray, turn: np.ndarray) -> None:
-        """Make a link part of the body of a joint."""
+        """Merge mass and inertia of a link into the body of a joint."""
         inertial = link.find("inertial")
         if inertial is None:
             return
@@ -194,7 +194,7 @@ class _Walk:
 
 
 def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Place [m], (3,), and rotation, (3, 3), of a URDF origin; None is none."""
+    """Position [m], (3,), and rotation, (3, 3), of a URDF origin; identity for None."""
     if origin is None:
         return np.zeros(3), np.eye(3)
     roll, pitch, yaw = numbers(origin.get("rpy", "0 0 0"))
@@ -210,17 +210,17 @@ def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def numbers(text: str) -> np.ndarray:
-    """Numbers of an attribute, (k,)."""
+    """Numbers of an XML attribute, (k,)."""
     return np.array([float(word) for word in text.split()])
 
 
 def clearance(description: Description, height: float, folder: Path) -> float:
-    """Smallest distance of all that moves from the ground, wherever it goes [m].
+    """Lower bound of the distance between moving links and the ground, over all poses [m].
 
-    Behind a joint that turns, all lengths count in full.
+    Outwards of a revolute joint, all lengths are assumed to point down.
 
     Args:
-        description: The robot, bolted.
+        description: The robot, with fixed base.
         height: Height of the base [m].
         folder: Folder of relative mesh files.
     """
@@ -230,7 +230,7 @@ def clearance(description: Description, height: float, folder: Path) -> float:
     shapes = {e.get("name"): e.findall("collision") for e in description.elements("link")}
 
     def lowest(link: str, at: float, down: np.ndarray, swung: bool, moves: bool) -> float:
-        """Height of the lowest point of a link and what hangs on it; `down` is the world's z."""
+        """Height of the lowest point of a link and its descendants; `down` is the world's z."""
         heights = min(
             [at - _extent(s, folder) for s in shapes[link]] if moves else [], default=math.inf
         )
@@ -252,7 +252,7 @@ def clearance(description: Description, height: float, folder: Path) -> float:
 
 
 def _extent(collision: Any, folder: Path) -> float:
-    """Largest distance of a shape from the origin of its link [m]; infinite if it is unknown."""
+    """Largest distance of a shape from the origin of its link [m]; infinite if unknown."""
     offset, _ = pose(collision.find("origin"))
     shape = next(iter(collision.find("geometry")))
     if shape.tag == "sphere":

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque loops: from commands to joint torques at the physics step."""
+"""Torque loops of the drives: joint torques from commands at each physics step."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All drives and springs of a robot, one kernel call per physics step.
+"""Drives and springs of a robot, evaluated by one kernel call per physics step.
 
 A joint that has neither in ``robot.yaml`` is free.
 """
@@ -34,7 +34,7 @@ from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "b4e7773116e3"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "aa8ea7c29d6a"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,20 +49,20 @@ def drive_torques(
     tau: np.ndarray,
     step: int,
 ) -> None:
-    """Torque of the drive of every joint, springs left out.
+    """Torque of the drive of every joint, without springs.
 
     Args:
         state: Positions, then velocities of the joints [rad, rad/s], (2 n,).
-        command: Positions, velocities, torques wanted, and above 0 where the leg of the joint
-            swings, (COMMANDS, n).
+        command: Desired positions, desired velocities, feed-forward torques, and a value above 0
+            where the leg of the joint swings, (COMMANDS, n).
         drives: A row per joint, (n, COLUMNS).
         rotors: Memory of the drives, such as position and speed of a servo's rotor, (n, MEMORY);
             changed in place.
         dt: Physics step [s].
-        supply: Voltage of the servos over the nominal one.
+        supply: Voltage of the servos / nominal voltage [-].
         on: 1, or 0 for drives that are switched off.
-        tau: Filled in [N·m], (n,).
-        step: Number of the physics step, by which drives take samples.
+        tau: Result [N·m], (n,).
+        step: Number of the physics step; determines the sampling instants of the drives.
     """
     n = len(drives)
     for i in range(n):
@@ -84,12 +84,12 @@ def drive_torques(
 
 @njit(cache=True, error_model="numpy")
 def add_springs(state, springs, tau):
-    """Add what the springs and dampers beside the drives give [N·m]; arguments of `drive_torques`.
+    """Add the torques of springs and dampers parallel to the drives [N·m], in place.
 
     Args:
         state: Positions, then velocities of the joints, (2 n,).
         springs: A row per joint, (n, 7).
-        tau: Torques of the drives after all that happens to them, (n,); changed.
+        tau: Torques of the drives after all effects [N·m], (n,); changed.
     """
     n = len(springs)
     for i in range(n):
@@ -99,9 +99,9 @@ def add_springs(state, springs, tau):
 
 @njit(cache=True, error_model="numpy")
 def asked(state, command, drives, rotors, supply, on, dt, step):
-    """Share of the voltage that each servo asks for, (n,), and speed of its rotor, (n,).
+    """Duty cycle commanded by each servo, in [-1, 1], (n,), and speed of its rotor [rad/s], (n,).
 
-    Arguments as of `drive_torques`. Both are 0 for other drives, and for one that is off.
+    Arguments as in `drive_torques`. Both are 0 for other drives and for drives that are off.
     """
     n = len(drives)
     found = np.zeros((2, n))
@@ -118,9 +118,9 @@ class Actuators:
     """Drives and springs of a robot.
 
     Attributes:
-        q: Desired joint positions in force [rad], (n,).
-        dq: Desired joint velocities in force [rad/s], (n,).
-        supply: Voltage of the servos over the nominal one.
+        q: Active desired joint positions [rad], (n,).
+        dq: Active desired joint velocities [rad/s], (n,).
+        supply: Voltage of the servos / nominal voltage [-].
         on: 1, or 0 while all drives are switched off; springs remain.
         dt: Physics step [s].
     """
@@ -143,11 +143,11 @@ class Actuators:
         self._swings: dict[bytes, np.ndarray] = {}  # by stance flags
 
     def reset(self, q: np.ndarray, step: int = 0) -> None:
-        """Hold a pose [rad], (n,), with all legs in stance and the rotors at rest.
+        """Reset to hold a pose, with all legs in stance and the rotors at rest.
 
         Args:
-            q: The pose.
-            step: Number of the next physics step, by which drives take samples.
+            q: Joint positions of the pose [rad], (n,).
+            step: Number of the next physics step; determines the sampling instants of the drives.
         """
         self._rotors[:], self._step = 0.0, step
         self._rotors[:, ROTOR] = q
@@ -157,29 +157,29 @@ class Actuators:
         self.supply = self.on = 1.0
 
     def start(self, q: np.ndarray, dq: np.ndarray, step: int = 0) -> None:
-        """As `reset`, in motion: the rotors turn with the joints [rad/s], (n,)."""
+        """As `reset`, with the rotors turning at the joint velocities `dq` [rad/s], (n,)."""
         self.reset(q, step)
         self._rotors[:, SPIN] = dq
 
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Drives, springs and what drives remember, as `drive_torques` takes them."""
+        """Parameters of drives and of springs, and state of the drives, as in `drive_torques`."""
         return self._drives, self._springs, self._rotors
 
     def limit(self, effort: np.ndarray) -> None:
-        """Change the largest torques of the drives [N·m], (n,)."""
+        """Set the torque limits of the drives [N·m], (n,)."""
         self._drives[:, EFFORT] = effort
 
     @property
     def command(self) -> np.ndarray:
-        """The command in force as a table of one, (1, COMMANDS, n); not a copy."""
+        """The active command as a table with one entry, (1, COMMANDS, n); not a copy."""
         return self._command[None]
 
     def accept(self, command: MotionCommand, trunk: TrunkTorque) -> bool:
-        """Take a command over; False, and nothing changes, if it is not finite.
+        """Activate a command; False, without any change, if it is not finite.
 
         Raises:
-            ParameterError: The gains of a drive depend on who stands, and the flags of
-                `trunk` are not as many as the feet.
+            ParameterError: The gains of a drive depend on the stance, and the number of flags in
+                `trunk` differs from the number of feet.
         """
         asked = command.q + command.dq + trunk.tau
         if not isfinite(sum((asked if self._whole else asked[self._driven]).tolist())):
@@ -191,14 +191,14 @@ class Actuators:
         return True
 
     def _swinging(self, stance: np.ndarray) -> np.ndarray:
-        """`Robot.swinging` of a stance pattern, computed once."""
+        """`Robot.swinging` of a stance pattern, cached."""
         key = stance.tobytes()
         if key not in self._swings:
             self._swings[key] = self._robot.swinging(stance)
         return self._swings[key]
 
     def follow(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Follow these references instead of the command's, e.g. late ones."""
+        """Replace the desired positions and velocities of the command, e.g. by delayed ones."""
         self._command[0], self._command[1] = q, dq
 
     def torque(
@@ -214,11 +214,11 @@ class Actuators:
         Args:
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
-            change: Changes the motors in this step: takes and gives back what the hook
-                `on_motor` of effects does; None leaves them alone.
+            change: Function that changes the motors in this step, with the arguments and result
+                of the hook `on_motor` of effects; None for no change.
             held: Rows of drives and springs to use instead of the robot's.
-            given: Changes the torques of the drives in this step, (n,), before springs are
-                added; gives them back.
+            given: Function that returns the changed torques of the drives in this step, (n,),
+                before springs are added.
         """
         state, tau = self._state, self._tau
         drives, springs = held or (self._drives, self._springs)
@@ -235,7 +235,7 @@ class Actuators:
         return tau.tolist()
 
     def energy(self, q: np.ndarray) -> tuple[float, float]:
-        """Energy in springs and gears, and of the rotors [J]."""
+        """Potential energy in springs and gears, and kinetic energy of the rotors [J]."""
         turned = self._drives[:, 5] * (self._drives[:, 0] == SERVO)
         stretch = (self._rotors[:, ROTOR] - q)[turned > 0.0]
         gears = 0.5 * np.sum(self._drives[turned > 0.0, 6] * stretch**2)

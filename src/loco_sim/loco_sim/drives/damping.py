@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damping at the speed that a joint has after the physics step: stable however large.
+"""Implicit damping: torques from the joint speed after the physics step, stable for any damping.
 
 Damping computed from the speed before a step and held over it overshoots once kd dt / I nears
-1 (`stability`). Here the drives say what their torque depends on, and the engine solves for
-it together with all else that moves the joint: `world.World.damped_step`.
+1 (`stability`). Here the drives provide their torque as a function of speed, and the engine
+solves for it together with all other forces on the joint: `world.World.damped_step`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from .servo_kernels import PASSIVE, impedance_laws
 
 
 class DampedDrives:
-    """Drives and springs of a robot, their damping kept apart for the engine to solve.
+    """Drives and springs of a robot, with the damping separated for an implicit solution.
 
-    The damping of servos stays held over a step: their motors have equations of their own. That
-    of drives that are sampled is what they make it.
+    The damping of servos stays explicit: their motors have their own equations. The damping of
+    sampled drives stays explicit, too, as in the real drive.
     """
 
     def __init__(self, drives: Actuators, own: np.ndarray):
-        """Take drives over.
+        """Wrap drives.
 
         Args:
-            drives: The drives; commands go on to them.
-            own: Damping of the joints themselves, which is no torque of drive or spring
+            drives: The drives, which still receive the commands.
+            own: Damping of the joints themselves, apart from drives and springs
                 [N·m·s/rad], (n,).
         """
         self._drives = drives
@@ -42,7 +42,7 @@ class DampedDrives:
         self._dampers, self._law[PASSIVE] = springs[:, 2], springs[:, 2] + own
 
     def laws(self, q: Sequence[float], dq: Sequence[float]) -> tuple[list[float], np.ndarray]:
-        """Torques to hold over the next step, and the laws of the others.
+        """Explicit torques for the next step, and the laws of the implicit torques.
 
         The law of a joint is clip(wanted - gain v, +-limit) - passive v at the joint's speed v
         after the step.
@@ -66,8 +66,8 @@ class DampedDrives:
         """Torque of drives and springs in a step [N·m], (n,).
 
         Args:
-            tau: Torques that were held, of `laws` [N·m], (n,).
-            solved: First result of `World.damped_step` [N·m], (n,).
-            speed: The second [rad/s], (n,).
+            tau: Explicit torques, from `laws` [N·m], (n,).
+            solved: Implicit torques, first result of `World.damped_step` [N·m], (n,).
+            speed: Joint velocities, second result of `World.damped_step` [rad/s], (n,).
         """
         return (tau + solved - self._dampers * speed).tolist()

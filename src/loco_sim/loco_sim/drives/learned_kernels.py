@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque of a learned correction: a smooth function of what a joint has at the time.
+"""Torque of a learned correction: a smooth function of the state and torque of a joint.
 
-Position, velocity, and torque of drive and spring come in as shares of the region that was
-fitted, where every feature lies between -1 and 1. Outside of it the last value fades to zero.
+Position, velocity, and torque of drive and spring are normalised by the fitted region, in which
+every feature lies between -1 and 1. Outside of it the correction fades to zero.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from math import tanh
 
 from numba import njit
 
-REGION = 7  # constants before the weights
-SLOW = 0.02  # share of the fitted speed at which the side of a motion begins to count (taste)
-FADE = 0.5  # half regions beyond the region within which the torque goes to zero (taste)
+REGION = 7  # number of constants before the weights
+SLOW = 0.02  # speed below which its sign is smoothed, share of the fitted speed (taste)
+FADE = 0.5  # width of the fade to zero outside of the region, in half ranges (taste)
 
 
 @njit(cache=True)
@@ -32,11 +32,11 @@ def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
     Args:
         q: Position [rad or m].
         dq: Velocity [rad/s or m/s].
-        tau: Torque of drive and spring, in which commands show [N·m or N].
-        late: The same through a first-order lag [N·m or N].
-        row: Middle and half range of the positions, largest speed, middle and half range of the
-            torque, largest torque that is given, a number that the law of `late` uses, and the
-            weight of each feature, (25,).
+        tau: Torque of drive and spring, which depends on the commands [N·m or N].
+        late: `tau` through a first-order lag [N·m or N].
+        row: Centre and half range of the positions, largest speed, centre and half range of the
+            torque, limit of the correction, a constant of the lag of `late`, and the weight of
+            each feature, (25,).
     """
     x, v, u = (q - row[0]) / row[1], dq / row[2], (tau - row[3]) / row[4]
     there = fade(x) * fade(v) * fade(u)

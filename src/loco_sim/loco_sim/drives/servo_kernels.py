@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque of the drives in `robot.servo`, from the rows of their parameters."""
+"""Torque of the drives of `robot.servo`, from parameter rows."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from ..robot.servo import (
     SPEED_FEED,
 )
 
-WANTED, GAIN, LIMIT, PASSIVE = range(4)  # rows of a law: see `impedance_laws`
-# Columns of what a drive remembers: position and speed of the rotor of a servo [rad, rad/s];
-# torque of the integrator [N·m]; what is held, the sum of what was asked for since the last
-# sample, and how often it was asked (0: nothing is held yet).
+WANTED, GAIN, LIMIT, PASSIVE = range(4)  # rows of the array `law` of `impedance_laws`
+# Columns of the state of a drive: position and speed of the rotor of a servo [rad, rad/s];
+# torque of the integrator [N·m]; the held output, the sum of the outputs computed since the last
+# sample, and their number (0: no output is held yet).
 ROTOR, SPIN, INTEGRAL, IN_FORCE, TOTAL, COUNT = range(6)
 MEMORY = 6
-EARLY = 1e-6  # share of a period by which a sample may be early, for rounding
+EARLY = 1e-6  # tolerance of the sampling instant against rounding, share of a period
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def rounded(x: float, step: float) -> float:
-    """To the nearest multiple of a step; 0 leaves it alone."""
+    """`x` rounded to the nearest multiple of `step`; unchanged for step 0."""
     return step * np.floor(x / step + 0.5) if step > 0.0 else x
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def clipped(x: float, limit: float) -> float:
-    """Within +-limit."""
+    """`x` limited to [-limit, limit]."""
     return min(max(x, -limit), limit)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def due(step: int, dt: float, period: float) -> bool:
-    """Whether a drive takes a sample at a physics step: the first at or after each period."""
+    """Whether a drive samples at a physics step: the first at or after each period."""
     if period <= dt:
         return True
     return np.floor(step * dt / period + EARLY) > np.floor((step - 1) * dt / period + EARLY)
@@ -46,13 +46,13 @@ def due(step: int, dt: float, period: float) -> bool:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
-    """Torque, or share of voltage, in force: that of now unless another is held.
+    """Active torque or duty cycle: the held value between samples, else the current or mean one.
 
     Args:
-        now: Torque, or share of voltage, that its law gives now.
+        now: Torque or duty cycle from the control law at this step.
         row: Constants of the drive.
-        memory: Memory of the drive, (MEMORY,).
-        sample: The drive takes a sample: `due`.
+        memory: State of the drive, (MEMORY,).
+        sample: Whether the drive samples now: `due`.
     """
     if row[PERIOD] <= 0.0:
         return now
@@ -63,7 +63,7 @@ def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> f
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
-    """Return `in_force`, and remember it for the steps to come."""
+    """Return `in_force`, and store it for the next steps."""
     value = in_force(now, row, memory, sample)
     if sample or memory[COUNT] == 0.0:
         memory[TOTAL] = memory[COUNT] = 0.0
@@ -77,7 +77,7 @@ def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float
 def errors(
     q: float, target: float, speed: float, row: np.ndarray, swinging: bool
 ) -> tuple[float, float, float]:
-    """Position error [rad], velocity asked for [rad/s] and damping [N·m·s/rad] of an impedance."""
+    """Position error [rad], desired velocity [rad/s] and damping [N·m·s/rad] of an impedance."""
     error = target - q
     asked = row[SPEED_FEED] * speed + row[7] * error
     return error, asked, row[4] if swinging else row[2]
@@ -87,15 +87,15 @@ def errors(
 def integrate(
     tau: float, error: float, speed_error: float, row: np.ndarray, memory: np.ndarray, time: float
 ) -> None:
-    """Advance the integrator of an impedance, unless its torque is limited and would grow.
+    """Advance the integrator of an impedance, with anti-windup at the torque limit.
 
     Args:
-        tau: Torque before it is limited [N·m].
+        tau: Torque before limiting [N·m].
         error: Position error [rad].
         speed_error: Velocity error [rad/s].
         row: `ImpedanceDrive.row`.
-        memory: Memory of the drive, (MEMORY,); changed.
-        time: Time for which the errors stand [s].
+        memory: State of the drive, (MEMORY,); changed.
+        time: Duration for which the errors apply [s].
     """
     rate = row[5] * error + row[6] * speed_error
     if abs(tau) > row[EFFORT] and rate * tau > 0.0:
@@ -114,18 +114,18 @@ def impedance_torque(
 ) -> float:
     """Torque of a joint impedance [N·m], within its effort limit; its integrator is advanced.
 
-    It is kp (target - q) + kd (speed - dq) + extra without integrators and position gain.
+    Without integrator and position gain it is kp (target - q) + kd (speed - dq) + extra.
 
     Source: thesis eq. (4.8), (4.9), with the signs of the author's code.
 
     Args:
         q: Joint position [rad].
         dq: Joint velocity [rad/s].
-        command: Desired position and velocity, feed-forward torque, and above 0 where the leg
-            of the joint swings: its gains are those of swing, (COMMANDS,).
+        command: Desired position and velocity, feed-forward torque, and a value above 0 to select
+            the gains of swing, (COMMANDS,).
         row: `ImpedanceDrive.row`.
-        memory: Memory of the drive, (MEMORY,); its integrator is changed.
-        time: Time until the next sample [s]; 0 leaves the integrator alone.
+        memory: State of the drive, (MEMORY,); its integrator is changed.
+        time: Time until the next sample [s]; with 0 the integrator is not changed.
     """
     swinging = command[3] > 0.0
     error, speed, kd = errors(q, command[0], command[1], row, swinging)
@@ -139,18 +139,18 @@ def impedance_torque(
 
 @njit(cache=True, error_model="numpy")
 def impedance_laws(state, command, drives, memory, dt, on, law):
-    """Fill in what the torque of each continuous impedance depends on, for any joint velocity v.
+    """Coefficients of the torque of each continuous impedance as a function of joint velocity v.
 
-    It is clip(wanted - gain v, +-limit). Other drives are left alone.
+    It is clip(wanted - gain v, +-limit). Rows of other drives are not changed.
 
     Args:
         state: Joint positions, then velocities [rad, rad/s], (2 n,).
-        command: Command in the rows of `actuators.drive_torques`, (COMMANDS, n).
+        command: Command as in `actuators.drive_torques`, (COMMANDS, n).
         drives: A row per joint, (n, COLUMNS).
-        memory: Memory of the drives, (n, MEMORY); integrators are changed.
+        memory: State of the drives, (n, MEMORY); integrators are changed.
         dt: Physics step [s].
         on: 1, or 0 for drives that are switched off.
-        law: Rows wanted [N·m], gain [N·m·s/rad], limit [N·m], and another, (4, n).
+        law: Rows wanted [N·m], gain [N·m·s/rad], limit [N·m], and passive (not set here), (4, n).
     """
     n = len(drives)
     for i in range(n):
@@ -168,13 +168,13 @@ def impedance_laws(state, command, drives, memory, dt, on, law):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def share(q: float, target: float, row: np.ndarray) -> float:
-    """Share of the voltage that the position loop of a servo asks for, in [-1, 1]."""
+    """Duty cycle commanded by the position loop of a servo, in [-1, 1]."""
     return clipped(row[3] * (rounded(target, row[4]) - rounded(q, row[4])), 1.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def scaled(row: np.ndarray, factor: float) -> None:
-    """Scale all that the motor of a servo gives, in place in its row."""
+    """Scale the torque of a servo's motor, in place in its parameter row."""
     row[1] *= factor
     row[2] *= factor
     row[8] *= factor
@@ -182,7 +182,7 @@ def scaled(row: np.ndarray, factor: float) -> None:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def given(row: np.ndarray, asked: float, speed: float) -> float:
-    """Torque that the motor of a servo gives at a share of its voltage and a speed [N·m]."""
+    """Motor torque of a servo at a duty cycle and a rotor speed [N·m]."""
     return clipped(row[1] * asked - row[2] * speed, row[8])
 
 
@@ -199,16 +199,16 @@ def servo_torque(
 ) -> float:
     """Torque of a servo on its joint [N·m] for the next physics step.
 
-    The rotor is advanced with it, implicitly in its speed: stable at any step.
+    The rotor is advanced implicitly in its speed, stable for any step.
 
     Args:
         q: Joint position [rad].
         dq: Joint velocity [rad/s].
-        asked: Share of the voltage that its position loop asks for: `share`.
+        asked: Duty cycle commanded by its position loop, from `share`.
         row: `ServoParams.row`.
         rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
         dt: Physics step [s].
-        supply: Voltage over the nominal one; 0 short-circuits the motor.
+        supply: Voltage / nominal voltage [-]; 0 short-circuits the motor.
         on: 1, or 0 for a motor that is disconnected.
     """
     stall, slope = row[1] * supply * on, row[2] * on
@@ -216,8 +216,8 @@ def servo_torque(
     push = stall * asked
     if inertia <= 0.0:
         return clipped(push - slope * dq, effort)
-    gear = stiff * (rotor[0] - q) - damp * dq  # torque of a rotor that stops now
-    give = damp + stiff * dt  # and what its speed adds
+    gear = stiff * (rotor[0] - q) - damp * dq  # torque for zero rotor speed
+    give = damp + stiff * dt  # derivative with respect to rotor speed
     speed = (inertia * rotor[1] + dt * (push - gear)) / (inertia + dt * (slope + give))
     if abs(push - slope * speed) > effort:
         most = clipped(push - slope * speed, effort)

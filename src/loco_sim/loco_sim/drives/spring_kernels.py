@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque and energy of the springs in `spring`, from the rows of their parameters."""
+"""Torque and energy of the springs of `robot.spring`, from parameter rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def spring_torque(q: float, dq: float, row: np.ndarray) -> float:
     Args:
         q: Joint position [rad or m].
         dq: Joint velocity [rad/s or m/s].
-        row: `SpringParams.row`, or zeros for none.
+        row: `SpringParams.row`, or zeros for no spring.
     """
     tau = -row[2] * dq
     if row[0] == LINEAR:

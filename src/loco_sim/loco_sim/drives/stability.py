@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When damping that is computed once per physics step is stable, and how fine steps must be."""
+"""Stability of damping that is computed once per physics step, and the sub-steps it needs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def stability_ratio(kd: np.ndarray, dt: float, inertia: np.ndarray) -> float:
     Args:
         kd: Damping of each joint [N·m·s/rad], (n,).
         dt: Time for which a torque is held [s].
-        inertia: Inertia felt at each joint, (n,), or inertia matrix, (n, n) [kg·m²].
+        inertia: Inertia at each joint, (n,), or inertia matrix, (n, n) [kg·m²].
     """
     kd, inertia = np.asarray(kd, dtype=float), np.asarray(inertia, dtype=float)
     if inertia.ndim < 2:
@@ -37,18 +37,18 @@ def stability_ratio(kd: np.ndarray, dt: float, inertia: np.ndarray) -> float:
 def plan(
     robot: Robot, own: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams, solve: bool
 ) -> tuple[int, bool]:
-    """Parts of a physics step that a robot's damping needs, and whether it is solved instead.
+    """Number of sub-steps that a robot's damping needs, and whether damping is solved implicitly.
 
-    Damping that would need sub-steps is solved with the step (`damping.DampedDrives`), all
-    but that of servos; smaller damping is held over a step, as is any where it may not be solved.
+    Damping that would need sub-steps is solved implicitly (`damping.DampedDrives`), except that of
+    servos. Smaller damping is explicit, as is all damping if `solve` is False.
 
     Args:
         robot: Drives and springs.
         own: Damping of the joints themselves [N·m·s/rad], (n,).
-        inertia: Inertia that the joints feel [kg·m²], (n, n).
+        inertia: Joint-space inertia matrix [kg·m²], (n, n).
         dt: Physics step [s].
         params: `damping_limit`, `max_substeps` and `implicit_damping`.
-        solve: Damping may be solved: no effect changes the torques of the drives.
+        solve: Whether implicit damping is allowed: no effect changes the torques of the drives.
 
     Raises:
         ParameterError: More sub-steps than `max_substeps` would be needed.
@@ -73,15 +73,15 @@ def _parts(damping: np.ndarray, inertia: np.ndarray, dt: float, params: SimParam
 
 
 def substeps(damping: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams) -> int:
-    """Parts of a physics step for which kd dt / I <= damping_limit.
+    """Number of sub-steps per physics step for which kd dt / I <= damping_limit.
 
     The torque loop computes damping at the start of a step and holds it, which
-    takes too much speed away when kd dt / I nears 1 and diverges at 2; the gait
-    would then show the integrator, not the robot.
+    removes too much speed when kd dt / I nears 1 and diverges at 2; the gait
+    would then depend on the integrator, not on the robot.
 
     Args:
-        damping: Largest damping of each joint, passive and by its drive [N·m·s/rad], (n,).
-        inertia: Inertia that the joints feel [kg·m²], (n, n).
+        damping: Largest damping of each joint, passive plus drive [N·m·s/rad], (n,).
+        inertia: Joint-space inertia matrix [kg·m²], (n, n).
         dt: Physics step [s].
         params: `damping_limit` and `max_substeps`.
 

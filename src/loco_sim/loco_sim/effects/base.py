@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named physical effects: what one is, the registry, and how experiments list them.
+"""Base class of the named physical effects, their registry, and their form in experiments.
 
 An effect is a dataclass of parameters, each with unit and range, whose defaults
 switch it off, an `Identity`, and a few hooks. To add one: derive from `Effect` with a
-name, declare the parameters, say what is known about it, override the hooks it needs,
+name, declare the parameters, fill in its `identity`, override the hooks it needs,
 import its module in ``effects/__init__.py``. The tests over the registry then cover it.
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..world.world import Base, World
 
 EFFECTS: dict[str, type[Effect]] = {}
-ON_TORQUES = "on_drive", "on_torque"  # hooks on torques: of the drives, then on the joints
+ON_TORQUES = "on_drive", "on_torque"  # hooks on the torques of the drives, then of the joints
 
 
 @dataclass
@@ -47,17 +47,17 @@ class Effect:
 
     name: ClassVar[str] = ""
     identity: ClassVar[Identity | None] = None
-    needs: ClassVar[tuple[str, ...]] = ()  # keys of `NEEDS`: what a robot must have
-    lasting: ClassVar[bool] = False  # there from start to end: it is built into the world
-    shared: ClassVar[bool] = False  # one cause in all its joints: a supply, not a gear
-    draws: ClassVar[bool] = False  # its course depends on the seed
-    blind: ClassVar[bool] = False  # `on_step` looks at nothing: it pushes and sets friction
+    needs: ClassVar[tuple[str, ...]] = ()  # keys of `NEEDS`: required parts of the robot
+    lasting: ClassVar[bool] = False  # active for the whole run, since it is built into the world
+    shared: ClassVar[bool] = False  # couples all its joints, e.g. by their power supply
+    draws: ClassVar[bool] = False  # random: depends on the seed
+    blind: ClassVar[bool] = False  # `on_step` sets forces and friction regardless of the state
 
     start: float = parameter(0.0, "the effect begins", "s", low=0.0)
     stop: float = parameter(math.inf, "the effect ends", "s", low=0.0)
 
     def __init_subclass__(cls, name: str = "", **kwargs: Any) -> None:
-        """Enter the class in the registry; one without a name is a base of others.
+        """Register the class; a class without a name is a base class and is not registered.
 
         Raises:
             ParameterError: The name is taken.
@@ -71,7 +71,7 @@ class Effect:
         EFFECTS[name] = cls
 
     def __post_init__(self) -> None:
-        Params.__post_init__(self)  # the same checks, without being frozen: hooks keep state
+        Params.__post_init__(self)  # the checks of `Params`, but not frozen: hooks keep state
         if self.stop < self.start:
             raise ParameterError(
                 f"effect {self.name}: stop ({self.stop:g} s) is before start ({self.start:g} s)"
@@ -84,20 +84,20 @@ class Effect:
 
     @classmethod
     def lacks(cls, robot: Robot) -> str:
-        """Parts that the effect needs and a robot does not have, in words; empty when it fits."""
+        """Description of the parts that the effect needs and a robot lacks; "" if it has all."""
         missing = [text for text, has in map(NEEDS.__getitem__, cls.needs) if not has(robot)]
         return " and ".join(missing)
 
     @classmethod
     def applies(cls, robot: Robot) -> bool:
-        """Whether the effect makes sense on a robot."""
+        """Whether the robot has all parts that the effect needs."""
         return not cls.lacks(robot)
 
     def require(self, robot: Robot) -> None:
-        """Refuse a robot on which the effect makes no sense.
+        """Refuse a robot that lacks a part that the effect needs.
 
         Raises:
-            ParameterError: The robot lacks something; the message says what.
+            ParameterError: The robot lacks a part; the message names it.
         """
         if missing := self.lacks(robot):
             raise ParameterError(
@@ -106,34 +106,34 @@ class Effect:
 
     @classmethod
     def places(cls, robot: Robot) -> list[str]:
-        """Joints, one by one and in groups, at which it may sit; "" where it has no place."""
+        """Possible locations: single joints and groups of joints; "" for an effect without one."""
         return [""]
 
     @classmethod
     def offers(cls, robot: Robot, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """Places where gap finding tries the effect, with the parameters that data shall tell.
+        """Locations at which gap finding tries the effect, with the parameters to identify.
 
-        By default at each of its places, with every scalar that has a prior free.
+        By default each of its `places`, with all scalar parameters that have a prior free.
 
         Args:
-            robot: A robot to which it applies.
+            robot: A robot to which the effect applies.
             signals: Measured signals, e.g. ("q", "gyro").
-            hints: Travel of the joints, and times at which the residual is large.
+            hints: Ranges of joint motion, and times at which the residual is large.
         """
         return [plain(cls, place) for place in cls.places(robot)]
 
     @classmethod
     def fuse(cls, hook: str) -> Callable[..., Any] | None:
-        """Function that makes one of a hook of neighbours: see `windows`; None if there is none."""
+        """Function that fuses hooks of adjacent effects into one, or None: see `windows`."""
         return None
 
     def absent(self) -> bool:
-        """Whether its parameters switch the effect off."""
+        """Whether the parameter values switch the effect off."""
         strengths = self.identity.strengths if self.identity else ()
         return bool(strengths) and not any(np.any(getattr(self, name)) for name in strengths)
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
-        """Energy now stored in the effect itself, e.g. in a spring [J].
+        """Energy stored in the effect itself, e.g. in a spring [J].
 
         Args:
             q: Joint positions [rad], (n,).
@@ -144,20 +144,20 @@ class Effect:
     def configure(self, world: World) -> None:
         """Change the world before it is built.
 
-        That is `world.description`, `world.friction`, `world.contact` and
+        It may change `world.description`, `world.friction`, `world.contact` and
         `world.gravity`; `world.joint_index` finds joints, `world.dt` is the physics
-        step, `world.robot` the robot. Called at every reset, first, whatever `start`
-        says.
+        step, `world.robot` the robot. Called first at every reset, regardless of
+        `start`.
         """
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget everything; `rng` is this effect's own random stream from now on."""
+        """Reset all state; `rng` is this effect's own random stream from now on."""
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Motion command as the drives get it.
+        """Motion command as received by the drives.
 
-        Called before every physics step. Between two commands the same arrays come
-        again (`is`), so an effect can tell a new command from an old one.
+        Called before every physics step. Between two commands the same array objects are
+        passed (`is`), so an effect can detect a new command.
 
         Args:
             q: Desired joint positions [rad], (n,).
@@ -169,17 +169,17 @@ class Effect:
     def on_drive(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        """Torque that the drives give, given what they want within their limits.
+        """Actual torque of the drives, from the torque of their control laws within their limits.
 
-        Springs of the robot are beside the drives and not in it. Called before every physics
-        step; arguments as of `on_torque`.
+        Springs of the robot are parallel to the drives and not included. Called before every
+        physics step; arguments as in `on_torque`.
         """
         return tau
 
     def on_torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        """Torque on the joints, given that of drives and springs.
+        """Torque on the joints, from the torque of drives and springs.
 
         Called before every physics step, after `on_drive` of all effects.
 
@@ -195,14 +195,14 @@ class Effect:
     def on_motor(
         self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        """Constants of the motors of servos in this physics step.
+        """Motor constants of the servos in this physics step.
 
         Called before every physics step, after `on_command`, for robots that list drives.
 
         Args:
-            rows: Drives as they are, a row each (`servo.ServoParams.row`),
+            rows: Unchanged parameter rows of the drives (`servo.ServoParams.row`),
                 (n, COLUMNS).
-            asked: Share of its voltage that each servo asks for, (n,).
+            asked: Duty cycle commanded by each servo, in [-1, 1], (n,).
             speed: Speed of its rotor [rad/s], (n,).
             dt: Physics step [s].
             t: Time [s].
@@ -218,14 +218,14 @@ class Effect:
         dt: float,
         t: float,
     ) -> np.ndarray:
-        """Torque that is there to stop each joint, e.g. dry friction.
+        """Available braking torque of each joint, e.g. dry friction.
 
-        The engine gives each joint as much of it as stops the joint and no more: it
-        never reverses a motion, never adds energy, and does not chatter. Called
-        before every physics step, after `on_torque`.
+        The engine applies at most the part that stops the joint: it never reverses a
+        motion, never adds energy, and does not chatter. Called before every physics
+        step, after `on_torque`.
 
         Args:
-            budget: Stopping torque of the effects before this one [N·m], (n,), >= 0; add to it.
+            budget: Braking torque of the effects before this one [N·m], (n,), >= 0; add to it.
             tau: Torque of the drives, after `on_drive` of all effects [N·m], (n,).
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
@@ -238,30 +238,30 @@ class Effect:
         """Act on the world, e.g. push it. Called before every physics step."""
 
     def begin(self, base: Base) -> Base:
-        """State of the base in truth, where its IMU says what it says.
+        """True state of the base for a given IMU reading.
 
-        Gap finding starts models where IMU and legs say a robot was.
+        Gap finding starts models at the state estimated from IMU and legs.
 
         Args:
-            base: State of a robot without the effect, of which the IMU would say the same.
+            base: State of a robot without the effect that would give the same IMU reading.
         """
         return base
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> Mapping[str, np.ndarray]:
-        """Depth in the ground of the feet that the effect lets sink [m], (T,) each.
+        """Penetration depth of the feet that the effect lets sink into the ground [m], (T,) each.
 
         Args:
-            load: Force of the ground on each foot [N], (T,) each.
+            load: Ground force by foot [N], (T,) each.
             dt: Time between samples [s].
         """
         return {}
 
     def pull(self) -> Any:
-        """The one force that `on_step` is, as a `pulls.Pull`; None where it is more than that."""
+        """`on_step` as a single `pulls.Pull`; None if it is not a single force."""
         return None
 
     def on_measurement(self, state: RobotState) -> RobotState:
-        """Readings of the sensors, given the truth. Called once per control period."""
+        """Sensor readings, from the true state. Called once per control period."""
         return state
 
 
@@ -271,15 +271,15 @@ def names() -> list[str]:
 
 
 def applicable(robot: Robot) -> list[str]:
-    """Names of the effects that make sense on a robot."""
+    """Names of the effects that apply to a robot."""
     return [name for name in names() if EFFECTS[name].applies(robot)]
 
 
 def make(name: str, **params: Any) -> Effect:
-    """Effect by name.
+    """New effect by name.
 
     Raises:
-        NameUnknownError: No such effect, or no such parameter.
+        NameUnknownError: There is no such effect or parameter.
         ParameterError: A parameter has the wrong type or is out of range.
     """
     if not isinstance(name, str) or name not in EFFECTS:
@@ -291,7 +291,7 @@ def from_list(specs: Iterable[Mapping[str, Any]] | None) -> list[Effect]:
     """Effects from an experiment's list: ``[{name: push, force: [0, 40, 0], start: 3}, …]``.
 
     Raises:
-        NameUnknownError: An effect or a parameter is not known.
+        NameUnknownError: There is no such effect or parameter.
         ParameterError: An entry is not a mapping with a name, or a value is wrong.
     """
     effects = []
@@ -310,7 +310,7 @@ def to_list(effects: Iterable[Effect]) -> list[dict[str, Any]]:
 def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
     """One random stream per effect, keyed by the seed and the effect's name.
 
-    So adding an effect does not change the noise of another. An effect listed
+    Adding an effect does not change the noise of another. An effect listed
     twice gets two streams.
     """
     seen: dict[str, int] = {}
@@ -322,16 +322,16 @@ def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
 
 
 def overrides(effect: Effect, hook: str) -> bool:
-    """Whether the effect's class has a hook of its own."""
+    """Whether the effect's class overrides a hook."""
     return getattr(type(effect), hook) is not getattr(Effect, hook)
 
 
 def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, float, Any]]:
-    """First physics step, the one after the last, and function of each effect with a hook.
+    """First physics step, step after the last, and function of each effect that overrides a hook.
 
-    Neighbours of one kind (the same `fuse`) become one function, which does what they
-    would do one after the other and minds their windows: a call costs more than a law.
-    Effects that their parameters switch off are left out.
+    Adjacent effects with the same `fuse` become one function, which applies them in sequence
+    within their windows, since a call costs more than a law. Effects that are switched off by
+    their parameters are omitted.
 
     Args:
         effects: Effects in the order in which they act.
@@ -351,7 +351,7 @@ def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, 
 
 
 def span(effect: Effect, dt: float) -> tuple[int, float]:
-    """First physics step of an effect and the one after its last."""
+    """First physics step of an effect and the step after its last."""
     stop = round(effect.stop / dt) if effect.stop < math.inf else effect.stop
     return round(effect.start / dt), stop
 
@@ -361,7 +361,7 @@ def listens(robot: Robot) -> bool:
     return any(not isinstance(drive, TorqueDrive) for drive in robot.drives.values())
 
 
-# What effects may need: its name in a message, and the question to a robot.
+# Parts that effects may need: name in messages, and a test on the robot.
 NEEDS: dict[str, tuple[str, Callable[[Robot], bool]]] = {
     "base": ("base that moves", lambda robot: not robot.fixed_base),
     "feet": ("feet", lambda robot: len(robot.feet) > 0),

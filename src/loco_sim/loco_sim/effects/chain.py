@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects in the joints, many in one call.
+"""Fused execution of effects in the joints by one kernel call.
 
-An effect in the joints names a compiled law (`laws`), the joints, and the constants of
-each. A `Chain` runs a list of them in their order, each in its window of time, with one
-call of a kernel: for a dozen joints a call from Python costs ten times what a law does.
+An effect in the joints specifies a compiled law (`laws`), the joints, and the constants of
+each. A `Chain` runs a list of them in order, each in its time window, with one kernel call:
+for a dozen joints a call from Python costs ten times as much as a law.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from .rows import CONSTANTS, DELAY, MEMORY, NEVER, ON_MOTOR, Laws
 if TYPE_CHECKING:
     from ..world.world import World
 
-HOOKS = {  # functions of a chain
+HOOKS = {  # method of a chain by hook
     "on_drive": "drive", "on_torque": "torque", "on_motor": "motor", "on_brake": "brake",
 }  # fmt: skip
 
 
 class Chain:
-    """Laws of several effects, in their order, as one function."""
+    """Laws of several effects, in order, as one function."""
 
     def __init__(self, effects: Sequence[JointEffect], dt: float):
-        """Lay out rows for the effects, all configured, and give them their memory.
+        """Allocate the rows and memory of the effects, which must be configured.
 
         Args:
             effects: Effects in the order in which they act.
             dt: Physics step [s].
         """
-        from . import laws  # here, so that reading an experiment does not load numba
+        from . import laws  # imported here, so that reading an experiment does not load numba
 
         self._kernels = laws
         rows = np.cumsum([0, *(len(e.joints) for e in effects)])
@@ -59,7 +59,7 @@ class Chain:
         self._line = np.zeros(self._lay_lines())
 
     def _lay_lines(self) -> int:
-        """Place for the delay line of each row that delays; the length of all."""
+        """Set the start of the delay line of each delaying row; the total length."""
         length = 0
         for law, first, last, *_ in self._plan:
             for row in self._const[first:last] if law == DELAY else ():
@@ -68,7 +68,7 @@ class Chain:
         return length
 
     def laws(self) -> Laws:
-        """Its arrays, which its kernels change as they run."""
+        """Arrays of the chain, which its kernels change."""
         return Laws(self._plan, self._joint, self._const, self._memory, self._line)
 
     def torque(
@@ -120,7 +120,7 @@ def fused(effects: list[JointEffect], hook: str, dt: float) -> Any:
 
 @dataclass
 class JointEffect(Effect):
-    """An effect in the joints: a law, the joints it acts on, the constants of each."""
+    """Base of effects in the joints: a law, the joints it acts on, the constants of each."""
 
     joint: str = parameter("", "joints, by name or pattern; empty is all that it applies to")
 
@@ -141,10 +141,10 @@ class JointEffect(Effect):
         return fused if hook in HOOKS else super().fuse(hook)
 
     def constants(self, world: World, joints: np.ndarray) -> Sequence[Any]:
-        """Constants of the law, each one number or one per joint.
+        """Constants of the law, each a number or an array over the joints.
 
         Args:
-            world: World that is configured, see `configure`.
+            world: The configured world, see `configure`.
             joints: Indices of the joints, (k,).
         """
         raise NotImplementedError
@@ -174,7 +174,7 @@ class JointEffect(Effect):
 
 @dataclass
 class TorqueEffect(JointEffect):
-    """An effect beside the drives, such as a spring: it adds to the torques on the joints."""
+    """Base of effects parallel to the drives, such as springs, which change the joint torques."""
 
     def on_torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
@@ -184,7 +184,7 @@ class TorqueEffect(JointEffect):
 
 @dataclass
 class DriveEffect(JointEffect):
-    """An effect on the torques that drives give; springs beside them are left alone."""
+    """Base of effects on the torques of the drives, without those of parallel springs."""
 
     def on_drive(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
@@ -194,9 +194,9 @@ class DriveEffect(JointEffect):
 
 @dataclass
 class MotorEffect(DriveEffect):
-    """An effect on what a motor gives: in a geared servo before rotor and gear.
+    """Base of effects on the motor torque, in a geared servo before rotor and gear.
 
-    Behind them it would be a clutch that slips, which the rotor does not feel.
+    Behind the gear it would act as a slipping clutch, without any effect on the rotor.
     """
 
     def configure(self, world: World) -> None:
@@ -212,10 +212,10 @@ class MotorEffect(DriveEffect):
 
 @dataclass
 class BrakeEffect(JointEffect):
-    """An effect that adds to the stopping torque of joints: friction.
+    """Base of friction effects, which add to the braking torque of joints.
 
-    The constants of its law are dry torque, extra torque at rest, one over the velocity
-    at which that is gone, viscous damping, and share of the torque.
+    The constants of its law are dry torque, extra torque at rest, inverse of the Stribeck
+    velocity of that extra torque, viscous damping, and share of the drive torque.
     """
 
     def on_brake(

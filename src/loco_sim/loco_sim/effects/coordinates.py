@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Free parameters of a hypothesis as plain numbers of order one."""
+"""Free parameters of a candidate effect, scaled to order one."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One free number.
+    """One free scalar parameter.
 
     Attributes:
         name: Parameter of the effect.
-        size: Value of the parameter at coordinate 1, or at 0 when logarithmic.
-        start: Coordinates worth a try, the most likely first.
+        size: Value of the parameter at coordinate 1, or at coordinate 0 if logarithmic.
+        start: Initial coordinates for a fit, the most likely first.
         low: Smallest legal value of the parameter.
         high: Largest legal value of the parameter.
         unit: Unit of the parameter.
-        strength: The effect is absent when all its strengths are 0.
-        logarithmic: The value is `size exp(x)`, else `size x`.
-        direction: Addition to a parameter that is a vector per unit of value; empty for a scalar.
-        of: Joint that it belongs to, where a law has a size per joint.
+        strength: Whether it is a strength; the effect is absent when all its strengths are 0.
+        logarithmic: Whether the value is `size exp(x)`; else `size x`.
+        direction: Direction, for a parameter that is a vector; empty for a scalar.
+        of: Joint of the parameter, for laws with one value per joint.
     """
 
     name: str
@@ -39,32 +39,32 @@ class Coordinate:
 
     @property
     def label(self) -> str:
-        """Name with the axis of a vector, and the joint that it belongs to."""
+        """Name of the parameter, with its vector axis and joint if it has them."""
         axes = [axis for axis, part in zip("xyz", self.direction, strict=False) if part]
         name = f"{self.name}.{axes[0]}" if len(axes) == 1 else self.name
         return f"{name} {self.of}".strip()
 
     @property
     def one_sided(self) -> bool:
-        """The parameter cannot be below 0."""
+        """Whether the parameter is non-negative."""
         return self.low >= 0.0
 
     def value(self, x: float) -> float:
-        """Parameter at a coordinate, forced into its bounds."""
+        """Value of the parameter at a coordinate, clipped to its bounds."""
         raw = self.size * (math.exp(min(x, 50.0)) if self.logarithmic else x)
         return min(max(raw, self.low), self.high)
 
     def inverse(self, value: float) -> float:
-        """Coordinate of a parameter."""
+        """Coordinate of a parameter value."""
         return math.log(value / self.size) if self.logarithmic else value / self.size
 
     def clipped(self, x: float) -> float:
-        """Coordinate forced into the bounds of the parameter."""
+        """Coordinate clipped to the bounds of the parameter."""
         return self.inverse(self.value(x))
 
 
 def assemble(coordinates: Sequence[Coordinate], x: Sequence[float]) -> dict[str, Any]:
-    """Parameters of coordinates: vectors from their parts, scalars as they are."""
+    """Parameter values at coordinates `x`; vector parameters are sums of their components."""
     values: dict[str, Any] = {}
     for c, at in zip(coordinates, x, strict=True):
         value = c.value(float(at))

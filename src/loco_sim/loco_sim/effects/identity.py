@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Knowledge about an effect before any data: where it sits, how large it tends to be.
+"""Prior knowledge about an effect: location, equation, typical parameter values.
 
-One `Identity` per effect, beside its class, in plain numbers and texts: gap finding
-reads priors, bounds and look-alikes from here, and the page about effects is printed
-from it. Unit and bounds of a parameter are in its field (`loco_control.params.parameter`).
+One `Identity` per effect, defined with its class: gap finding reads priors, bounds and
+look-alikes from it, and the documentation of effects is generated from it. Unit and bounds of
+a parameter are in its field (`loco_control.params.parameter`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 SITES = ("actuator", "friction", "compliance", "body", "contact", "sensor", "outside")
 
-# What `SENSOR_SIGNALS` are called in a recording, where that differs.
+# Signal names of recordings that differ from `SENSOR_SIGNALS`.
 READ_AS = {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
 
-# Where an effect enters the plant: "command" is what the drives get, "drive" what they
-# give, "torque" and "brake" are the joints', "force" acts from outside, "model" is mass, contact
-# or gravity. All of
-# these change the motion. The others are what the sensors say, fields of `RobotState`.
+# Signals at which an effect enters the plant: "command" is the input of the drives, "drive" their
+# torque, "torque" and "brake" act on the joints, "force" is external, "model" is mass, contact
+# or gravity. All of these change the motion. The others are sensor readings, fields of
+# `RobotState`.
 PLANT_SIGNALS = ("command", "drive", "torque", "brake", "force", "model")
 SENSOR_SIGNALS = (
     *("q", "dq", "tau", "grf", "orientation", "angular_velocity", "linear_acceleration"),
@@ -28,10 +28,10 @@ SENSOR_SIGNALS = (
 
 
 class Prior(NamedTuple):
-    """Usual size of a parameter on real robots, if the effect is there at all.
+    """Prior distribution of a parameter on real robots that have the effect.
 
-    `low` and `high` hold nine of ten robots, `typical` is the middle. A prior with
-    `low` > 0 is log-normal, one that reaches to both sides of zero is normal.
+    90 % of robots lie between `low` and `high`; `typical` is the median. A prior with
+    `low` > 0 is log-normal, one that includes both signs is normal.
     """
 
     low: float
@@ -40,7 +40,7 @@ class Prior(NamedTuple):
 
 
 class LookAlike(NamedTuple):
-    """An effect that explains the same data, and the experiment that tells them apart."""
+    """An effect that explains the same data, and an experiment that distinguishes the two."""
 
     name: str
     experiment: str
@@ -48,27 +48,27 @@ class LookAlike(NamedTuple):
 
 @dataclass(frozen=True)
 class Identity:
-    """Knowledge about an effect before any data.
+    """Prior knowledge about an effect.
 
     Attributes:
-        site: Part of the robot where it sits, one of `SITES`.
-        equation: Law in one line, symbols as the parameters are named.
-        priors: Prior of every parameter that data may tell.
+        site: Part of the robot where the effect is located, one of `SITES`.
+        equation: Law in one line, with the names of the parameters as symbols.
+        priors: Prior of every parameter that can be identified.
         source: Source of the law.
-        look_alikes: Effects that may be mistaken for it.
-        touches: Signals where it enters, of `PLANT_SIGNALS` and `SENSOR_SIGNALS`.
-        passive: It can never add energy to a robot that is not driven.
-        smooth: The motion depends on its parameters without kinks and jumps, so that
+        look_alikes: Effects that may be confused with it.
+        touches: Signals at which it enters, of `PLANT_SIGNALS` and `SENSOR_SIGNALS`.
+        passive: Whether it can never add energy to a robot without drives.
+        smooth: Whether the motion is a differentiable function of its parameters, so that
             gradients may be used.
         strengths: Parameters that are all zero when the effect is absent; by default the
             first of `priors`.
-        kind: Name of the family of laws, such as friction; data may tell the kind but not the law.
-        twins: Effects that no recording tells from it: it is tried for them, and all are said.
-        untried: Why gap finding never tries it; empty if it does.
-        noise: It averages to nothing, so that a prediction leaves it out.
-        whole_steps: Parameter that the plant rounds to whole physics steps.
-        late: Parameter by which all readings of a channel are late, and nothing else changes.
-        turned: Parameter by which joints are turned against what their sensors say.
+        kind: Name of the family of laws, such as friction; data may identify only the kind.
+        twins: Effects that no recording can distinguish from it; gap finding reports all of them.
+        untried: Reason why gap finding never tries it; "" if it does.
+        noise: Whether it is zero-mean noise, which a prediction omits.
+        whole_steps: Name of the parameter that the plant rounds to whole physics steps.
+        late: Name of the parameter that delays all readings of a channel without any other change.
+        turned: Name of the parameter that offsets joint angles from their sensor readings.
     """
 
     site: str

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of the effects in the joints, compiled: each changes torques or budgets in place.
+"""Compiled laws of the effects in the joints: each changes torques or braking torques in place.
 
 A law runs over rows ``first`` to ``last``; row r belongs to joint ``joint[r]`` and has its
-constants in ``const[r]`` and what it remembers in ``memory[r]``, zeros after a reset. What
-the constants are stands in the effect that owns the law; `torques`, `motors` and `budgets` run
-the laws of a `chain.Chain`, one after the other. Torques [N·m], angles [rad], time
-[s]; on a joint that slides forces [N] and lengths [m].
+constants in ``const[r]`` and its state in ``memory[r]``, zero after a reset. The constants are
+set by the effect of the law; `torques`, `motors` and `budgets` run the laws of a
+`chain.Chain`, one after the other. Torques [N·m], angles [rad], time [s]; on a prismatic joint
+forces [N] and lengths [m].
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "37a74410f67f"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "a7c6054bd7c4"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
-REST = 1e-5  # speed below which a joint rests, beyond what engines leave of it [rad/s] (taste)
-SPRING_AT = 2  # where a row of `spring.SpringParams` begins among the constants
+REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
+SPRING_AT = 2  # index of the first spring constant (`spring.SpringParams.row`) among the constants
 
 
 @njit(cache=True)
@@ -64,9 +64,9 @@ def motor_gain(first, last, joint, const, rows):
 
 @njit(cache=True)
 def delay(first, last, joint, const, memory, line, tau):
-    """tau(t) <- tau(t - delay); const: steps, where its delay line begins.
+    """tau(t) <- tau(t - delay); const: delay in steps, start of its delay line.
 
-    The first value is held until the late ones arrive. memory: steps so far, place in line.
+    The first value is held until delayed values arrive. memory: steps so far, position in the line.
     """
     for r in range(first, last):
         steps, base = int(const[r, 0]), int(const[r, 1])
@@ -84,9 +84,9 @@ def delay(first, last, joint, const, memory, line, tau):
 
 @njit(cache=True)
 def lag(first, last, joint, const, memory, tau, q, dq, dt):
-    """T dy/dt = tau - y, tau <- mean of y over the step; memory: begun, y at its end.
+    """T dy/dt = tau - y, tau <- mean of y over the step; memory: started, y at its end.
 
-    The end itself would come half a step early. const: exp(-dt / T), and its mean from 0 to dt.
+    The end value would be half a step early. const: exp(-dt / T), and its mean from 0 to dt.
     """
     for r in range(first, last):
         j = joint[r]
@@ -116,7 +116,7 @@ def motor_limit(first, last, joint, const, rows):
 
 @njit(cache=True)
 def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
-    """|tau| <= stall (1 - slope |dq|) when the torque drives; const: stall, slope."""
+    """|tau| <= stall (1 - slope |dq|) if tau dq > 0; const: stall, slope."""
     for r in range(first, last):
         j = joint[r]
         if const[r, ON_MOTOR] == 0.0 and tau[j] * dq[j] > 0.0:
@@ -149,7 +149,7 @@ def sag(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def motor_sag(first, last, joint, const, rows, asked, speed):
-    """Law `sag` on motors, which do not feel the load of drives without a rotor."""
+    """Law `sag` on motors; the load of drives without a rotor does not count."""
     load = 0.0
     for r in range(first, last):
         j = joint[r]
@@ -163,9 +163,9 @@ def motor_sag(first, last, joint, const, rows, asked, speed):
 
 @njit(cache=True)
 def backlash(first, last, joint, const, memory, tau, q, dq, dt):
-    """Torque passes only while the motor leans on a flank of the play.
+    """Torque is transmitted only while the motor touches an end of the play.
 
-    const: half the play, rotor inertia. memory: begun, motor minus joint, motor speed.
+    const: half the play, rotor inertia. memory: started, motor minus joint, motor speed.
     """
     for r in range(first, last):
         j, half, want = joint[r], const[r, 0], tau[joint[r]]
@@ -186,10 +186,10 @@ def backlash(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def series(first, last, joint, const, memory, tau, q, dq, dt):
-    """A spring between motor and joint; the motor's own equation is solved implicitly.
+    """A spring between motor and joint; the motor equation is solved implicitly.
 
     J w' = tau - (theta - q) / c - d (w - dq), tau <- (theta - q) / c + d (w - dq).
-    const: c, J, d. memory: begun, theta, theta - q, w - dq, w.
+    const: c, J, d. memory: started, theta, theta - q, w - dq, w.
     """
     for r in range(first, last):
         j, c, inertia, d = joint[r], const[r, 0], const[r, 1], const[r, 2]
@@ -212,7 +212,7 @@ def spring(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def saturation(first, last, joint, const, memory, tau, q, dq, dt):
-    """Of a spring's torque beyond `level` only a share counts; const: level, share, spring."""
+    """Spring torque beyond `level` is reduced to a share; const: level, share, spring."""
     for r in range(first, last):
         j, level = joint[r], const[r, 0]
         had = spring_torque(q[j], 0.0, const[r, SPRING_AT:])
@@ -272,7 +272,7 @@ def maxwell(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def learned(first, last, joint, const, memory, tau, q, dq, dt):
-    """Law `learned_kernels.learned_torque`; const[6]: exp(-dt / T). memory: begun, tau late."""
+    """Law `learned_kernels.learned_torque`; const[6]: exp(-dt / T). memory: started, lagged tau."""
     for r in range(first, last):
         j = joint[r]
         late = memory[r, 1] if memory[r, 0] != 0.0 else tau[j]
@@ -291,7 +291,7 @@ def wave(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def coupled(first, last, joint, const, memory, tau, q, dq, dt):
-    """Law `hysteresis`, and damping, of the sum of the speeds of two joints, felt by both.
+    """Law `hysteresis`, and damping, of the summed speeds of two joints, acting on both.
 
     const: T, stroke, damping, the other joint. memory: z.
     """
@@ -310,8 +310,8 @@ def coupled(first, last, joint, const, memory, tau, q, dq, dt):
 def friction(first, last, joint, const, budget, tau, dq):
     """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
 
-    const: dry, extra, 1 / v, viscous, share, and what is more dry backwards, where a joint at rest
-    goes as its drive pushes.
+    const: dry, extra, 1 / v, viscous, share, and additional dry friction in negative direction;
+    the direction of a joint at rest is that of its drive torque.
     """
     for r in range(first, last):
         j = joint[r]
@@ -326,10 +326,10 @@ def friction(first, last, joint, const, budget, tau, dq):
 
 @njit(cache=True)
 def torques(of_drives, step, dt, laws, tau, q, dq):
-    """Run laws of the torque one after the other, in place: the table of their numbers.
+    """Run the torque laws of a chain in sequence, in place; dispatches on the number of the law.
 
     Args:
-        of_drives: Run those about what drives give, else those about the torque on the joint,
+        of_drives: Run the laws on the torque of the drives, else those on the joint torque,
             springs included.
         step: Physics step.
         dt: Length of a physics step [s].
@@ -383,7 +383,7 @@ def torques(of_drives, step, dt, laws, tau, q, dq):
 
 @njit(cache=True)
 def motors(step, plan, joint, const, rows, asked, speed):
-    """Run laws of motors one after the other, in place of what servos are.
+    """Run the motor laws of a chain in sequence, changing the parameter rows of servos in place.
 
     Args:
         step: Physics step.
@@ -391,7 +391,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
         joint: Joint of each row, (r,).
         const: Constants of each row, (r, CONSTANTS).
         rows: Drives, as in `servo.ServoParams.row`, (n, COLUMNS); changed.
-        asked: Share of the voltage that each asks for, (n,).
+        asked: Duty cycle commanded by each servo, in [-1, 1], (n,).
         speed: Speed of its rotor [rad/s], (n,).
     """
     for k in range(plan.shape[0]):
@@ -410,7 +410,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
 
 @njit(cache=True)
 def budgets(step, plan, joint, const, budget, tau, dq):
-    """Add up laws of friction, in place; arguments as of `torques` and `motors`."""
+    """Add the torques of friction laws in place; arguments as in `torques` and `motors`."""
     for k in range(plan.shape[0]):
         if plan[k, 3] <= step < plan[k, 4]:
             friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)
@@ -418,7 +418,7 @@ def budgets(step, plan, joint, const, budget, tau, dq):
 
 @njit(cache=True)
 def bend(step, plan, joint, memory, command):
-    """Commands as motors behind springs see them: see `reading_laws.move_back`."""
+    """Commands relative to motors with series springs: see `reading_laws.move_back`."""
     for k in range(plan.shape[0]):
         if plan[k, 0] == SERIES and plan[k, 3] <= step < plan[k, 4]:
             for r in range(plan[k, 1], plan[k, 2]):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Offers of an effect to gap finding: a place, parameters that stay, and those that are free.
+"""Offers of an effect to gap finding: a location with fixed and free parameters.
 
-An effect offers this itself (`base.Effect.offers`), in the words of this module.
+Effects create their offers in `base.Effect.offers`, with the functions of this module.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ AXES = np.eye(3).tolist()
 
 @dataclass(frozen=True)
 class Hints:
-    """Travel of the joints, and times at which the residual is large, before any fit.
+    """Ranges of joint motion and features of the residual, known before any fit.
 
     Attributes:
         low: Smallest measured position of each joint [rad], (n,); NaN if not measured.
         high: Largest measured position of each joint [rad], (n,).
-        intervals: Times between which the residual is large, the same in all records [s].
+        intervals: Time intervals of large residuals, the same in all recordings [s].
         fast: Largest speed of each joint [rad/s], (n,); NaN or empty if not measured.
-        ripples: Periods in 2 pi of each joint with which the residual goes up and down, the
-            likeliest first; empty where it does not.
+        ripples: Numbers of periods per turn of the residual's ripple, by joint, the likeliest
+            first; empty for joints without ripple.
     """
 
     low: np.ndarray
@@ -44,23 +44,23 @@ class Hints:
 
 
 class Offer(NamedTuple):
-    """An effect at a place, with what data shall tell of it."""
+    """An effect at a location, with the parameters to identify."""
 
-    place: str  # joint, link or foot, by name or pattern; empty where it has none
-    fixed: tuple[tuple[str, Any], ...]  # parameters that stay as they are
+    place: str  # name or pattern of joint, link or foot; "" if it has none
+    fixed: tuple[tuple[str, Any], ...]  # fixed parameters
     coordinates: tuple[Coordinate, ...]  # free parameters, strengths first
-    variant: str = ""  # which part of an effect with many, e.g. the signal of a sensor
+    variant: str = ""  # variant of the effect, e.g. the signal of a sensor
 
 
 def plain(cls: type[Effect], place: str) -> Offer:
-    """Every scalar of an effect that has a prior is free."""
+    """Offer with all scalar parameters that have a prior free."""
     fixed = (("joint", place),) if place else ()
     free = [coordinate(cls, name) for name in cls.identity.priors]
     return Offer(place, fixed, tuple(sorted(free, key=lambda c: not c.strength)))
 
 
 def coordinate(cls: type[Effect], name: str) -> Coordinate:
-    """Coordinate of a scalar parameter: typical size, bounds, values to start from."""
+    """Coordinate of a scalar parameter: typical size, bounds, initial values."""
     prior, bounds = cls.identity.priors[name], bounds_of(cls, name)
     if name in cls.identity.strengths:
         size = prior.typical if prior.low > 0.0 else prior.high / 3.0
@@ -74,30 +74,30 @@ def coordinate(cls: type[Effect], name: str) -> Coordinate:
 def strength(
     cls: type[Effect], name: str, size: float, direction: Sequence[float] = ()
 ) -> Coordinate:
-    """Strength of an effect with a typical size; along a direction where it is a vector."""
+    """Coordinate of a strength with a typical size, along `direction` for a vector parameter."""
     bounds = bounds_of(cls, name)
     return Coordinate(name, size, (1.0,), *bounds, strength=True, direction=tuple(direction))
 
 
 def vector(cls: type[Effect], name: str) -> tuple[Coordinate, ...]:
-    """Strengths along x, y and z of a parameter that is a vector."""
+    """Coordinates of the strengths of a vector parameter along x, y and z."""
     size = cls.identity.priors[name].high / 3.0
     return tuple(strength(cls, name, size, axis) for axis in AXES)
 
 
 def logarithmic(cls: type[Effect], name: str, starts: Sequence[float]) -> Coordinate:
-    """Logarithm of a shape, from values that are worth a try."""
+    """Logarithmic coordinate of a shape parameter, with initial values."""
     low, high, unit = bounds_of(cls, name)
     at = tuple(math.log(value / starts[0]) for value in starts)
     return Coordinate(name, starts[0], at, max(low, 1e-9), high, unit, logarithmic=True)
 
 
 def at_most(shape: Coordinate, most: float) -> Coordinate:
-    """A logarithmic shape that begins and ends at a value, if that is below where it would.
+    """A logarithmic coordinate with initial value and upper bound reduced to at most a value.
 
     Args:
         shape: The coordinate.
-        most: Largest value; NaN leaves the shape as it is.
+        most: Largest value; NaN for no change.
     """
     if not shape.low < most < shape.high:
         return shape
@@ -109,18 +109,18 @@ def at_most(shape: Coordinate, most: float) -> Coordinate:
 def within(
     cls: type[Effect], name: str, size: float, starts: Sequence[float], low: float, high: float
 ) -> Coordinate | None:
-    """A shape between two values, none of them beyond what the parameter may be.
+    """Coordinate of a shape parameter between two values, within the parameter's legal range.
 
     Args:
         cls: The effect.
         name: Name of the parameter.
         size: Value at coordinate 1.
-        starts: Coordinates worth a try; those beyond the bounds are moved onto them.
+        starts: Initial coordinates, clipped to the bounds.
         low: Smallest value.
         high: Largest value.
 
     Returns:
-        None where no value is left.
+        The coordinate; None if the interval is empty.
     """
     least, most, unit = bounds_of(cls, name)
     low, high = max(low, least), min(high, most)
@@ -131,5 +131,5 @@ def within(
 
 
 def bounds_of(cls: type[Effect], name: str) -> tuple[float, float, str]:
-    """Smallest and largest value of a parameter, infinite without bound, and its unit."""
+    """Smallest and largest legal value of a parameter, infinite if unbounded, and its unit."""
     return (*limits(cls, name), cls.__dataclass_fields__[name].metadata["unit"])

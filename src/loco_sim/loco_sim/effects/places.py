@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of a robot at which an effect may sit: joints, the same joint of every leg, links."""
+"""Possible locations of an effect on a robot: joints, groups of corresponding joints, links."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..robot.robot import Robot
 
 
-AMONG = {  # which joints an effect may be about
+AMONG = {  # classes of joints that an effect may act on
     "all": "joint",
     "driven": "joint with a drive",
     "limited": "joint with a drive and a torque limit",
@@ -27,7 +27,7 @@ AMONG = {  # which joints an effect may be about
 
 
 def eligible(robot: Robot, among: str) -> np.ndarray:
-    """Indices of the joints of a kind in `AMONG`, (k,)."""
+    """Indices of the joints of a class in `AMONG`, (k,)."""
     if among == "all":
         return np.arange(len(robot.joints))
     if among == "turning":
@@ -41,7 +41,7 @@ def eligible(robot: Robot, among: str) -> np.ndarray:
 
 
 def outward(robot: Robot) -> np.ndarray:
-    """Index of the joint next to each outwards, (n,); -1 where there is none or several."""
+    """Index of the next joint outwards of each joint, (n,); -1 if there is none or several."""
     text, found = Description(robot.urdf), np.full(len(robot.joints), -1)
     below = [set(text.below(text.child(joint))) for joint in robot.joints]
     for i, mine in enumerate(below):
@@ -54,7 +54,7 @@ def outward(robot: Robot) -> np.ndarray:
 
 
 def turning(robot: Robot) -> np.ndarray:
-    """Indices of the joints that turn and do not slide, (k,)."""
+    """Indices of the revolute joints, (k,)."""
     kinds = Description(robot.urdf).joint_types()
     return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
 
@@ -72,7 +72,7 @@ def chains(robot: Robot) -> list[list[str]]:
 
 
 def groups(robot: Robot) -> list[list[str]]:
-    """Joints at the same place of each branch: all hips, all knees."""
+    """Groups of corresponding joints of all branches: all hips, all knees."""
     found = defaultdict(list)
     for chain in chains(robot):
         for depth, joint in enumerate(chain):
@@ -81,7 +81,7 @@ def groups(robot: Robot) -> list[list[str]]:
 
 
 def common(names: list[str], all_names: tuple[str, ...]) -> str:
-    """Pattern that matches exactly some names: what their ends share, e.g. "*_kfe_joint"."""
+    """Pattern that matches exactly the given names: their common ending, e.g. "*_kfe_joint"."""
     if set(names) == set(all_names):
         return "*"
     parts = [name.split("_") for name in names]
@@ -96,7 +96,7 @@ def common(names: list[str], all_names: tuple[str, ...]) -> str:
 
 
 def joint_places(robot: Robot, among: str) -> list[str]:
-    """Single joints that an effect applies to, and groups of them that a pattern names."""
+    """Single joints that an effect applies to, and patterns of groups of them."""
     fitting = [robot.joints[j] for j in eligible(robot, among)]
     together = [[j for j in group if j in fitting] for group in groups(robot)]
     patterns = [common(group, robot.joints) for group in together if len(group) > 1]
@@ -104,7 +104,7 @@ def joint_places(robot: Robot, among: str) -> list[str]:
 
 
 def members(robot: Robot, place: str) -> list[str]:
-    """Joints that a place names; all joints for an empty one."""
+    """Joints at a location (name or pattern); all joints for ""."""
     return [joint for joint in robot.joints if fnmatchcase(joint, place or "*")]
 
 
@@ -122,7 +122,7 @@ def links(robot: Robot) -> list[tuple[str, tuple[float, ...]]]:
 
 
 def bodies(robot: Robot) -> list[str]:
-    """Heaviest links of the rigid bodies that can move: what is fixed to a link moves with it."""
+    """Heaviest link of each moving rigid body, which includes all links fixed to each other."""
     text, able = Description(robot.urdf), {name for name, _ in links(robot)}
     firsts = [text.root_link(), *(text.child(joint) for joint in robot.joints)]
     groups = ([name for name in text.fixed_to(first) if name in able] for first in firsts)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces from outside on points of links, as data for the compiled loop of a bolted robot."""
+"""External forces on points of links, as arrays for the compiled loop of a fixed-base robot."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ CONSTANTS = 11  # point, force, anchor (3 each), stiffness, length
 
 
 class Pull(NamedTuple):
-    """A force that does not change, and a cable that pulls towards an anchor when it is taut."""
+    """A constant force and a cable that pulls towards an anchor when taut, on a point."""
 
-    link: str  # that it acts on
-    point: Sequence[float]  # where, link frame [m]
+    link: str  # link that it acts on
+    point: Sequence[float]  # point of application, link frame [m]
     force: Sequence[float] = (0.0, 0.0, 0.0)  # world frame [N]
     anchor: Sequence[float] = (0.0, 0.0, 0.0)  # of the cable, world frame [m]
     stiffness: float = 0.0  # of the cable [N/m]
@@ -26,15 +26,15 @@ class Pull(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """Arrays that `tree_kernels.pulled` runs over: k pulls."""
+    """Arrays of k pulls for the kernel `bolted.dynamics.pulled`."""
 
-    body: np.ndarray  # joint of the tree whose body is pulled, -1 is the base, (k,)
-    window: np.ndarray  # first step, and the one after the last, (k, 2)
-    const: np.ndarray  # point in the frame of that body, then as in `Pull`, (k, CONSTANTS)
+    body: np.ndarray  # joint of the tree whose body is pulled, -1 for the base, (k,)
+    window: np.ndarray  # first step, and step after the last, (k, 2)
+    const: np.ndarray  # point in the frame of that body, then the fields of `Pull`, (k, CONSTANTS)
 
 
 def of(effects: Sequence[Effect]) -> list[tuple[Effect, Pull | None]]:
-    """Effects that act on the world, each with the one force that it is; None if it is more."""
+    """Effects that act on the world, each with its `Pull`; None if it is not a single force."""
     acting = (e for e in effects if overrides(e, "on_step") and not e.absent())
     return [(effect, effect.pull()) for effect in acting]
 
@@ -42,12 +42,12 @@ def of(effects: Sequence[Effect]) -> list[tuple[Effect, Pull | None]]:
 def laid_out(
     effects: Sequence[Effect], frames: Mapping[str, Any], height: float, dt: float
 ) -> Pulls:
-    """Pulls of configured effects.
+    """Arrays of the pulls of configured effects.
 
     Args:
-        effects: Effects on a robot whose base is bolted, all of `of` with a pull.
+        effects: Effects on a fixed-base robot, all with a pull according to `of`.
         frames: Frames of its links, from `tree.build`.
-        height: Height of its base, from which the loop counts [m].
+        height: Height of its base, the origin of the loop's coordinates [m].
         dt: Physics step [s].
     """
     found = of(effects)

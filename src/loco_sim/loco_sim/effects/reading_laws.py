@@ -11,15 +11,15 @@ from numba import njit
 
 @njit(cache=True)
 def bend(values, joints, n, rest, quadratic, cubic):
-    """Q <- q + quadratic x^2 + cubic x^3 about `rest`, and dq with the slope of it.
+    """Law q <- q + quadratic x^2 + cubic x^3 with x = q - rest, and dq by its derivative.
 
     Args:
         values: Readings: n joint positions, n joint velocities and more, in rows.
         joints: Indices of the joints, (k,).
         n: Number of joints.
         rest: Angle at which x is zero [rad], (k,).
-        quadratic: [1/rad].
-        cubic: [1/rad²].
+        quadratic: Coefficient of x^2 [1/rad], (k,).
+        cubic: Coefficient of x^3 [1/rad²], (k,).
     """
     for row in range(len(values)):
         for k in range(len(joints)):
@@ -31,7 +31,7 @@ def bend(values, joints, n, rest, quadratic, cubic):
 
 @njit(cache=True)
 def quantise(values, joints, step):
-    """Q <- nearest multiple of a step [rad] for some joints."""
+    """Law q <- nearest multiple of a step [rad], for some joints."""
     for k in range(len(joints)):
         j = joints[k]
         values[j] = step * floor(values[j] / step + 0.5)
@@ -39,7 +39,7 @@ def quantise(values, joints, step):
 
 @njit(cache=True)
 def scale(values, factor, extra):
-    """Y <- factor y + extra, element by element."""
+    """Law y <- factor y + extra, element by element."""
     for i in range(len(values)):
         values[i] = factor[i] * values[i] + extra[i]
 
@@ -57,13 +57,13 @@ def product(values, at, a, b):
 
 @njit(cache=True)
 def tilt(values, at, turn, back):
-    """An IMU that is turned: orientation, angular velocity and force from ``at`` on.
+    """Readings of a rotated IMU: orientation, angular velocity and specific force from ``at`` on.
 
     Args:
         values: Readings.
         at: Index at which the orientation begins; the two vectors follow it.
-        turn: Turn of the IMU in the base, x y z w, (4,).
-        back: Rotation matrix of that turn, transposed, (3, 3).
+        turn: Rotation of the IMU in the base, x y z w, (4,).
+        back: Transposed matrix of that rotation, (3, 3).
     """
     product(values, at, values[at : at + 4], turn)
     for first in (at + 4, at + 7):
@@ -74,7 +74,7 @@ def tilt(values, at, turn, back):
 
 @njit(cache=True)
 def between(values, old, new, share, at):
-    """Values between an older and a newer sample; ``values[at:at + 4]`` is a quaternion."""
+    """Interpolation between an older and a newer sample; ``values[at:at + 4]`` is a quaternion."""
     for i in range(len(values)):
         values[i] = old[i] + share * (new[i] - old[i])
     size = 0.0
@@ -93,13 +93,13 @@ def add_at(values, joints, first, extra, sign):
 
 @njit(cache=True)
 def add_noise(values, std, drawn, turn):
-    """``values += std * drawn`` but for the orientation, for whose four there are three drawn.
+    """``values += std * drawn``, except the orientation: three random numbers for its four values.
 
     Args:
         values: Readings, (n,).
         std: Standard deviations, (n,).
-        drawn: Normal numbers, (n - 1,).
-        turn: Index at which the orientation begins.
+        drawn: Standard normal random numbers, (n - 1,).
+        turn: Index of the first value of the orientation.
     """
     for i in range(turn):
         values[i] += std[i] * drawn[i]
@@ -109,7 +109,7 @@ def add_noise(values, std, drawn, turn):
 
 @njit(cache=True)
 def move_back(q, dq, joints, memory):
-    """Command as a motor behind a spring sees it: less what the spring is bent by."""
+    """Command relative to a motor with a series spring: the spring's deflection is subtracted."""
     for k in range(len(joints)):
         q[joints[k]] -= memory[k, 2]
         dq[joints[k]] -= memory[k, 3]
@@ -117,7 +117,7 @@ def move_back(q, dq, joints, memory):
 
 @njit(cache=True)
 def followed(values, share):
-    """First-order lag of values, (T,), from 0: it comes nearer by a share at each."""
+    """First-order lag of values, (T,), from 0: each sample covers `share` of the difference."""
     made, at = np.empty(len(values)), 0.0
     for i in range(len(values)):
         at += share * (values[i] - at)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects on what the sensors say, many in one go.
+"""Fused execution of the effects on sensor readings.
 
-A `RobotState` is unpacked into one vector, each effect changes it in place, and a new
-state is made of it: that costs less than what most effects do to it.
+A `RobotState` is copied into one vector, each effect changes it in place, and a new
+state is built from it.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from loco_control.types import RobotState
 from .base import span
 from .identity import SENSOR_SIGNALS
 
-SOUGHT = 8  # times that what sensors say is compared with what they should
+SOUGHT = 8  # fixed-point iterations of `behind`
 
 
 class Layout:
-    """Places of the signals in the vector of a robot with n joints and m feet.
+    """Positions of the signals in the vector of a robot with n joints and m feet.
 
     Attributes:
         size: Length of the vector.
-        n: Joints.
+        n: Number of joints.
     """
 
     def __init__(self, n: int, m: int):
@@ -38,13 +38,13 @@ class Layout:
         return self._at[name]
 
     def pack(self, state: RobotState) -> np.ndarray:
-        """Fresh vector of all signals, (size,)."""
+        """New vector of all signals, (size,)."""
         q, grf, gyro = state.q, state.grf.reshape(-1), state.angular_velocity
         rest = state.orientation, gyro, state.linear_acceleration
         return np.concatenate((q, state.dq, state.tau, grf, *rest))
 
     def unpack(self, values: np.ndarray, state: RobotState) -> RobotState:
-        """The state with the signals of a vector."""
+        """The state with its signals replaced by those of a vector."""
         n, imu = self.n, self.size - 10
         return RobotState(
             tick=state.tick,
@@ -61,10 +61,10 @@ class Layout:
 
 
 class Readings:
-    """Hook `on_measurement` of several effects, in their order."""
+    """Hook `on_measurement` of several effects, in order."""
 
     def __init__(self, effects: Sequence[Any], hook: str = "on_measurement", dt: float = 0.0):
-        """Effects with a method `measure`; without `dt` their windows do not count.
+        """Combine effects with a method `measure`; with `dt` 0 they are active at all times.
 
         Args:
             effects: Effects in the order in which they act.
@@ -89,14 +89,14 @@ class Readings:
 def behind(
     effects: Sequence[Measuring], q: np.ndarray, dq: np.ndarray, feet: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joint positions and velocities of which sensors with effects say `q` and `dq`.
+    """True joint positions and velocities for the readings `q` and `dq` of sensors with effects.
 
-    What is said of a curve that turns back on itself may be true nowhere: it stays as it was read.
+    A reading without a solution, possible for non-monotonic characteristics, is returned unchanged.
 
     Args:
         effects: Effects that are `by_itself`, configured, in the order in which they act.
-        q: Positions that were read [rad or m], (n,).
-        dq: Velocities that were read, (n,).
+        q: Measured positions [rad or m], (n,).
+        dq: Measured velocities [rad/s or m/s], (n,).
         feet: Number of the robot's feet.
     """
     at = Layout(len(q), feet)
@@ -120,30 +120,30 @@ def behind(
 
 
 class Measuring:
-    """Part of an effect that changes what the sensors say.
+    """Interface of effects that change sensor readings.
 
     Attributes:
-        by_itself: A reading hangs on nothing but what is there at its time, so that `measure`
-            takes those of many times at once, (T, at.size).
+        by_itself: Whether a reading depends on the current values only, so that `measure`
+            accepts many samples at once, (T, at.size).
     """
 
     by_itself: ClassVar[bool] = False
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        """Change what the sensors say, in place.
+        """Change sensor readings in place.
 
         Args:
             values: All signals, (at.size,).
-            at: Place of each of them.
+            at: Position of each signal.
             t: Time [s].
         """
         raise NotImplementedError
 
     def on_measurement(self, state: RobotState) -> RobotState:
-        """The state as this effect alone makes it read."""
+        """The state as measured under this effect alone."""
         return Readings([self])(state)
 
     @classmethod
     def fuse(cls, hook: str) -> Callable[..., Any] | None:
-        """`Readings` runs the hook `on_measurement` of all effects of this kind at once."""
+        """`Readings` for the hook `on_measurement`, None for other hooks."""
         return Readings if hook == "on_measurement" else super().fuse(hook)

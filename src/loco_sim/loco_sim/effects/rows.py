@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows that the laws of the effects in the joints run over, and the number of each law."""
+"""Arrays for the laws of the effects in the joints, and the number of each law."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Numbers of the laws in `laws.torques`; a law of friction has none.
+# Numbers of the laws in `laws.torques`; friction laws have none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(8, 16)
 WAVE, COUPLED = range(16, 18)
-OF_DRIVES = 8  # laws below are about the torque of drives, the others about that on the joint
+OF_DRIVES = 8  # smaller numbers are laws on the drive torque, the others on the joint torque
 FEATURES = 18  # of `learned_kernels.learned_torque`
-CONSTANTS, MEMORY = 7 + FEATURES, 5  # per row
-ON_MOTOR = 2  # among the constants of a drive's law: 1 where it is about the motor behind a gear
+CONSTANTS, MEMORY = 7 + FEATURES, 5  # numbers per row
+ON_MOTOR = 2  # index among the constants of a drive law: 1 if it acts on the motor behind a gear
 NEVER = np.iinfo(np.int64).max
 
 
 class Laws(NamedTuple):
-    """Arrays that the kernels in `laws` run over: r rows of m laws."""
+    """Arrays for the kernels in `laws`: r rows of m laws."""
 
-    plan: np.ndarray  # law, first row, row after the last, first step, step after the last, (m, 5)
-    joint: np.ndarray  # of each row, (r,)
-    const: np.ndarray  # (r, CONSTANTS)
-    memory: np.ndarray  # (r, MEMORY)
+    plan: np.ndarray  # law, first row, row after the last, first step, step after last, (m, 5)
+    joint: np.ndarray  # joint index of each row, (r,)
+    const: np.ndarray  # constants of each row, (r, CONSTANTS)
+    memory: np.ndarray  # state of each row, (r, MEMORY)
     line: np.ndarray  # delay lines of all rows
 
 

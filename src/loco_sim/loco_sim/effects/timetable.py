@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deeds of effects in each physics step that do not depend on the state of the robot.
+"""Precomputed actions of effects that do not depend on the state of the robot.
 
-Known beforehand, it is data for a compiled loop: commands as the drives get them, and forces and
-friction that come and go at random.
+They are input data for a compiled loop: commands as received by the drives, and random forces
+and friction changes.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from .base import Effect, overrides, windows
 from .catalogue.actuator import JointOffset, SeriesElasticity
 from .pulls import CONSTANTS, Pulls
 
-Window = tuple[int, float, Any]  # first step, the one after the last, function
+Window = tuple[int, float, Any]  # first step, step after the last, function
 
 
 def commanding(effects: Sequence[Effect], dt: float) -> list[Window]:
-    """Hooks `on_command`, but for springs before joints: what they are bent by comes later."""
+    """Hooks `on_command`, except those of series springs, whose deflection depends on the state."""
     found = windows(effects, "on_command", dt)
     return [w for w in found if not isinstance(w[2].__self__, SeriesElasticity)]
 
 
 def behind_springs(effects: Sequence[Effect]) -> str:
-    """Why commands cannot be known beforehand; empty if they can."""
+    """Reason why commands cannot be precomputed; "" if they can."""
     spring = False
     for effect in (e for e in effects if overrides(e, "on_command") and not e.absent()):
         if spring and not isinstance(effect, (JointOffset, SeriesElasticity)):
@@ -43,17 +43,17 @@ def heard(
     first: int,
     dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Commands as the drives get them, (k, COMMANDS, n), and which counts in each physics step.
+    """Commands received by the drives, (k, COMMANDS, n), and their index at each physics step.
 
     Args:
         changes: Hooks of `commanding`.
-        wanted: Positions and velocities wanted, (n,) each, of each command.
-        which: Command of each physics step.
-        others: The other rows of each command.
+        wanted: Desired positions and velocities of each command, (n,) each.
+        which: Command index of each physics step.
+        others: Remaining rows of each command.
         first: Number of the first physics step.
         dt: Physics step [s].
     """
-    # Effects tell a new command from an old one by identity: so one object per command.
+    # Effects detect a new command by object identity, so each command has its own objects.
     numbers: dict[tuple[int, int, int], int] = {}
     table, places, alive = [], np.empty_like(which), []
     for at, row in enumerate(which):
@@ -71,11 +71,11 @@ def heard(
 
 
 class Script:
-    """Notes of what hooks `on_step` do, step by step, of effects that are `blind`.
+    """Recorder of the actions of hooks `on_step`, step by step, for effects that are `blind`.
 
     Args:
-        frames: Frame of each link: body, place and rotation in it; None is the root link.
-        shapes: Numbers of the shapes of each link.
+        frames: Frame of each link: body, origin and rotation in it; None stands for the root link.
+        shapes: Indices of the shapes of each link.
     """
 
     def __init__(self, frames: Mapping[str | None, Any], shapes: Mapping[str, Sequence[int]]):
@@ -89,7 +89,7 @@ class Script:
         Args:
             acts: Hooks `on_step`.
             first: Number of the first step.
-            stop: Number of the step after the last.
+            stop: Step after the last.
             dt: Physics step [s].
         """
         self._body, self._window, self._const = [], [], []
@@ -112,7 +112,7 @@ class Script:
         link: str | None = None,
         point: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """As of `World`; the same force in the next step makes it longer."""
+        """As `World.push`; an equal force in the next step extends the recorded one."""
         body, place, turn = self._frames[link]
         const = [*(place + turn @ np.array(point)), *force, 0.0, 0.0, 0.0, 0.0, 0.0]
         for k in range(len(self._body) - 1, -1, -1):
@@ -127,7 +127,7 @@ class Script:
         self._const.append(const)
 
     def set_friction(self, link: str, friction: float) -> None:
-        """As of `World`."""
+        """As `World.set_friction`."""
         for shape in self._shapes[link]:
             self._shape.append([self._step, shape])
             self._value.append(friction)

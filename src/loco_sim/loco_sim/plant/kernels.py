@@ -16,7 +16,7 @@ from ..effects.laws import bend, budgets, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "fb92dc45e933"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "34923e998b14"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic

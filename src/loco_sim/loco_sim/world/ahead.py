@@ -33,7 +33,7 @@ from ..drives.servo_kernels import GAIN, LIMIT, PASSIVE, WANTED
 from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "b530afc637bc"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "d03b5f48e041"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of contacts, and how many
 SWEEPS = 50  # over the contacts, at most

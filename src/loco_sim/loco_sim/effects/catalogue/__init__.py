@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects, one family a module; importing this package registers every module in it."""
+"""The effects, one module per family; importing this package registers all of them."""
 
 import importlib
 import pkgutil

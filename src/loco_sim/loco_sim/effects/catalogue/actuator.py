@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives that do not do what they are told: too slow, too weak, loose, or turned."""
+"""Effects of the drives: lag, limits, supply, torque constant, backlash, elasticity, offset."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DC_MOTOR = (
 
 @dataclass
 class ActuatorLag(DriveEffect, name="actuator_lag"):
-    """Torque follows what the drive wants with a first-order lag, solved exactly."""
+    """The torque follows the command of the drive with a first-order lag, solved exactly."""
 
     time: float = parameter(0.0, "time constant", "s", low=0.0, high=1.0)
     law, among = rows.LAG, "driven"
@@ -57,9 +57,9 @@ class ActuatorLag(DriveEffect, name="actuator_lag"):
 
 @dataclass
 class TorqueLimit(MotorEffect, name="torque_limit"):
-    """The drive gives less than the torque limit of the robot's description.
+    """The torque limit of the drive is below that of the robot's description.
 
-    In a geared servo it is about the motor, before rotor and gear.
+    In a geared servo it acts on the motor, before rotor and gear.
     """
 
     reduction: float = parameter(0.0, "share of the limit that is missing", "-", 0.0, 1.0)
@@ -87,9 +87,9 @@ class TorqueLimit(MotorEffect, name="torque_limit"):
 
 @dataclass
 class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
-    """The faster the joint moves, the less torque is left to drive it on.
+    """The driving torque available decreases linearly with the joint speed.
 
-    Braking is not limited. In a geared servo it is about the motor, before rotor and gear.
+    Braking is not limited. In a geared servo it acts on the motor, before rotor and gear.
     """
 
     slope: float = parameter(0.0, "one over the speed without load", "s/rad", 0.0, 10.0)
@@ -115,9 +115,9 @@ class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
 
 @dataclass
 class SupplySag(MotorEffect, name="supply_sag"):
-    """The supply voltage, and with it every torque, falls with the load of all drives.
+    """The supply voltage, and with it every torque, decreases with the load of all drives.
 
-    In a geared servo it is about the motor, before rotor and gear.
+    In a geared servo it acts on the motor, before rotor and gear.
     """
 
     sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
@@ -141,9 +141,9 @@ class SupplySag(MotorEffect, name="supply_sag"):
 
 @dataclass
 class TorqueConstantError(MotorEffect, name="torque_constant_error"):
-    """The drive gives another torque than it believes, in proportion.
+    """The torque of the drive differs from the commanded torque by a constant factor.
 
-    In a geared servo it is about the motor, before rotor and gear.
+    In a geared servo it acts on the motor, before rotor and gear.
     """
 
     error: float = parameter(0.0, "relative error", "-", low=-0.9, high=2.0)
@@ -171,10 +171,10 @@ class TorqueConstantError(MotorEffect, name="torque_constant_error"):
 
 @dataclass
 class Backlash(DriveEffect, name="backlash"):
-    """Play between motor and joint: no torque while the motor crosses it.
+    """Play between motor and joint: no torque is transmitted while the motor crosses it.
 
-    The motor is a rotor that only its torque moves while it is free; it lands without
-    bouncing. The drive measures the joint.
+    Within the play the rotor is moved by the motor torque alone; the contact at either end is
+    inelastic. The drive measures the joint.
     """
 
     width: float = parameter(0.0, "play between the two flanks", "rad", low=0.0, high=0.5)
@@ -203,10 +203,10 @@ class Backlash(DriveEffect, name="backlash"):
 
 @dataclass
 class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
-    """A spring between motor and joint; the drive and its sensor see the motor.
+    """A spring between motor and joint; the drive and its sensor measure the motor.
 
-    The motor's equation is solved implicitly, so a stiff spring is no problem to it; the
-    rotor must be heavy enough for the gains of the drive, kd dt / inertia < 1.
+    The motor's equation is solved implicitly, so it is stable for stiff springs; the rotor
+    must be heavy enough for the gains of the drive, kd dt / inertia < 1.
     """
 
     compliance: float = parameter(0.0, "one over the stiffness", "rad/(N·m)", 0.0, 10.0)
@@ -253,7 +253,7 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
 
 @dataclass
 class JointOffset(Measuring, JointEffect, name="joint_offset"):
-    """A joint is bolted on with a turn: what drive and sensor call zero is not the model's."""
+    """A joint is mounted rotated: the zero of drive and sensor is not that of the model."""
 
     offset: float = parameter(0.0, "true angle when the sensor says 0", "rad", -3.2, 3.2)
     among, needs = "driven", ("follower",)
@@ -281,7 +281,7 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
         self._offsets = np.full(len(self.joints), self.offset)
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
-        if q is not self._sent:  # a new command, not the old one again
+        if q is not self._sent:  # a new command
             self._sent, self._turned = q, q.copy()
             self._turned[self.joints] += self.offset
         return self._turned, dq

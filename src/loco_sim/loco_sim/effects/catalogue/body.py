@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A body that is not the one of the model: masses elsewhere, a trunk that gives way, a hose."""
+"""Effects of the body: mass, centre of mass, rotor inertia, trunk flexibility, cable forces."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..offers import AXES, Hints, Offer, logarithmic, strength, vector
 from ..places import bodies, links, turning
 from ..pulls import Pull
 
-ROOM = 1.5  # times the distance of the joints on a base, within which a payload sits (taste)
+ROOM = 1.5  # range of payload positions on a base, relative to that of its joints (taste)
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
     "links, Int. J. Robotics Research 5(3)"
@@ -31,7 +31,7 @@ _INERTIA = (
 
 
 def carrier(world: Any, link: str) -> str:
-    """The link named; empty is the base, or what the last joint of a fixed robot moves."""
+    """Name of a link; for "" the base, or the last link of a fixed-base robot."""
     if link:
         return link
     description = world.description
@@ -40,17 +40,17 @@ def carrier(world: Any, link: str) -> str:
 
 
 def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
-    """Links that something may pull at: all that can move if the base is bolted, else the base."""
+    """Links for external forces: all moving links if the base is fixed, else the base."""
     found = links(robot)
     return found if robot.fixed_base else found[:1]
 
 
 @dataclass
 class Payload(Effect, name="payload"):
-    """A point mass fixed to a link from the beginning to the end.
+    """A point mass fixed to a link for the whole run.
 
     It becomes part of the link's mass, centre of mass and inertia
-    (`description.add_point_mass`), which the engine cannot change in mid-run.
+    (`description.add_point_mass`), which the engine cannot change during a run.
     """
 
     mass: float = parameter(0.0, "mass of the payload", "kg", low=0.0, high=1000.0)
@@ -75,7 +75,7 @@ class Payload(Effect, name="payload"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """At the middle of each link, along one that turns, and anywhere on a base that moves."""
+        """At the middle of each link, along a rotating link, and anywhere on a moving base."""
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
         base = [] if robot.fixed_base else text.fixed_to(text.root_link())
@@ -107,7 +107,7 @@ class Payload(Effect, name="payload"):
 
 @dataclass
 class ComOffset(Effect, name="com_offset"):
-    """The centre of mass of a link is elsewhere; mass and inertia about it stay."""
+    """The centre of mass of a link is displaced; mass and inertia about it are unchanged."""
 
     offset: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), "by how much, link frame", "m", low=-1.0, high=1.0
@@ -144,11 +144,11 @@ class ComOffset(Effect, name="com_offset"):
 
 @dataclass
 class Armature(JointEffect, name="armature"):
-    """Inertia of rotor and gear that the model leaves out.
+    """Inertia of rotor and gear that the model lacks.
 
-    The joint alone feels it, as of a rotor that a gear makes fast. PyBullet has no such inertia:
-    there the link that the joint moves gets it about the joint's axis, and half of it about the
-    two others, since no body can have less, which the joints before it feel, too.
+    It acts on the joint alone, as the inertia of a rotor behind a gear. PyBullet has no such
+    inertia: there it is added to the moved link about the joint's axis, with half of it about the
+    two other axes, the least that is physically possible, which also loads the joints before it.
     """
 
     inertia: float = parameter(0.0, "of the rotor, at the joint", "kg·m²", 0.0, 100.0)
@@ -175,15 +175,15 @@ class Armature(JointEffect, name="armature"):
             world.armature[joint] = world.armature.get(joint, 0.0) + self.inertia
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget."""
+        """The effect has no state."""
 
 
 @dataclass
 class TrunkFlex(Effect, name="trunk_flex"):
-    """The trunk bends or twists: its rear, with all that hangs on it, is on a sprung hinge.
+    """The trunk bends or twists: its rear part, with the hind legs, is attached by a sprung hinge.
 
-    The root link is cut in two at `position`: each half has half its mass and inertia about
-    the same centre, so that with a locked hinge the robot is as it was.
+    The root link is split in two at `position`: each half has half its mass and inertia about
+    the same centre, so that with a locked hinge the robot is unchanged.
     """
 
     compliance: float = parameter(0.0, "turn per torque", "rad/(N·m)", 0.0, 10.0)
@@ -223,7 +223,7 @@ class TrunkFlex(Effect, name="trunk_flex"):
 
 @dataclass
 class CableForce(Effect, name="cable_force"):
-    """A hose or cable that pulls a link towards an anchor when it is taut; it never pushes."""
+    """A hose or cable that pulls a link towards an anchor when taut; it never pushes."""
 
     stiffness: float = parameter(0.0, "of the cable", "N/m", low=0.0, high=1e6)
     anchor: tuple[float, float, float] = parameter((0.0, 0.0, 2.0), "fixed end, world frame", "m")
@@ -270,7 +270,7 @@ class CableForce(Effect, name="cable_force"):
             world.push((pull * x, pull * y, pull * z), self._link, at=at)
 
     def _reach(self, world: Any) -> tuple[Any, list[float], float]:
-        """Point that is pulled [m], the way from there to the anchor [m], and its length."""
+        """Attachment point, vector from there to the anchor, and its length, world frame [m]."""
         at = world.place(self._link, self.point)
         way = [anchor - x for anchor, x in zip(self.anchor, at, strict=True)]
         return at, way, sqrt(added(w * w for w in way))

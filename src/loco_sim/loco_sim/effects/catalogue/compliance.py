@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs in the joints that are not those of the model."""
+"""Effects of joint springs and stops that differ from the model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _THESIS = "thesis section 5.3.1: springs of the real robot saturate, those of th
 
 
 def rest(robot: Any, joints: np.ndarray) -> np.ndarray:
-    """Angles of rest of joints [rad]: its spring's slack, else the standing pose, (k,)."""
+    """Rest angles of joints [rad], (k,): of the joint's spring, else of the standing pose."""
     springs = getattr(robot, "springs", {})
     names = [robot.joints[j] for j in joints]
     return np.array(
@@ -44,7 +44,7 @@ def springs_of(robot: Any, joints: np.ndarray) -> list[np.ndarray]:
 
 @dataclass
 class Elastic(TorqueEffect):
-    """An effect whose torque depends on the position alone: it stores what it takes."""
+    """An effect whose torque depends on the position alone, so it conserves energy."""
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         zero, slack = np.zeros(len(q)), self._slack
@@ -113,7 +113,7 @@ class AddedStiffness(Elastic, name="added_stiffness"):
 
 @dataclass
 class CubicStiffness(Elastic, name="cubic_stiffness"):
-    """A joint becomes stiffer (or, below 0, softer) the further it is bent."""
+    """A joint becomes stiffer (softer for negative values) with its deflection."""
 
     cubic: float = parameter(0.0, "torque per cube of the angle", "N·m/rad³", -1e4, 1e6)
     law = rows.SPRING
@@ -141,7 +141,7 @@ class CubicStiffness(Elastic, name="cubic_stiffness"):
 
 @dataclass
 class SpringSaturation(Elastic, name="spring_saturation"):
-    """Above a torque a spring of the robot gives way: a smaller share of its stiffness counts."""
+    """Above a certain torque a spring of the robot has a smaller stiffness."""
 
     lost: float = parameter(0.0, "share of the stiffness lost above the torque", "-", 0.0, 1.0)
     torque: float = parameter(0.1, "where it begins", "N·m", 1e-4, 1e3)
@@ -170,7 +170,7 @@ class SpringSaturation(Elastic, name="spring_saturation"):
 
 @dataclass
 class RestAngleError(Elastic, name="rest_angle_error"):
-    """A spring of the robot is slack at another angle than the model says."""
+    """The rest angle of a spring of the robot differs from the model."""
 
     offset: float = parameter(0.0, "angle by which it is off", "rad", -1.5, 1.5)
     law, among = rows.SHIFTED, "sprung"
@@ -194,9 +194,9 @@ class RestAngleError(Elastic, name="rest_angle_error"):
 
 @dataclass
 class EndStop(Elastic, name="end_stop"):
-    """The joint runs into a soft stop at an angle; list it twice for both sides.
+    """A soft stop limits the joint at an angle; list it twice for both sides.
 
-    Below 0 the stop is on the other side. A stop only pushes.
+    For a negative angle the stop is on the other side. A stop only pushes.
     """
 
     angle: float = parameter(0.0, "where, from the joint's rest; 0 is none", "rad", -3.2, 3.2)
@@ -225,7 +225,7 @@ class EndStop(Elastic, name="end_stop"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """At either side of each joint, inside the range that was measured."""
+        """At either side of each joint, inside the measured range."""
         rows, slack = [], rest(robot, np.arange(len(robot.joints)))
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "damping", (0.1,))
         for j, joint in enumerate(robot.joints):
@@ -235,7 +235,7 @@ class EndStop(Elastic, name="end_stop"):
                     continue
                 ends = sorted((0.05 * edge, 1.3 * edge))
                 angle = within(cls, "angle", float(edge), (0.9, 0.7, 0.98), *map(float, ends))
-                if angle:  # a joint that turns round and round has no stop
+                if angle:  # a joint without limits has no stop
                     rows.append(Offer(joint, (("joint", joint),), (free[0], angle, free[1]), side))
         return rows
 
@@ -278,7 +278,7 @@ class Hysteresis(TorqueEffect, name="hysteresis"):
 
 @dataclass
 class Viscoelasticity(TorqueEffect, name="viscoelasticity"):
-    """A spring behind a damper (Maxwell): stiff when fast, nothing when slow."""
+    """A spring in series with a damper (Maxwell): stiff in fast motion, soft in slow motion."""
 
     stiffness: float = parameter(0.0, "of the spring, felt by fast motions", "N·m/rad", 0.0, 1e5)
     time: float = parameter(0.1, "in which its torque fades", "s", 1e-3, 100.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground that is not the one of the model: slippery, soft, rough or inclined."""
+"""Effects of the ground: friction, compliance, height and slope that differ from the model."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
 def feet(robot: Any, pattern: str) -> list[str]:
-    """Feet that a name or pattern names; empty is all.
+    """Feet that match a name or pattern; all feet for "".
 
     Raises:
-        NameUnknownError: The name or pattern fits no foot.
+        NameUnknownError: The name or pattern matches no foot.
     """
     if not (known := named(robot.feet, pattern)):
         raise NameUnknownError("foot", pattern, robot.feet)
@@ -40,12 +40,12 @@ def feet(robot: Any, pattern: str) -> list[str]:
 
 
 def named(feet: Iterable[str], pattern: str) -> list[str]:
-    """Those of some feet that a name or pattern fits; empty fits all."""
+    """The feet that match a name or pattern; all for ""."""
     return [foot for foot in feet if not pattern or fnmatchcase(foot, pattern)]
 
 
 def under_feet(whole: Offer, robot: Any) -> list[Offer]:
-    """An offer about all feet, then the same about each."""
+    """An offer for all feet together, then the same for each foot."""
     if len(robot.feet) < 2:
         return [whole]
     return [whole, *(whole._replace(place=f, fixed=(("foot", f),)) for f in robot.feet)]
@@ -53,7 +53,7 @@ def under_feet(whole: Offer, robot: Any) -> list[Offer]:
 
 @dataclass
 class FootFriction(Effect, name="foot_friction"):
-    """Friction of feet on the ground that the model does not have; list it once per foot."""
+    """The friction of feet on the ground differs from the model; list it once per foot."""
 
     error: float = parameter(0.0, "relative error of the coefficient", "-", -0.999, 20.0)
     foot: str = parameter("", "feet, by name or pattern; empty is all")
@@ -87,7 +87,7 @@ class FootFriction(Effect, name="foot_friction"):
 
 @dataclass
 class Slip(Effect, name="slip"):
-    """Slippery patches: at random times, each foot for itself, friction falls."""
+    """Slippery patches: friction drops at random times, independently for each foot."""
 
     loss: float = parameter(0.0, "share of the friction that is lost there", "-", 0.0, 1.0)
     share: float = parameter(0.3, "share of the time on patches", "-", 0.01, 0.99)
@@ -130,7 +130,7 @@ class Slip(Effect, name="slip"):
         self._next = -np.inf
 
     def _time(self, on: bool) -> float:
-        """Time on or off a patch [s], drawn."""
+        """Random time on or off a patch [s]."""
         ratio = 1.0 if on else (1.0 - self.share) / self.share
         return self.duration * ratio * self._rng.exponential()
 
@@ -159,20 +159,20 @@ STANCE = (
 
 @dataclass
 class Giving(Effect):
-    """Ground that gives way under feet like a spring and damper, everywhere or somewhere."""
+    """Base of effects with compliant ground (spring and damper), everywhere or in patches."""
 
     compliance: float = parameter(0.0, "way per force under one foot", "m/N", 0.0, 1.0)
     damping: float = parameter(300.0, "of the ground under one foot", "N·s/m", 0.0, 1e6)
 
     def softened(self, stiffness: float) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N·s/m] of a contact that had this stiffness, 0 for rigid."""
+        """Stiffness [N/m], damping [N·s/m] of a contact that had `stiffness`; 0 is rigid."""
         rigid = 1.0 / stiffness if stiffness > 0.0 else 0.0
         return 1.0 / (rigid + self.compliance), self.damping
 
 
 @dataclass
 class GroundCompliance(Giving, name="ground_compliance"):
-    """The ground under feet gives way like a spring and damper."""
+    """The ground under feet is compliant: a spring and damper."""
 
     foot: str = parameter("", "feet, by name or pattern; empty is all")
     lasting, needs = True, ("feet",)
@@ -211,9 +211,9 @@ class GroundCompliance(Giving, name="ground_compliance"):
 
 @dataclass
 class SoftPatches(Giving, name="soft_patches"):
-    """The ground gives way in some places, and in these only: a foot sinks in where it steps there.
+    """The ground is compliant in patches only: a foot sinks in where it steps on one.
 
-    It is firm where the robot starts; the places are the same in every engine and every run.
+    It is firm where the robot starts; the patches are the same in every engine and every run.
     """
 
     share: float = parameter(0.3, "share of the ground that is soft", "-", 0.01, 0.99)
@@ -242,7 +242,7 @@ class SoftPatches(Giving, name="soft_patches"):
         self._last = self.stop - 1.5 * world.dt
 
     def reset(self, rng: np.random.Generator) -> None:
-        self._under: dict[str, bool] = {}  # nobody knows what the run before left
+        self._under: dict[str, bool] = {}  # contact settings of the previous run are unknown
 
     def on_step(self, world: Any, t: float) -> None:
         for foot, firm in self._firm.items():
@@ -289,9 +289,9 @@ class RoughGround(Effect, name="terrain"):
 
 @dataclass
 class GroundHeight(Effect, name="ground_height"):
-    """Ground is higher under one foot, wherever it steps: a board, a worn sole, a longer leg.
+    """The ground is higher under one foot wherever it steps: a board, a worn sole, a longer leg.
 
-    The ball of the foot is as much larger: it touches as early, from the same centre.
+    The radius of the foot is increased by this height, so that it touches earlier.
     """
 
     height: float = parameter(0.0, "by how much it is higher", "m", -0.5, 0.5)
@@ -316,7 +316,7 @@ class GroundHeight(Effect, name="ground_height"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """Under each foot: the same under all of them is no other ground."""
+        """Under each foot; the same height under all feet would have no effect."""
         return under_feet(plain(cls, ""), robot)[1:]
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
@@ -331,7 +331,7 @@ class GroundHeight(Effect, name="ground_height"):
 
 @dataclass
 class Slope(Measuring, Effect, name="slope"):
-    """The ground (or the bench) is inclined: gravity is turned, and so is what the IMU says.
+    """The ground (or the bench) is inclined: gravity and the IMU readings are rotated.
 
     The world's frame is that of the ground, x ahead on it.
     """

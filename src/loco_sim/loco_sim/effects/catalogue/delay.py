@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pure delays: of the motion command on its way to the drives, and of the torque."""
+"""Pure delays of the motion command to the drives, and of the torque."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ..identity import Identity, LookAlike, Prior
 
 
 def delayed(pending: deque, value: Any, steps: int) -> Any:
-    """The value of `steps` calls ago; the first value while there was none.
+    """The value of `steps` calls ago; the first value during the first `steps` calls.
 
     Args:
-        pending: Values under way, oldest first; changed in place.
-        value: The newest.
+        pending: Pending values, oldest first; changed in place.
+        value: Newest value.
         steps: Delay in calls, >= 0.
     """
     pending.append(value)
@@ -34,7 +34,7 @@ def delayed(pending: deque, value: Any, steps: int) -> Any:
 class CommandDelay(Effect, name="command_delay"):
     """Motion commands reach the drives late, by a whole number of physics steps.
 
-    When it begins, the command of that moment is held until the late ones arrive.
+    At its start, the current command is held until the delayed commands arrive.
     Source: thesis chapter 8, a delay between network and motors of unpublished size.
     """
 
@@ -57,7 +57,7 @@ class CommandDelay(Effect, name="command_delay"):
         touches=("command",),
         passive=False,
         smooth=False,
-        twins=("sensor_latency",),  # of all sensors: whatever comes, comes later by as much
+        twins=("sensor_latency",),  # of all sensors: the whole motion is late by the same time
         whole_steps="delay",
     )  # fmt: skip
 
@@ -76,8 +76,8 @@ class CommandDelay(Effect, name="command_delay"):
 class ActuationDelay(DriveEffect, name="actuation_delay"):
     """Joint torques act late, by a whole number of physics steps.
 
-    When it begins, the torque of that moment is held until the late ones arrive.
-    The delay is inside the impedance loop, so it takes damping away.
+    At its start, the current torque is held until the delayed torques arrive.
+    The delay is inside the impedance loop, so it reduces damping.
     """
 
     delay: float = parameter(0.0, "delay, rounded to physics steps", "s", low=0.0, high=1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults: a sensor that freezes, commands that get lost."""
+"""Faults: frozen sensors and lost commands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class SensorStuck(Measuring, Effect, name="sensor_stuck"):
-    """A sensor repeats what it said when the fault began."""
+    """A sensor repeats its reading from the start of the fault."""
 
     channel: str = parameter("none", "which sensor", choices=("none", *SENSOR_SIGNALS))
     index: int = parameter(-1, "which joint, foot or axis; -1 is all", low=-1)
@@ -78,7 +78,7 @@ def stuck(value: np.ndarray, held: np.ndarray, index: int) -> np.ndarray:
 
 @dataclass
 class CommandDropout(Effect, name="command_dropout"):
-    """Motion commands get lost; the drives keep the last one that arrived."""
+    """Motion commands are lost; the drives hold the last received command."""
 
     probability: float = parameter(0.0, "that a command is lost", low=0.0, high=1.0)
     needs = ("follower",)
@@ -109,7 +109,7 @@ class CommandDropout(Effect, name="command_dropout"):
         self._arrived: tuple[np.ndarray, np.ndarray] | None = None
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
-        if q is not self._sent:  # a new command, not the old one again
+        if q is not self._sent:  # a new command
             self._sent = q
             lost = self._rng.random() < self.probability
             if self._arrived is None or not lost:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Friction in the joints: how much torque is there to stop them.
+"""Effects of joint friction, as braking torques.
 
-A law gives a budget (hook `on_brake`); the engine takes from it what stops the joint and
-no more. `-torque sign(dq)` instead would push a joint that rests back and forth.
+A law gives the available braking torque (hook `on_brake`); the engine applies at most the part
+that stops the joint. A torque `-torque sign(dq)` would make a joint at rest chatter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TOUCHES = ("brake",)
 
 @dataclass
 class CoulombFriction(BrakeEffect, name="coulomb_friction"):
-    """Dry friction: a joint that moves is slowed by a constant torque, one at rest is held."""
+    """Dry friction: a constant torque slows a moving joint and holds a joint at rest."""
 
     torque: float = parameter(0.0, "friction torque", "N·m", low=0.0, high=200.0)
 
@@ -54,7 +54,7 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
 
 @dataclass
 class StribeckFriction(BrakeEffect, name="stribeck_friction"):
-    """Dry friction at rest that goes away with speed; add `coulomb_friction` for what stays."""
+    """Dry friction at rest that vanishes with speed; add `coulomb_friction` for a constant part."""
 
     torque: float = parameter(0.0, "friction torque at rest", "N·m", low=0.0, high=200.0)
     velocity: float = parameter(0.1, "at this speed 37 % of it is left", "rad/s", 1e-4, 100.0)
@@ -78,7 +78,7 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """At each joint, fading at a speed that was reached: else it is Coulomb friction there."""
+        """At each joint, with Stribeck velocities within the measured speeds."""
         fast = dict(zip(robot.joints, hints.fast, strict=False))
         return [
             offer._replace(coordinates=tuple(
@@ -94,10 +94,10 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
 
 @dataclass
 class ViscousFriction(BrakeEffect, name="viscous_friction"):
-    """Friction that grows with speed.
+    """Friction in proportion to speed.
 
-    As a budget it never does more than stop the joint, so it is stable however large it is;
-    it is right while damping dt / inertia is below 1.
+    As a braking torque it never does more than stop the joint, so it is always stable;
+    it is accurate while damping dt / inertia is below 1.
     """
 
     damping: float = parameter(0.0, "damping", "N·m·s/rad", low=0.0, high=1000.0)
@@ -184,10 +184,10 @@ class AsymmetricFriction(BrakeEffect, name="asymmetric_friction"):
 
 @dataclass
 class CoupledFriction(TorqueEffect, name="coupled_friction"):
-    """Friction of a part that turns with a joint and the next one outwards: both feel it.
+    """Friction of a part that turns with a joint and the next one outwards; it acts on both.
 
-    It follows the sum of their speeds, as in a wrist where the motor of one axis sits behind the
-    other. Dry friction gives a little before it slides (`hysteresis`).
+    It depends on the sum of their speeds, as in a wrist where the motor of one axis sits behind
+    the other. Dry friction has an elastic pre-sliding range (`hysteresis`).
     """
 
     torque: float = parameter(0.0, "dry friction torque", "N·m", low=0.0, high=200.0)

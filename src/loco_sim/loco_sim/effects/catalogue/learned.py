@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Correction that is learned from data where a model lacks something; it explains nothing."""
+"""Joint torque correction learned from data, for residuals without a physical explanation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from ..identity import Identity, LookAlike, Prior
 
 @dataclass
 class LearnedResidual(TorqueEffect, name="learned_residual"):
-    """A learned correction of a joint's torque, where nothing known explains a gap.
+    """A learned correction of a joint's torque, for a gap that no known effect explains.
 
-    It repeats what was seen in the states that were seen: outside of them it fades to zero, and
-    it never gives more than the torque limit of the joint. `loco gap --residual` fits it.
+    It is valid in the range of the training data: outside it fades to zero, and it is limited to
+    the torque limit of the joint. `loco gap --residual` fits it.
     """
 
     weights: tuple[float, ...] = parameter(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise of the sensors."""
+"""Sensor noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
 def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
-    """Orientation after a small turn about the base axes.
+    """Orientation after a small rotation about the base axes.
 
     Args:
         orientation: x y z w, (4,).
@@ -36,7 +36,7 @@ def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
 class SensorNoise(Measuring, Effect, name="sensor_noise"):
     """White Gaussian noise on each channel, drawn once per control period.
 
-    Every channel is drawn whether it is used or not, so switching one on does not
+    All channels are drawn, used or not, so that switching one on does not
     change the noise of another.
     """
 
@@ -87,7 +87,7 @@ class SensorNoise(Measuring, Effect, name="sensor_noise"):
                     for name, std in zip(SENSOR_SIGNALS, stds, strict=True)
                 ]
             )
-        # Drawn in this order for ever: one more channel would change every run.
+        # The order must never change: it determines the noise of every run.
         drawn, first = self._rng.standard_normal(at.size - 1), at["orientation"].start
         reading_laws.add_noise(values, self._std, drawn, first)
         if self.orientation:

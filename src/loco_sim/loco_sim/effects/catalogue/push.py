@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces from outside."""
+"""External forces on links."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass
 class Push(Effect, name="push"):
-    """A constant force, plus one that jumps at random, on a point of a link.
+    """A constant plus a random force on a point of a link.
 
-    The random force is uniform in +-`random` on each axis and is drawn anew after a
-    uniform time between `shortest` and `longest`.
+    The random force is piecewise constant, uniform in +-`random` on each axis, and drawn
+    again after a uniform time between `shortest` and `longest`.
     Source: the random force is that of the author's simulation (hyq_ml, hyq/physics.py), where
     a new draw every 25 to 250 control periods replaces the one before.
     """
@@ -63,12 +63,12 @@ class Push(Effect, name="push"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """On each link, or the base, during the times in which the residual is large."""
+        """On each link, or the base, during the intervals of large residuals."""
         rows = []
         for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
             half = 0.5 * (stop - start)
-            near = half + 0.2  # beyond that it is another push
-            ranges = (  # a robot that was let go rings on
+            near = half + 0.2  # farther away it is another push
+            ranges = (  # residuals continue after the push
                 ("start", (start,), max(0.0, start - near)),
                 ("stop", (stop, start + half), start),
             )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors that say something else than what is: in proportion, bent, rounded, late, tilted."""
+"""Effects of the sensors: bias, gain, nonlinearity, quantisation, latency, IMU tilt."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Vector = tuple[float, float, float]
 
 @dataclass
 class JointSensor(Measuring, Effect):
-    """An effect on sensors of which some are in joints."""
+    """Base of effects on sensors, some of them in joints."""
 
     joint: str = parameter("", "joints, by name or pattern; empty is all")
 
@@ -50,14 +50,14 @@ class JointSensor(Measuring, Effect):
 
 @dataclass
 class LinearSensor(JointSensor):
-    """An effect that gives every reading a factor and adds something to it."""
+    """Base of effects that multiply readings by a factor and add an offset."""
 
-    reads: ClassVar[Mapping[str, str]] = {}  # its parameter for a signal of a recording
+    reads: ClassVar[Mapping[str, str]] = {}  # parameter by signal of a recording
     by_itself = True
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """One parameter for each signal that was measured, joint by joint where it has joints."""
+        """One parameter for each measured signal, joint by joint for joint signals."""
         rows: list[Offer] = []
         for signal, name in cls.reads.items():
             if signal not in signals:
@@ -76,7 +76,7 @@ class LinearSensor(JointSensor):
         self._factor: np.ndarray | None = None
 
     def lines(self, at: Layout, factor: np.ndarray, extra: np.ndarray) -> None:
-        """Fill in factors, which are 1, and what is added, which is 0; each (at.size,)."""
+        """Fill in factors (initially 1) and offsets (initially 0), each (at.size,)."""
         raise NotImplementedError
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
@@ -92,7 +92,7 @@ class LinearSensor(JointSensor):
 
 @dataclass
 class SensorBias(LinearSensor, name="sensor_bias"):
-    """Sensors are off by a constant; the drives do not see it (see `joint_offset`)."""
+    """Sensor readings have a constant offset; the drives are not affected (see `joint_offset`)."""
 
     q: float = parameter(0.0, "joint position", "rad", low=-3.2, high=3.2)
     tau: float = parameter(0.0, "joint torque", "N·m", low=-200.0, high=200.0)
@@ -130,9 +130,9 @@ class SensorBias(LinearSensor, name="sensor_bias"):
 
 @dataclass
 class SensorGain(LinearSensor, name="sensor_gain"):
-    """Sensors are off in proportion; those of positions about their own zero, with their velocity.
+    """Sensor readings have a scale error; of positions and velocities about the sensor's zero.
 
-    One whose zero is elsewhere has a `sensor_bias` as well.
+    A sensor with a shifted zero has a `sensor_bias` as well.
     """
 
     q: float = parameter(0.0, "joint position and velocity", "-", low=-0.9, high=2.0)
@@ -175,9 +175,9 @@ class SensorGain(LinearSensor, name="sensor_gain"):
 
 @dataclass
 class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
-    """A joint sensor's curve is bent, as that of a Hall sensor whose table is off.
+    """The characteristic of a joint sensor is nonlinear, e.g. from an inaccurate Hall sensor table.
 
-    The velocity is that of the bent position.
+    The velocity is the derivative of the distorted position.
     """
 
     quadratic: float = parameter(0.0, "bend about the joint's rest", "1/rad", -5.0, 5.0)
@@ -201,19 +201,19 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """Both bends of each joint's sensor."""
+        """Both distortion terms of each joint's sensor."""
         free = strength(cls, "quadratic", 0.2), strength(cls, "cubic", 0.4)
         return [Offer(j, (("joint", j),), free) for j in cls.places(robot)]
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         bent = self.quadratic, self.cubic
-        rows = values.reshape(-1, at.size)  # of one time or of many
+        rows = values.reshape(-1, at.size)  # one or many samples
         reading_laws.bend(rows, self._joints, at.n, self._rest, *bent)
 
 
 @dataclass
 class Quantisation(JointSensor, name="quantisation"):
-    """A joint sensor knows only multiples of a step."""
+    """A joint sensor reads only multiples of a step."""
 
     step: float = parameter(0.0, "step of the position", "rad", low=0.0, high=1.0)
 
@@ -238,10 +238,10 @@ class Quantisation(JointSensor, name="quantisation"):
 
 @dataclass
 class SensorLatency(Measuring, Effect, name="sensor_latency"):
-    """Sensors say what was true a while ago, between two samples by interpolation.
+    """Sensor readings are delayed, with interpolation between samples.
 
-    When it begins, the values of that moment are held until the late ones arrive. Which
-    feet are in contact stays that of now.
+    At its start, the current values are held until the delayed ones arrive. The contact state
+    of the feet is not delayed.
     """
 
     delay: float = parameter(0.0, "delay, need not be whole samples", "s", low=0.0, high=1.0)
@@ -265,7 +265,7 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """All sensors, or those of one signal where several were measured."""
+        """All sensors together, and each signal alone if several were measured."""
         free = (strength(cls, "delay", cls.identity.priors["delay"].typical),)
         rows = [Offer("", (), free)]
         for signal in signals if len(signals) > 1 else ():
@@ -286,7 +286,7 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
             values[here] = late[here]
 
     def _read(self, values: np.ndarray, at: Layout, t: float) -> None:
-        """Put what was true a while ago in the place of what is."""
+        """Replace values by their delayed values."""
         past, wanted = self._past, t - self.delay
         past.append((t, values.copy()))
         while len(past) > 1 and past[1][0] <= wanted + 1e-9:
@@ -305,7 +305,7 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
 
 @dataclass
 class ImuTilt(Measuring, Effect, name="imu_tilt"):
-    """The IMU is mounted with a turn: roll, then pitch, then yaw about fixed axes of the base."""
+    """The IMU is mounted rotated: roll, then pitch, then yaw about fixed axes of the base."""
 
     roll: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
     pitch: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
@@ -339,9 +339,9 @@ class ImuTilt(Measuring, Effect, name="imu_tilt"):
         return turn
 
     def begin(self, base: Base) -> Base:
-        """Attitude as it is; speeds that legs tell were turned with it, those of gyros were not."""
+        """True base state: tilt removed from attitude and leg odometry, gyro rates unchanged."""
         (x, y, z, w), (a, b, c, d) = self.turn(), base.orientation
-        back = multiply(base.orientation, (-x, -y, -z, w))  # of the base, without the tilt
+        back = multiply(base.orientation, (-x, -y, -z, w))  # attitude of the base, without the tilt
         moved = seen_from(multiply(back, (-a, -b, -c, d)), base)
         return moved._replace(angular_velocity=base.angular_velocity)
 

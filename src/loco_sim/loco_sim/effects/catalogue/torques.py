@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques beside those of the model: a bias, the ripple of a gear, weight that is carried."""
+"""Additional joint torques: bias, torque ripple, gravity compensation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .compliance import Elastic
 
 @dataclass
 class TorqueBias(Elastic, name="torque_bias"):
-    """A constant torque on a joint: a drive that is off by it, or a force that always pulls."""
+    """A constant torque on a joint, from an offset of the drive or a constant force."""
 
     torque: float = parameter(0.0, "torque", "N·m", -500.0, 500.0)
     law, among = rows.WAVE, "driven"
@@ -47,7 +47,7 @@ class TorqueBias(Elastic, name="torque_bias"):
 
 @dataclass
 class TorqueRipple(TorqueEffect, name="torque_ripple"):
-    """A torque that goes up and down with the angle: cogging of a motor, teeth of a gear."""
+    """A torque that is periodic in the angle: cogging of a motor, teeth of a gear."""
 
     sine: float = parameter(0.0, "part that goes as the sine", "N·m", -200.0, 200.0)
     cosine: float = parameter(0.0, "part that goes as the cosine", "N·m", -200.0, 200.0)
@@ -74,7 +74,7 @@ class TorqueRipple(TorqueEffect, name="torque_ripple"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
-        """At each joint in which the residual goes up and down with the angle."""
+        """At each joint with a residual that is periodic in the angle."""
         free = strength(cls, "sine", 0.1), strength(cls, "cosine", 0.1)
         return [
             Offer(joint, (("joint", joint),), (*free, logarithmic(cls, "count", counts)))
@@ -92,9 +92,9 @@ class TorqueRipple(TorqueEffect, name="torque_ripple"):
 
 @dataclass
 class GravityCompensation(Effect, name="gravity_compensation"):
-    """The drives of a bolted robot carry a share of its weight by themselves.
+    """The drives of a fixed-base robot compensate a share of its weight by themselves.
 
-    What they give for it is in no reading of torques, as where a controller takes it off.
+    Torque readings do not include it, as with controllers that subtract it.
     """
 
     share: float = parameter(0.0, "share of the weight that is carried", "-", -1.0, 2.0)
