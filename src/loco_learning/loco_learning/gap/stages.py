@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings in the air and on the ground: what the air explains is fixed first.
+"""Two stages for recordings in the air and on the ground: effects found in the air are kept.
 
-In the air no contact hides what joints, links and sensors do, and runs follow a recording from
-its start to its end. What is left on the ground is then looked for on top of it.
+In the air no contact masks effects of joints, links and sensors, and a simulation follows a
+recording to its end. The gap on the ground is then explained in addition.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ LISTS = ("alarms", "align", "reading", "notes", "not_tried", "rivals", "ambiguou
 
 
 def free(model: Model, record: Record) -> bool:
-    """Whether the base of a recorded robot could move."""
+    """True if the base of the robot was free in a recording."""
     return not Model(model.robot, {**model.overrides, **record.overrides}).make_robot().fixed_base
 
 
 def parted(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
-    """Records in the air, and those on the ground."""
+    """Records in the air (fixed base), and those on the ground."""
     flags = [free(model, record) for record in records]
     return tuple(
         [r for r, f in zip(records, flags, strict=True) if f is on] for on in (False, True)
@@ -34,10 +34,10 @@ def parted(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[
 
 
 def after(model: Model, air: Mapping[str, Any]) -> Model:
-    """The model with what the air explained; as it was where that is not established.
+    """The model with the effects found in the air; unchanged if none is established.
 
     Args:
-        model: Model before.
+        model: Model before the search.
         air: Contents of ``gap.json`` of the records in the air.
     """
     if air["verdict"] not in (NAMED, MORE, AMBIGUOUS):
@@ -47,11 +47,11 @@ def after(model: Model, air: Mapping[str, Any]) -> Model:
 
 
 def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
-    """Contents of ``gap.json`` of both; all numbers of the gap are those on the ground.
+    """Contents of ``gap.json`` of both stages; all numbers of the gap are those on the ground.
 
     Args:
         air: Contents for the records in the air.
-        ground: Contents for those on the ground, of the model with what the air explained.
+        ground: Contents for those on the ground, from the model with the effects of the air.
     """
     lists = {key: _without_twins([*air[key], *ground[key]]) for key in LISTS}
     return {
@@ -68,7 +68,7 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _both(air: str, ground: str) -> str:
-    """Verdict on both: the less sure of the two; no gap in one counts for nothing."""
+    """Combined verdict: the less certain of the two; a stage without gap does not count."""
     said = {air, ground} - {NO_GAP}
     return next((v for v in (UNKNOWN, AMBIGUOUS, MORE, NAMED) if v in said), NO_GAP)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A search in a process of its own, for callers that have to stay responsive.
+"""Search in a process of its own, for callers that have to stay responsive.
 
 worker = Worker(task)            # task(tell) -> result, pickled
 for news in worker.news(): ...   # Progress, then Done or Failed
@@ -28,7 +28,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Done:
-    """It has ended."""
+    """End of the work, with its result."""
 
     result: Any
 
@@ -41,7 +41,7 @@ class Worker(Child):
     """A task that runs in a child process; its news are `News`.
 
     Args:
-        task: Called in the child with a function that takes progress.
+        task: Called in the child with a function that accepts progress.
     """
 
     def __init__(self, task: Task):

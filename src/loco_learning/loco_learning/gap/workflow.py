@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Find the gap between a model and measurements, name its cause, and prove it.
+"""Workflow that finds the gap between a model and measurements, and names its cause.
 
 `find` takes a model and records and returns the contents of ``gap.json``.
 """
@@ -44,8 +44,8 @@ from .verdict.judge import judge
 Report = Callable[[float, str, str], Any]
 Keep = Callable[[dict[str, Any], Curves | None], Any]
 
-SEARCH = 0.9  # share of the time that the search takes
-ROUGH = 3.0  # scale of the robust loss [floors] of a fit that only tells how far engines agree
+SEARCH = 0.9  # share of the progress bar for the search
+ROUGH = 3.0  # scale of the robust loss [floors] of the fit before engines are compared
 
 
 def find(
@@ -58,19 +58,19 @@ def find(
     keep: Keep | None = None,
     memory: Memory | None = None,
 ) -> dict[str, Any]:
-    """Compare a model with measurements and name what it lacks.
+    """Compare a model with measurements and name the effects that it lacks.
 
     Args:
         model: Robot, overrides and effects.
         records: Records to fit.
-        held_out: Records to judge on; without any, the last third of each record judges.
+        held_out: Held-out records; if there are none, the last third of each record is held out.
         params: Settings.
-        progress: Called with the share done, the stage and the best name so far.
-        workers: Processes; the result is the same for any number.
-        keep: Called with the contents of ``gap.json``, and with what was measured and predicted
-            by the models that these are about (None where the set-up is wrong), as soon as the
-            verdict is known, before anything is added that the verdict does not need.
-        memory: Results of jobs that were done before a kill; see `memory_of`.
+        progress: Called with the completed share, the stage and the best name so far.
+        workers: Number of processes; it does not influence the result.
+        keep: Called with the contents of ``gap.json`` and the measured and predicted curves (None
+            if the set-up is wrong), as soon as the verdict is known, before further parts are
+            computed.
+        memory: Results of jobs that a killed search completed; see `memory_of`.
 
     Returns:
         Contents of ``gap.json``.
@@ -91,7 +91,7 @@ def find(
     def half(start: float) -> Report:
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
 
-    named = params.replace(residual=False)  # on the ground effects are sought beside names alone
+    named = params.replace(residual=False)  # on the ground, only named effects are added
     aloft: list[Curves] = []
 
     def first(air: dict[str, Any], shown: Curves) -> None:
@@ -144,7 +144,7 @@ def search(
     tasks = started()
 
     def compared(parts: Parts) -> None:
-        """Begin anew with the floor of engines that are compared with these effects, too."""
+        """Restart with floors that include the difference of engines with these effects."""
         nonlocal case, tasks
         case = cases.prepare(forward, records, held_out, specs_of(parts), nominal)
         tasks.close()
@@ -154,7 +154,7 @@ def search(
 
     def searching(fraction: float, stage: str, best: str) -> None:
         nonlocal told
-        told = max(told, fraction)  # where the search begins anew, progress waits for it
+        told = max(told, fraction)  # progress does not decrease when the search restarts
         report(SEARCH * told, stage, best)
 
     try:
@@ -200,13 +200,13 @@ def memory_of(
     held_out: Sequence[Record],
     params: GapParams,
 ) -> Memory:
-    """Memory of a search, for `find` with the same arguments.
+    """File with the results of a search's jobs, for `find` with the same arguments.
 
     Args:
         path: File of the results until the search is done.
         model: Robot, overrides and effects.
         records: Records to fit.
-        held_out: Records to judge on.
+        held_out: Held-out records.
         params: Settings.
     """
     robot = model.make_robot()
@@ -215,7 +215,7 @@ def memory_of(
 
 
 def same(parts: Parts, others: Parts) -> bool:
-    """The same effects at the same places."""
+    """True if both have the same effects at the same places."""
     return {h.key for h, _ in parts} == {h.key for h, _ in others}
 
 
@@ -225,11 +225,11 @@ def each(tasks: Jobs, function: Callable, arguments: Sequence[tuple]) -> Iterato
 
 
 def on_ground(model: Model, records: Sequence[Record], params: GapParams) -> float:
-    """Length of pieces of records on the ground [s], 0 where there is none or all are cut."""
+    """Length of pieces on the ground [s]; 0 if there are none or all records are in pieces."""
     free = [r for r in records if stages.free(model, r)]
     return horizon.length(horizon.quickest(model), free) if free and not params.window else 0.0
 
 
 def wanted(effect: str, params: GapParams) -> bool:
-    """Whether the user lets an effect be named."""
+    """True if the user permits an effect to be named."""
     return any(fnmatchcase(effect, pattern) for pattern in params.effects)

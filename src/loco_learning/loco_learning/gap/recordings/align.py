@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals with their own uneven stamps on one even time axis, and a note of all that was odd.
+"""Alignment: signals with their own uneven time stamps on one even time axis, with notes.
 
-Nothing is shifted: a lag between command and motion may be the clock or the very effect
-that is looked for, so it is measured (`lags`), told, and left where it is.
+No signal is shifted: a delay between command and motion may be due to the clock, or it may be the
+effect that is sought, so it is measured and reported (`lags`), but not removed.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from .clocks.params import CUTS
 from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
 from .tracks import AXES, Track, followed, mended
 
-SPARSE = 1.5  # a signal with this many ticks per sample or more is not filled in between
-ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is meant to be it
-FINE_STEP = 2e-4  # a simulation in longer steps is told what they cost [s]
+SPARSE = 1.5  # a signal with at least this many ticks per sample is not interpolated
+ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is set to it
+FINE_STEP = 2e-4  # [s] simulations with longer steps get a note on their error
 STEPS = (
     "recorded from a simulation in steps of {:g} ms, whose error counts as noise: smaller effects "
     "show with --set sim.physics_rate=8000"
 )
-MOSTLY = 0.5  # share of the ticks that have a reading from which on the others lost theirs
-EVEN = 1e-3  # stamps this close to the axis, in periods, are on it
+MOSTLY = 0.5  # share of ticks with a reading above which the other ticks lost theirs
+EVEN = 1e-3  # distance of time stamps on the axis [periods]
 
 
 def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> list[Record]:
-    """Align the signals of one file: a record for each stretch between steps back of its clock.
+    """Align the signals of one file: one record per stretch without a step back of its clock.
 
     Args:
         name: Name of the record; several are numbered.
         tracks: Signals of the robot's joints, feet and axes.
         robot: Robot that was measured.
-        about: Further arguments of `record`: rate, role, overrides, notes, units to trust, step.
+        about: Further arguments of `record`, e.g. rate, role, overrides, notes; and `mend`.
 
     Raises:
-        ParameterError: The data cannot be what they are said to be.
+        ParameterError: The data contradict their description.
     """
     tracks = mended(tracks, about.pop("mend", ()))
     made: list[str] = []
@@ -68,24 +68,25 @@ def record(
 ) -> Record:
     """Align the signals of one experiment.
 
-    A command holds from its stamp on, unless its track is a line; a measured value is
-    interpolated between its neighbours, not across gaps. A signal that is slower than the
-    axis stands at the ticks next to its stamps and is NaN between them.
+    A command holds from its time stamp on, unless its track is linear between samples; a measured
+    value is interpolated between its neighbours, not across gaps. A signal that is slower than the
+    axis is assigned to the ticks closest to its time stamps and is NaN between them.
 
     Args:
-        name: Name of the record, for people.
+        name: Name of the record, for messages.
         tracks: Signals of the robot's joints, feet and axes.
         robot: Robot that was measured.
-        rate: Samples per second; 0 takes the finer of the rates of angles and commands.
+        rate: Samples per second; 0 takes the higher of the rates of angles and commands.
         role: Role of the record.
-        overrides: Values of robot.yaml known for it.
-        notes: Sentences about the file from reading it.
-        trust_units: Do not look for wrong units.
-        simulated: Physics step of the simulation that was recorded [s]; 0 where there is none.
-        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
+        overrides: Known values of robot.yaml for this record.
+        notes: Sentences about the file from the importer.
+        trust_units: Whether to skip the checks for wrong units.
+        simulated: Physics step of the recorded simulation [s]; 0 for a real robot.
+        judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
+            reports them.
 
     Raises:
-        ParameterError: The data cannot be what they are said to be; see `checks`, `suspect`.
+        ParameterError: The data contradict their description; see `checks`, `suspect`.
     """
     checks.present(name, tracks, robot)
     if not trust_units:
@@ -117,7 +118,7 @@ def record(
 
 
 def _ordered(name: str, track: Track, told: list[str]) -> Track:
-    """Stamps rising, each once."""
+    """The track with increasing time stamps, without duplicates."""
     if np.all(np.diff(track.t) > 0.0):
         return track
     for row in cuts.cut_rows([track]):
@@ -144,7 +145,7 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
 
 
 def _one_sheet(tracks: list[Track]) -> list[Track]:
-    """Quaternions without changes from q to -q, which are the same turn."""
+    """Quaternions without sign changes between neighbours; q and -q are the same rotation."""
     for role in ("orientation", "base_orientation"):
         parts = [k for k in tracks if k.role == role]
         if parts and all(np.array_equal(k.t, parts[0].t) for k in parts):
@@ -166,14 +167,14 @@ def _needed(track: Track) -> bool:
 
 
 def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
-    """First and last time that angles and commands cover [s]."""
+    """First and last time that both angles and commands cover [s]."""
     spans = {}
     for what, some in (
         ("measured", [k for k in tracks if k.role == "q"]),
         ("commanded", [k for k in tracks if k.role.startswith("command_")]),
     ):
         first, last = max(k.t[0] for k in some), min(k.t[-1] for k in some)
-        if what == "commanded":  # the last command holds on, as long as earlier ones did
+        if what == "commanded":  # the last command holds as long as the longest earlier one
             last += max(1.5 * float(np.max(np.diff(k.t), initial=0.0)) for k in some)
         spans[what] = (float(first), float(last))
     start = max(first for first, _ in spans.values())
@@ -188,14 +189,14 @@ def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
 
 
 def period(t: np.ndarray) -> float:
-    """Usual time between stamps [s]: the mean without gaps."""
+    """Typical time between time stamps [s]: the mean without gaps."""
     step = np.diff(t)
     usual = step[step <= CUTS.silence * np.median(step)]
     return float(np.mean(usual))
 
 
 def _rate(tracks: Sequence[Track], robot: Robot) -> float:
-    """The finer of the rates of angles and commands, rounded where stamps jitter about a rate."""
+    """The higher of the rates of angles and commands; rounded where time stamps jitter."""
     finest = min((k for k in tracks if _needed(k) and len(k.t) > 1), key=lambda k: period(k.t))
     rate, step = 1.0 / period(finest.t), np.diff(finest.t)
     even = float(np.ptp(step)) < 1e-6 * float(np.median(step)) + 2e-9
@@ -206,7 +207,7 @@ def _rate(tracks: Sequence[Track], robot: Robot) -> float:
 
 
 def _axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.ndarray:
-    """Even times from the first angle within the common time on [s]."""
+    """Even times [s], from the first angle within the common time span."""
     stamps = next(k.t for k in tracks if k.role == "q")
     first = stamps[min(np.searchsorted(stamps, start - 1e-9), len(stamps) - 1)]
     return first + np.arange(max(int((end - first) * rate + 1e-6) + 1, 0)) / rate
@@ -215,7 +216,7 @@ def _axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.
 def _fill(
     name: str, tracks: Sequence[Track], robot: Robot, axis: np.ndarray
 ) -> dict[str, dict | tuple]:
-    """Fields of a `Record` that hold arrays and the names of their columns."""
+    """Arrays of a `Record`, and the names of their columns."""
     joints = tuple(j for j in robot.joints if any(k.place == j for k in tracks if k.role == "q"))
     commanded = {k.place for k in tracks if k.role.startswith("command_")}
     driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
@@ -255,7 +256,7 @@ def _fill(
 def _columns(
     by: dict, role: str, places: Sequence[str], axis: np.ndarray, how: Any, without: float
 ):
-    """Tracks of a role side by side, (T, places)."""
+    """Tracks of a role as columns, (T, places)."""
     columns = np.full((len(axis), len(places)), without)
     for i, place in enumerate(places):
         if (role, place) in by:
@@ -264,7 +265,7 @@ def _columns(
 
 
 def hold(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Command at each time: the last before it, or on the line to the next, (T,)."""
+    """Command at each time, (T,): zero-order hold, or interpolated if the track is linear."""
     if track.line:
         return np.interp(axis, track.t, track.x)
     row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
@@ -272,7 +273,7 @@ def hold(track: Track, axis: np.ndarray) -> np.ndarray:
 
 
 def sample(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Value at each time; NaN in gaps, outside, and between samples slower than the axis, (T,)."""
+    """Value at each time, (T,); NaN in gaps, outside, and between samples slower than the axis."""
     t, x = track.t, track.x
     step = (axis[-1] - axis[0]) / (len(axis) - 1)
     usual = period(t) if len(t) > 1 else np.inf
@@ -291,10 +292,9 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
 
 
 def lost(track: Track, axis: np.ndarray) -> np.ndarray:
-    """1 at times between two readings where those are on the axis and one was lost, else 0, (T,).
+    """1 at times at which one of the readings on the axis was lost, else 0, (T,).
 
-    What is drawn straight between its neighbours is off by what the motion bends there, which may
-    be far more than a sensor's noise.
+    The error of interpolating between its neighbours may be far larger than the sensor noise.
     """
     step = (axis[-1] - axis[0]) / (len(axis) - 1)
     row = np.searchsorted(track.t, axis + EVEN * step, side="right") - 1
@@ -303,7 +303,7 @@ def lost(track: Track, axis: np.ndarray) -> np.ndarray:
 
 
 def _nearest(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
-    """Each sample at the tick next to it."""
+    """Each sample at the closest tick, NaN elsewhere, (T,)."""
     tick = np.round((track.t - axis[0]) / step).astype(int)
     inside = (tick >= 0) & (tick < len(axis))
     values = np.full(len(axis), np.nan)
@@ -312,7 +312,7 @@ def _nearest(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
 
 
 def _unit_length(name: str, role: str, quaternion: np.ndarray) -> np.ndarray:
-    """Quaternions of length 1; interpolating makes them a little shorter.
+    """Quaternions normalised to length 1, since interpolation shortens them.
 
     Raises:
         ParameterError: The values are no quaternions.

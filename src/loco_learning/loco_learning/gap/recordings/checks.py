@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a recording before anything is computed from it: one line per mistake."""
+"""Checks of a recording before anything is computed from it, with one line per mistake."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ REQUIRED = ("q", "command_position", "command_velocity", "command_torque")
 
 
 def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
-    """Roles and joints are those of the robot.
+    """Check that roles and joints are those of the robot.
 
     Raises:
-        ParameterError: A joint or foot is not the robot's, a role is missing or there twice.
+        ParameterError: The robot has no such joint or foot, or a role is missing or duplicated.
     """
     _no_strangers(name, tracks, robot)
     seen: dict[tuple[str, str], str] = {}
@@ -58,7 +58,7 @@ def _no_strangers(name: str, tracks: Sequence[Track], robot: Robot) -> None:
 
 
 def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) -> None:
-    """The joint has the command that its drive follows."""
+    """Check that the joint has the command that its drive needs."""
     kinds = [role for role in REQUIRED[1:] if (role, joint) in seen]
     needed = getattr(robot.drives.get(joint), "command", "position")
     if f"command_{needed}" not in kinds:
@@ -69,10 +69,10 @@ def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) 
 
 
 def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]:
-    """Tracks that have values; what is NaN throughout was not measured and is left out.
+    """Tracks that have values; a track of NaN only counts as not measured and is left out.
 
     Raises:
-        ParameterError: Some values are not finite, or a required track has none at all.
+        ParameterError: Some values are not finite, or a required track has no finite value.
     """
     kept = []
     for track in tracks:
@@ -100,10 +100,10 @@ def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]
 
 
 def moving(name: str, tracks: Sequence[Track]) -> None:
-    """Something moved, and what was commanded to move did.
+    """Check that some joint moved, and every joint whose command moves.
 
     Raises:
-        ParameterError: All positions are constant, or that of a joint whose command is not.
+        ParameterError: All positions are constant, or that of a joint with a changing command.
     """
     positions = [track for track in tracks if track.role == "q"]
     still = [track for track in positions if np.ptp(track.x) == 0.0]
@@ -122,7 +122,7 @@ def moving(name: str, tracks: Sequence[Track]) -> None:
 
 
 def long_enough(name: str, axis: np.ndarray) -> None:
-    """There is enough to learn from.
+    """Check that the recording is long enough.
 
     Raises:
         ParameterError: Fewer than `MIN_SAMPLES` samples, or less than `MIN_DURATION`.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of others in binary form: ``.pt`` of torch (PACE) and ``.parquet`` (LeRobot).
+"""Binary tables of other tools: ``.pt`` of torch (PACE) and ``.parquet`` (LeRobot).
 
-A ``.pt`` is a zip of tensors and a pickle that says where each lies. No unpickler reads it: its
-few commands that describe tensors are followed here, each once, without torch; any other is an
-error. A ``.parquet`` is read by pyarrow in a process whose memory and time are bounded.
+A ``.pt`` is a zip of tensors with a pickle that describes them. It is not unpickled: the few
+commands that describe tensors are interpreted here, each once and without torch; any other command
+is an error. A ``.parquet`` is read by pyarrow in a process with bounded memory and time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from loco_control.reading import read_bytes, read_json, understood
 
 from ...jobs.process import spawn
 
-MOST_COLUMNS = 10_000  # of one file
+MOST_COLUMNS = 10_000  # columns of one file
 STORAGES = {
     "FloatStorage": "<f4", "DoubleStorage": "<f8", "HalfStorage": "<f2", "LongStorage": "<i8",
     "IntStorage": "<i4", "ShortStorage": "<i2", "CharStorage": "i1", "ByteStorage": "u1",
@@ -46,23 +46,23 @@ _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
 _REBUILD = "torch._utils _rebuild_tensor_v2"
 _ORDERED = "collections OrderedDict"
 
-_READER_MEMORY = 2 * 2**30  # address space of the process that reads parquet, beside the file's
-_READER_TIME = 20  # processor time for one file, and as many seconds for each 100 MB of it [s]
+_READER_MEMORY = 2 * 2**30  # address space of the parquet reader, in addition to the file's size
+_READER_TIME = 20  # processor time for one file, and again for each 100 MB of it [s]
 
 
 class _Name(str):
-    """Module and name of a class or function, which is not looked up."""
+    """Module and name of a class or function in the pickle, which is not imported."""
 
 
 class _Storage(NamedTuple):
-    """Numbers of a file in the zip."""
+    """Location and type of the numbers of a tensor in the zip."""
 
     key: str
     kind: str
 
 
 class _Tensors:
-    """Follows the commands of a pickle of tensors; the work is that of its length.
+    """Interpreter for the pickle commands of tensors, in time linear in their number.
 
     Args:
         files: Contents of the zip, by name.
@@ -76,10 +76,10 @@ class _Tensors:
         self._memo: dict[int, Any] = {}
 
     def read(self, commands: bytes) -> Any:
-        """The value that a pickle makes.
+        """Value that the commands of a pickle build.
 
         Raises:
-            ValueError: It has a command that no dictionary of tensors needs.
+            ValueError: A command is not needed for a dictionary of tensors.
         """
         for code, given, _ in pickletools.genops(commands):
             if code.name == "STOP":
@@ -108,14 +108,14 @@ class _Tensors:
             stack[-1].extend(items)
         elif command in ("SETITEM", "SETITEMS"):
             items = self._last(2) if command == "SETITEM" else self._marked()
-            if not all(isinstance(key, str) for key in items[::2]):  # others may take long to hash
+            if not all(isinstance(key, str) for key in items[::2]):  # others may be slow to hash
                 raise ValueError("a key is no text")
             stack[-1].update(zip(items[::2], items[1::2], strict=True))
         elif command not in ("PROTO", "FRAME"):
             self._call(command, given)
 
     def _call(self, command: str, given: Any) -> None:
-        """A command that names, or calls, something of Python."""
+        """Interpret a command that names, or calls, a Python object."""
         stack = self._stack
         if command == "GLOBAL":
             stack.append(_Name(given))
@@ -123,7 +123,7 @@ class _Tensors:
             stack.append(_Name(" ".join(map(str, self._last(2)))))
         elif command == "BINPERSID":
             stack.append(_storage(stack.pop()))
-        elif command == "BUILD":  # attributes of a dictionary, which are no columns
+        elif command == "BUILD":  # attributes of a dictionary, which are not columns
             stack.pop()
         elif command == "REDUCE":
             function, values = self._last(2)
@@ -156,7 +156,7 @@ class _Tensors:
 
 
 def _storage(place: Any) -> _Storage:
-    """Place of the numbers of a tensor."""
+    """Location of the numbers of a tensor."""
     tag, kind, key, *_ = place
     module, _, name = str(kind).partition(" ")
     if tag != "storage" or module != "torch" or name not in STORAGES:
@@ -169,7 +169,7 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not a dictionary of tensors that `torch.save` wrote.
+        ParameterError: The file is not a dictionary of tensors from `torch.save`.
     """
     data = read_bytes(path, "recording")
     try:
@@ -180,7 +180,7 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
             raise ValueError("it must hold a dictionary of tensors by name")
         columns = {k: v for k, v in found.items() if isinstance(v, np.ndarray) and v.ndim}
         packed.check_room(sum(8 * values.size for values in columns.values()), len(data))
-    except Exception as error:  # noqa: BLE001  (commands of another order raise anything)
+    except Exception as error:  # noqa: BLE001  (malformed commands raise any type)
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise ParameterError(
             f"{path.name} is no file of tensors that torch.save wrote: {why}"
@@ -189,7 +189,7 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def spread(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """One column for each number of a row, (T,): ``name``, or ``name[0]``, ``name[1]``, ...
+    """One column per number of a row, (T,): ``name``, or ``name[0]``, ``name[1]``, ...
 
     Raises:
         ParameterError: Columns have different lengths, or more than two dimensions.
@@ -212,11 +212,11 @@ def spread(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def parquet_columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of numbers and of lists of numbers; LeRobot's by the names of its motors.
+    """Columns of numbers and of lists of numbers; those of LeRobot with the names of its motors.
 
     Raises:
         MissingPackageError: pyarrow is not installed.
-        ParameterError: It is not a parquet file, or lists differ in length.
+        ParameterError: The file is not a parquet file, or lists differ in length.
     """
     data = read_bytes(path, "recording")
     if importlib.util.find_spec("pyarrow") is None:
@@ -230,7 +230,7 @@ def parquet_columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def _asked(data: bytes) -> dict[str, np.ndarray] | str:
-    """Answer of the process that reads parquet files: columns, or what is wrong."""
+    """Columns of a parquet file, read in another process, or an error message."""
     pipe = _reader()
     try:
         pipe.send_bytes(data)
@@ -242,12 +242,12 @@ def _asked(data: bytes) -> dict[str, np.ndarray] | str:
 
 @functools.cache
 def _reader() -> Connection:
-    """Our end of the pipe to a process that reads files until we are gone."""
+    """Pipe to a process that reads parquet files until this process ends."""
     return spawn(_read_files)[1]
 
 
 def _read_files(pipe: Connection) -> None:
-    """Read the files that come through a pipe; memory and time of each are bounded."""
+    """Read the files that arrive on a pipe, with bounded memory and time for each."""
     with contextlib.suppress(EOFError, OSError):
         while True:
             data = pipe.recv_bytes()
@@ -258,17 +258,17 @@ def _read_files(pipe: Connection) -> None:
 
 
 def _limit(what: int, most: float) -> None:
-    """Limit what this process may use, if nobody has limited it to less."""
+    """Lower a resource limit of this process; existing lower limits stay."""
     _, hard = resource.getrlimit(what)
     wanted = int(most) + 1
     resource.setrlimit(what, (wanted if hard == -1 else min(wanted, hard), hard))
 
 
 def _read_parquet(data: bytes) -> dict[str, np.ndarray] | str:
-    """Columns (T,) or (T, n) of a parquet file; else what is wrong, in one line."""
+    """Columns (T,) or (T, n) of a parquet file, or an error message of one line."""
     try:
         arrow = _arrow()
-        arrow.set_memory_pool(arrow.system_memory_pool())  # others reserve without need
+        arrow.set_memory_pool(arrow.system_memory_pool())  # other pools reserve more memory
         file, columns, filled = _arrow(".parquet").ParquetFile(io.BytesIO(data)), {}, 0
         for field in file.schema_arrow:
             inside = _inside(field.type)
@@ -277,18 +277,18 @@ def _read_parquet(data: bytes) -> dict[str, np.ndarray] | str:
                 filled += 8 * len(column) if inside is None else column.nbytes
                 packed.check_room(filled, len(data))
                 columns[field.name] = _values(field.name, column.combine_chunks(), inside)
-    except Exception as error:  # noqa: BLE001  (the reader of a broken file raises anything)
+    except Exception as error:  # noqa: BLE001  (the reader raises any type for a broken file)
         return " ".join(str(error).split())[:120] or type(error).__name__
     return columns
 
 
 def _arrow(part: str = "") -> Any:
-    """A module of pyarrow, which only those who read its files have."""
+    """A module of the optional package pyarrow."""
     return importlib.import_module(f"pyarrow{part}")
 
 
 def _inside(kind: Any) -> Any:
-    """Kind of the values of a list of them; None for other kinds."""
+    """Type of the values of a list type; None for other types."""
     types = _arrow(".types")
     lists = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
     return kind.value_type if lists else None
@@ -300,7 +300,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _values(name: str, column: Any, inside: Any) -> np.ndarray:
-    """A column of numbers (T,), or of lists of as many numbers each (T, n); NaN where none is."""
+    """Column of numbers (T,), or of lists of equal length (T, n); NaN for missing values."""
     compute = _arrow(".compute")
     flat = column if inside is None else compute.list_flatten(column)
     numbers = flat.cast(_arrow().float64(), safe=False).to_numpy(zero_copy_only=False)
@@ -313,7 +313,7 @@ def _values(name: str, column: Any, inside: Any) -> np.ndarray:
 
 
 def _named(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of a LeRobot dataset with the names of its ``meta/info.json``."""
+    """Columns of a LeRobot dataset, named by its ``meta/info.json``."""
     info = next((p / INFO for p in path.parents[:4] if (p / INFO).is_file()), None)
     if info is None:
         return columns
@@ -335,7 +335,7 @@ def _features(info: Path) -> dict[str, dict[str, Any]]:
 
 
 def _flat(names: Any) -> list[str]:
-    """Names of the numbers of a feature: a list, or lists under a word such as ``motors``."""
+    """Names of the numbers of a feature: a list, or a mapping of lists such as ``motors``."""
     if isinstance(names, dict):
         names = [name for group in names.values() for name in _as_list(group)]
     return [str(name) for name in _as_list(names)]

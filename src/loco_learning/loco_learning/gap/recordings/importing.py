@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables and their mapping to records; bags are read by ``loco_bringup.gap.importing``."""
+"""Import of tables as records, by a mapping; ``loco_bringup.gap.importing`` reads bags."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_RECORDING = "there is no recording at {}; name a bag folder or a file (docs/g
 
 
 class TableSource:
-    """Columns of a file or of an episode in it, and of other files in its folder.
+    """Columns of a file, or of an episode in it, and of other files in its folder.
 
     Raises:
         LocoError: The file cannot be read.
@@ -38,7 +38,7 @@ class TableSource:
         self.name = _stem(path) if episode is None else f"episode {episode}"
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
-        """Stamps [s] and raw values of a column, each (K,)."""
+        """Time stamps [s] and raw values of a column, each (K,)."""
         if column.file not in self._tables:
             self._tables[column.file] = tables.read(
                 self._folder / column.file, self._mapping.samples
@@ -48,7 +48,7 @@ class TableSource:
         if (column.file, time) not in self._times:
             self._times[column.file, time] = self._clock(table, time)
         t, raw = self._times[column.file, time], table.column(column.column)
-        if column.time:  # columns with times of their own end where those do
+        if column.time:  # a column with its own times may be shorter than the table
             t, raw = t[np.isfinite(t)], raw[np.isfinite(t)]
         return t, raw
 
@@ -70,11 +70,12 @@ def load(path: str | Path, robot: Robot, mapping: Mapping, judge: bool = True) -
         path: File, or folder with the files that the mapping names.
         robot: Robot that was measured.
         mapping: Roles and units of the columns.
-        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
+        judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
+            reports them.
 
     Raises:
-        MissingFileError: There is no such file, or none fits the mapping.
-        LocoError: The data cannot be what they are said to be.
+        MissingFileError: The file does not exist, or none fits the mapping.
+        LocoError: The data contradict their description.
     """
     path = Path(path)
     if path.is_dir():
@@ -99,17 +100,18 @@ def load(path: str | Path, robot: Robot, mapping: Mapping, judge: bool = True) -
 def records(
     source: tracks.Source, robot: Robot, mapping: Mapping, file: str, judge: bool = True
 ) -> list[Record]:
-    """Records of a file or bag, one for each rule that fits and cut of its clock.
+    """Records of a file or bag: one for each matching rule and each cut of its clock.
 
     Args:
         source: File or bag that holds the columns.
         robot: Robot that was measured.
         mapping: Roles and units of the columns.
-        file: Name that the rules' patterns are held against.
-        judge: Refuse what is probably in a wrong unit; else `setup.family` tells it.
+        file: File name to compare with the patterns of the rules.
+        judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
+            reports them.
 
     Raises:
-        LocoError: The mapping does not fit the columns, or these are not of use.
+        LocoError: The mapping does not fit the columns, or their data are invalid.
     """
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
     found: list[Record] = []
@@ -126,12 +128,12 @@ def records(
             mend=mapping.mend,
             judge=judge,
         )
-        found += [first.rested(-rule.rest), *others]  # what follows a cut did not begin at rest
+        found += [first.rested(-rule.rest), *others]  # after a cut, the robot was not at rest
     return found
 
 
 def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
-    """Name of a record; ``{field}`` in that of the rule stands for a field of the header.
+    """Name of a record; ``{field}`` in the name of the rule is replaced by a field of the header.
 
     Raises:
         ParameterError: The header lacks the field.
@@ -147,17 +149,17 @@ def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
 
 
 def fits(rule: Rule, file: str, header: dict[str, Any]) -> bool:
-    """The rule is for this file."""
+    """True if the rule applies to this file."""
     return fnmatchcase(file, rule.file) and all(
         header.get(field) in wanted for field, wanted in rule.where.items()
     )
 
 
 def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str, Any]:
-    """Values of robot.yaml that mapping, rule and header know for a record.
+    """Values of robot.yaml for a record, from mapping, rule and header.
 
     Raises:
-        ParameterError: The header lacks a field, or it is no number.
+        ParameterError: The header lacks a field, or the field is not a number.
     """
     known = mapping.overrides | rule.overrides
     for field, entry in mapping.header.items():

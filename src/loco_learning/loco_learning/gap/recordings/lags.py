@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lags of signals behind each other: told, never removed.
+"""Delays between signals: reported, never removed.
 
-Lag between command and motion has three parts that this cannot separate: the clock, the
-drive, the body. What all joints share may be the clock; their spread is not.
+A delay between command and motion has three causes that cannot be separated here: the clock, the
+drive and the body. A delay common to all joints may be that of the clock.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from .record import Record, bridged
 
 LONGEST_LAG = 0.3  # [s]
 FOLLOWS = 0.3  # correlation of a motion with its command below which it does not follow
-LAG_IS_TOLD = 0.9  # correlation below which no lag is told
-SHARP = 0.98  # correlation without a shift, over the best, above which no lag is told
-SHARPER = 0.9999  # the same for two measurements of one motion
-RATE_TIME = 0.01  # time over which a derivative is taken [s]
+LAG_IS_TOLD = 0.9  # correlation below which no delay is reported
+SHARP = 0.98  # ratio of the correlation at zero shift to the best, above which none is reported
+SHARPER = 0.9999  # the same ratio for two measurements of one motion
+RATE_TIME = 0.01  # width of the difference quotient of a derivative [s]
 
 
 def notes(record: Record) -> list[str]:
-    """Lags of motion behind command, and of velocities behind angles, a sentence each."""
+    """Delay of motion after command, and of velocities after angles, a sentence each."""
     found = []
     command = record.command.get("position")
     if command is not None and "q" in record.signals:
@@ -48,7 +48,7 @@ def notes(record: Record) -> list[str]:
 
 
 def warnings(record: Record) -> list[str]:
-    """Joints whose motion has nothing to do with their commanded position, a sentence each."""
+    """Joints whose motion is not correlated with their commanded position, a sentence each."""
     command, found = record.command.get("position"), []
     for i, joint in enumerate(record.driven if command is not None else ()):
         if joint not in record.joints:
@@ -63,7 +63,7 @@ def warnings(record: Record) -> list[str]:
 
 
 def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
-    """Largest correlation of a motion with its command, at most `LONGEST_LAG` late.
+    """Largest correlation of a motion with its command, for delays up to `LONGEST_LAG`.
 
     Args:
         command: Commanded position, (T,).
@@ -71,7 +71,7 @@ def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
         dt: Time between samples [s].
 
     Returns:
-        Correlation in [-1, 1]; 1 where one of the two hardly moves, which tells nothing.
+        Correlation in [-1, 1]; 1 if one of the two hardly moves, so that nothing can be said.
     """
     known = np.isfinite(q) & np.isfinite(command)
     if known.sum() < 20 or np.ptp(command[known]) < 1e-9:
@@ -86,7 +86,7 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray:
 
 
 def rates(x: np.ndarray, dt: float) -> np.ndarray:
-    """Derivative by differences over about `RATE_TIME`, without a shift, (T,)."""
+    """Central difference quotient over about `RATE_TIME`, without delay, (T,)."""
     half = max(1, min(round(0.5 * RATE_TIME / dt), (len(x) - 1) // 2))
     slope = np.full(len(x), np.nan)
     slope[half:-half] = (x[2 * half :] - x[: -2 * half]) / (2.0 * half * dt)
@@ -96,10 +96,10 @@ def rates(x: np.ndarray, dt: float) -> np.ndarray:
 def lag(
     first: np.ndarray, second: np.ndarray, dt: float, sharp: float = SHARP
 ) -> tuple[float, float]:
-    """Time by which `second` is behind `first` [s], and their correlation there.
+    """Delay of `second` after `first` [s], and their correlation at this delay.
 
     The maximum of the cross-correlation, refined by a parabola through its neighbours. The
-    correlation counts as 0 where a lag of none would do as well.
+    correlation is 0 if it is nearly as high without a delay.
     """
     known = np.isfinite(first) & np.isfinite(second)
     if known.sum() < 20:
@@ -120,7 +120,7 @@ def lag(
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
-    """Correlation of a with b shifted by -reach to reach samples, each over what overlaps."""
+    """Correlation of a with b shifted by -reach to reach samples, over their overlap."""
     width = 1 << (2 * len(a) - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(b, width) * np.conj(np.fft.rfft(a, width)), width)
     product = np.concatenate([product[-reach:], product[: reach + 1]])

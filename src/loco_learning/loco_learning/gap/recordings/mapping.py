@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mapping.yaml``: which column of a recording means what.
+"""``mapping.yaml``: the meaning of the columns of a recording.
 
     files: "*.csv"
     time: {column: t, unit: ms}
@@ -32,7 +32,7 @@ FORMAT = 1
 UNUSED = "unused"
 WRAPS = ("none", "unsigned8", "unsigned16", "unsigned32", "2pi")
 
-# What a role measures, and whether it belongs to a joint, a foot, an axis or the robot.
+# Dimension of a role, and whether it belongs to a joint, a foot, an axis or the robot.
 ROLES: dict[str, tuple[tuple[str, ...], str]] = {
     "command_position": (("angle", "length"), "joint"),
     "command_velocity": (("turning rate", "speed"), "joint"),
@@ -54,8 +54,8 @@ ROLES: dict[str, tuple[tuple[str, ...], str]] = {
 PLACES = ("joint", "axis", "foot")
 SOURCES = ("column", "file", "topic", "time")
 BETWEEN = ("hold", "line")
-CLOCKS = ("stamp", "log", "receive")  # the last two are one: when the recorder received it
-LONGEST_REST = 60.0  # [s], each second of which is simulated (taste)
+CLOCKS = ("stamp", "log", "receive")  # log and receive are synonyms: time of reception
+LONGEST_REST = 60.0  # [s], simulated in full (taste)
 _COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between", "clock",
            "missing")  # fmt: skip
 _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
@@ -72,17 +72,17 @@ class Column:
     Attributes:
         column: Name in the file, or path of the field in the topic's messages.
         role: Role of the values, one of `ROLES`.
-        place: Joint, axis (x, y, z, w) or foot; empty where the role has none.
+        place: Joint, axis (x, y, z, w) or foot; empty if the role has none.
         unit: Unit of the values, one of `units.UNITS`; empty is the SI unit of the role.
-        gain: Multiplies the raw value: sign and scale and size of the unit.
+        gain: Factor on the raw value: sign times scale times size of the unit.
         offset: Added last, in the SI unit of the role.
         wrap: Wrap of the values, one of `WRAPS`.
         file: Other file of the same folder that has the column.
         topic: Topic that has the field, in a bag.
-        time: Column of the times of this column, if it has its own.
-        clock: Clock of a topic's messages, one of `CLOCKS`; empty: stamps if they have some.
-        between: Course between samples, one of `BETWEEN`: held, or straight to the next sample.
-        missing: Raw value that stands for no reading; None where every value is one.
+        time: Column with the times of this column, if it has its own.
+        clock: Clock of a topic's messages, one of `CLOCKS`; empty: header stamps if present.
+        between: Course between samples, one of `BETWEEN`: held, or linear to the next sample.
+        missing: Raw value that means no reading; None if every value is a reading.
     """
 
     column: str
@@ -102,15 +102,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Mend:
-    """A change of the signals of a role and joint on top of what was read, whatever the source.
+    """A correction of the imported signals of a role and joint, for any source.
 
     Attributes:
         role: Role of the signals, one of `ROLES`.
-        place: Joint, axis or foot; empty where the role has none, or for all.
-        gain: Multiplies the values: sign and scale and size of the unit.
+        place: Joint, axis or foot; empty if the role has none, or for all.
+        gain: Factor on the values: sign times scale times size of the unit.
         offset: Added last, in the SI unit of the role.
-        period: Period at which the values wrap, in their unit; 0 where they do not.
-        other: Joint that the signals are of instead; empty for the same.
+        period: Period at which the values wrap, in their unit; 0 if they do not.
+        other: Joint to which the signals really belong; empty for no change.
     """
 
     role: str
@@ -132,19 +132,19 @@ class Header:
 
 @dataclass(frozen=True)
 class Rule:
-    """A record to be made of each file that fits.
+    """A record to be made of each matching file.
 
     Attributes:
-        name: Name of the record, with ``{field}`` for a field of the header; empty is that of the
-            file, with the number of the part.
+        name: Name of the record, with ``{field}`` for a field of the header; empty is the name of
+            the file, with the number of the part.
         file: Pattern of the file's name.
-        where: Fields of the header and the values of which they must have one.
-        rows: First row and row to stop before; None is the end.
+        where: Required fields of the header, each with its permitted values.
+        rows: First row, and row after the last; None is the start or end.
         start: First time [s] on the clock of the file.
         end: Last time [s].
-        rest: Time from which on the robot rested until the record begins [s], at most 0.
+        rest: Start of the robot's rest relative to the start of the record [s], at most 0.
         role: `record.FIT` or `record.HELD_OUT`.
-        overrides: Values of ``robot.yaml`` known for this record.
+        overrides: Known values of ``robot.yaml`` for this record.
     """
 
     name: str = ""
@@ -186,9 +186,9 @@ def load(path: str | Path) -> Mapping:
     """Read and check a mapping.
 
     Raises:
-        MissingFileError: There is no such file.
-        ParameterError: It is not a mapping, or a value is not legal.
-        NameUnknownError: It names a key, role or unit that does not exist.
+        MissingFileError: The file does not exist.
+        ParameterError: The file is not a mapping, or a value is invalid.
+        NameUnknownError: A key, role or unit does not exist.
     """
     path = Path(path)
     path = path / FILE if path.is_dir() else path
@@ -196,10 +196,10 @@ def load(path: str | Path) -> Mapping:
 
 
 def loads(text: str, path: str | Path = FILE) -> Mapping:
-    """Check the text of a mapping; `path` is where it lies.
+    """Check the text of a mapping; `path` is its location.
 
     Raises:
-        LocoError: The text is no mapping.
+        LocoError: The text is not a mapping.
     """
     path = Path(path)
     values = _keys(parse_yaml(text, path.name), _KEYS, str(path.name))
@@ -245,7 +245,7 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
 
 
 def _columns(value: Any, index: int) -> list[Column]:
-    """The column of an entry; of a list of joints one each: ``q`` is ``q[0]``, ``q[1]``."""
+    """Column of an entry; for a list of joints one column each: ``q`` is ``q[0]``, ``q[1]``."""
     joints = value.get("joint") if isinstance(value, Values) else None
     if not isinstance(joints, list):
         return [_column(value, index)]
@@ -329,7 +329,7 @@ def _mend(value: Any, index: int) -> Mend:
 
 
 def _unit(name: Any, dimensions: tuple[str, ...], what: str, scaled: bool) -> float:
-    """Size of a unit; one of another dimension is left to the scale, which must then be given."""
+    """Size of a unit in SI units; 1 for one of another dimension, which needs a scale."""
     if units.dimension(name) in dimensions:
         return units.factor(name)
     if not scaled:
@@ -405,7 +405,7 @@ def _list(values: dict[str, Any], key: str) -> list:
 
 
 def _missing(values: dict[str, Any], what: str) -> float | None:
-    """The value that stands for no reading, if one does."""
+    """Value that means no reading; None if not given."""
     return units.number(values["missing"], what) if "missing" in values else None
 
 

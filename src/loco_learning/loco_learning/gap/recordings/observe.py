@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looks at raw signals before they are resampled: gaps, steps, saturation, wrapped angles."""
+"""Properties of raw signals before resampling: gaps, quantisation, saturation, wrapped angles."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .record import Doubt
 from .tracks import GIVEN, Track
 
 TURN = 2.0 * np.pi
-STUCK = 5  # samples in a row at the largest value that are no chance
-CLIPPED = 0.01  # share of samples at the largest value from which a signal counts as clipped
+STUCK = 5  # consecutive samples at the largest value that are not by chance
+CLIPPED = 0.01  # share of samples at the largest value above which a signal is clipped
 FINEST = 1e-5  # share of a signal's range below which steps are rounding
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
 
 def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
-    """An angle without jumps of a whole turn between neighbours; others as they are."""
+    """An angle without jumps of a whole turn between neighbours; other signals unchanged."""
     if track.role not in ("q", "command_position") or len(track.x) < 2:
         return track
     if Description(robot.urdf).joint_types().get(track.place) == "prismatic":
@@ -33,19 +33,19 @@ def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
     if not jump.any() or np.max(np.abs(step[~jump]), initial=0.0) > 2.0:
         return track
     if track.role == "command_position" and np.ptp(track.x) > 1.05 * TURN:
-        return track  # a command may well step by a turn
+        return track  # a command may really step by a turn
     turns = f"{int(jump.sum())} jumps of a turn were undone"
     told.append(Doubt(f"{track.label} was wrapped: {turns}"))
     return replace(track, x=np.unwrap(track.x))
 
 
 def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
-    """Odd things about stamps and values, a sentence each.
+    """Peculiarities of time stamps and values, a sentence each.
 
     Args:
-        tracks: Signals with rising stamps.
+        tracks: Signals with increasing time stamps.
         rate: Rate of the common axis [Hz].
-        gap: Periods of silence that are a gap.
+        gap: Smallest length of a gap, in sampling periods.
     """
     found: list[str] = []
     axes: dict[bytes, list[Track]] = {}
@@ -64,9 +64,9 @@ def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
 
 
 def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
-    """Quantisation step per measured signal and joint (or axis); 0 where none is seen.
+    """Quantisation step per measured signal and joint (or axis); 0 if no step is detected.
 
-    Those that hardly change, which say nothing of it, are left out.
+    Signals that hardly change are left out, since their step cannot be determined.
     """
     measured = [
         track
@@ -78,7 +78,7 @@ def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
 
 
 def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
-    """Sampling of each role, of its worst track: see `Record.stamps`."""
+    """Sampling properties of the worst track of each role, see `Record.stamps`."""
     found: dict[str, dict[str, float]] = {}
     for track in tracks:
         step = np.diff(track.t)
@@ -96,7 +96,7 @@ def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
 
 
 def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
-    """Pauses and jitter of tracks that have the same stamps."""
+    """Notes on pauses and jitter of tracks with common time stamps."""
     found, t = [], tracks[0].t
     step = np.diff(t)
     if len(step) < 2:
@@ -122,7 +122,7 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
 
 
 def _step(track: Track) -> float | None:
-    """Step of which all differences of values are multiples; 0 if there is none."""
+    """Quantisation step: the common divisor of all differences of values; 0 if there is none."""
     values = np.unique(track.x)
     if len(values) < 3:
         return None
@@ -141,7 +141,7 @@ def _step(track: Track) -> float | None:
 
 
 def _saturated(track: Track) -> list[str]:
-    """A measured signal that stays at its largest or smallest value was cut off there."""
+    """Notes on a measured signal that saturates at its largest or smallest value."""
     if track.role.startswith("command_") or track.role in ("q", *GIVEN):
         return []
     if len(np.unique(track.x)) < LEVELS:

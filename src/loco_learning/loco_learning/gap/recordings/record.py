@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement of a robot in one experiment, on one even time axis."""
+"""Record: the measurement of a robot in one experiment, on one even time axis."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIT, HELD_OUT = "fit", "held-out"
 
 
 class Doubt(str):
-    """A note of reading on something that can itself look like a gap: it stands before a name."""
+    """Import note on a condition that can itself look like a gap, to be resolved first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,37 +31,35 @@ class Record:
     """Commands and measured signals of one experiment.
 
     Attributes:
-        name: Name of its source, for people.
-        t: Times [s], even, from 0, (T,).
-        command: Per kind of `COMMANDS` what holds from each time on, (T, m), in rad, rad/s
-            and N·m (m, m/s and N on a sliding joint).
+        name: Name of its source, for messages.
+        t: Times [s], evenly spaced from 0, (T,).
+        command: Per kind of `COMMANDS` the command from each time on, (T, m), in rad, rad/s
+            and N·m (m, m/s and N on a prismatic joint).
         driven: Joints of the command's columns.
-        signals: Measured; NaN where nothing was measured. Joint signals `q` [rad], `dq` [rad/s]
+        signals: Measured values; NaN where not measured. Joint signals `q` [rad], `dq` [rad/s]
             and `tau` [N·m], (T, n); `gyro` [rad/s], `acceleration` [m/s²] and `base_position`
             [m], (T, 3); `orientation` (IMU) and `base_orientation`, (T, 4) xyzw; `grf`
             [N], (T, feet).
         joints: Joints of the columns of the joint signals.
         feet: Feet of the columns of `grf`.
         inputs: `supply`, voltage over its nominal value, and `enable`, 0 or 1, each (T,).
-        stance: Stance of each foot, (T,): 1 while its leg is under gains of stance and 0 under
-            those of swing; a foot that is not listed always stands.
-        overrides: Values of robot.yaml known for this record, e.g. the drive's gain of the run.
-        notes: Findings of reading and aligning, a sentence each; those that can look like a gap
-            are of type `Doubt`.
-        resolution: Quantisation step per signal and joint (or axis) [unit of the signal]; 0 where
-            none was seen, left out where the signal hardly changes.
-        role: `FIT`, or `HELD_OUT` for a record that is only judged on.
+        stance: Stance of each foot, (T,): 1 while its leg uses the stance gains and 0 while it
+            uses the swing gains; a foot that is not listed always stands.
+        overrides: Known values of robot.yaml for this record, e.g. the drive's gain in the run.
+        notes: Notes of import and alignment, a sentence each; those on conditions that can look
+            like a gap are of type `Doubt`.
+        resolution: Quantisation step per signal and joint (or axis) [unit of the signal]; 0 if
+            none was detected, left out if the signal hardly changes.
+        role: `FIT`, or `HELD_OUT` for a record that is not fitted.
         warnings: Reasons against using the record, a sentence each.
-        ramps: Kinds of command that are samples of something smooth: they run straight from
-            sample to sample where others are held.
-        stamps: Per role its rate [Hz], jitter (deviation of its stamps from even ones) [ms],
-            samples that are missing, and the longest silence [s], as they were recorded.
-        simulated: Physics step of the simulation that was recorded [s]; 0 of a machine, and where
-            nothing tells.
-        guessed: Flags of values of joint signals that nobody measured, as `signals`: between two
-            readings where one was lost, and of a rest before the record. To start from, not to
-            be compared with.
-        trusted: The user says that all units are right as they are.
+        ramps: Kinds of command that are linear between samples; others are held.
+        stamps: Per role, as recorded: rate [Hz], jitter (standard deviation of the time stamps
+            from even ones) [ms], number of missing samples, and longest silence [s].
+        simulated: Physics step of the recorded simulation [s]; 0 for a real robot or if unknown.
+        guessed: Flags of values of joint signals that were not measured, as `signals`:
+            interpolated lost readings, and an assumed rest before the record. They serve as
+            initial states, but are not compared.
+        trusted: Whether the user has confirmed all units.
     """
 
     name: str
@@ -106,7 +104,7 @@ class Record:
         return max((step for (of, _), step in self.resolution.items() if of == signal), default=0.0)
 
     def step_of(self, signal: str, name: str) -> float:
-        """Quantisation step of a channel; the largest of its signal where nothing tells it."""
+        """Quantisation step of a channel; the largest of its signal if it is unknown."""
         return self.resolution.get((signal, name), self.step(signal))
 
     def _width(self, signal: str) -> int:
@@ -125,7 +123,7 @@ class Record:
         return float(self.t[-1] - self.t[0])
 
     def has(self, signal: str) -> bool:
-        """The signal was measured at least once."""
+        """True if the signal was measured at least once."""
         return signal in self.signals and bool(np.any(np.isfinite(self.signals[signal])))
 
     def command_of(self, robot: Robot, kind: str) -> np.ndarray:
@@ -142,7 +140,7 @@ class Record:
         return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
 
     def read_of(self, robot: Robot, signal: str) -> np.ndarray:
-        """The same as `joints_of` with NaN where nobody measured, too."""
+        """As `joints_of`, with NaN also for values that are interpolated or assumed."""
         if signal not in self.guessed:
             return self.joints_of(robot, signal)
         read = np.where(self.guessed[signal], np.nan, self.signals[signal])
@@ -166,7 +164,7 @@ class Record:
         return values
 
     def stance_of(self, feet: Sequence[str]) -> np.ndarray:
-        """Feet that stand as the drives were told, in the order of `feet`, (T, feet) bool."""
+        """Flags of commanded stance in the order of `feet`, (T, feet) bool."""
         ones = np.ones(len(self.t))
         flags = [self.stance.get(foot, ones) > 0.5 for foot in feet]
         return np.array(flags, dtype=bool).reshape(len(feet), len(self.t)).T
@@ -194,10 +192,10 @@ class Record:
         )
 
     def rested(self, seconds: float) -> Record:
-        """The record with a rest before it: first command, first positions, and no speed.
+        """The record with a rest before it: first command, first positions, and zero velocity.
 
-        Every model then settles under the first command, whatever it has in it, in place of a
-        start from the first samples. Nothing is compared there: the rest is for the model alone.
+        Every model then settles under the first command, in place of a start from the first
+        samples. The rest is only simulated, not compared.
 
         Args:
             seconds: Length of the rest.
@@ -253,7 +251,7 @@ def _shape(name: str, what: str, values: np.ndarray, wanted: tuple[int, ...]) ->
 
 
 def bridged(values: np.ndarray) -> np.ndarray:
-    """Signals with what was not measured filled straight between its neighbours; ends are held.
+    """Signals with missing values interpolated linearly; at the ends they are held.
 
     Args:
         values: A signal, (T,), or one per column, (T, k); NaN where it was not measured.
@@ -271,6 +269,6 @@ def bridged(values: np.ndarray) -> np.ndarray:
 
 
 def coarsest(records: Sequence[Record], signal: str, name: str) -> float:
-    """Quantisation step of a channel in some records; that of its signal where none tells it."""
+    """Quantisation step of a channel in some records; that of its signal if unknown."""
     known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
     return max(known or [r.step(signal) for r in records])

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Units that are probably wrong, found from what signals say about each other.
+"""Detection of wrong units by comparing signals with each other and with the robot's limits.
 
-A hidden effect changes a signal by a tenth or a half; a wrong unit by 57, 9.5 or 1000. The
-limits lie between.
+A hidden effect changes a signal by a tenth or a half; a wrong unit by a factor of 57, 9.5 or 1000.
+The limits lie between.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .tracks import Track
 from .units import TURN
 
 DEGREE = 180.0 / np.pi
-SLOWEST, FASTEST = 4.0, 2e4  # rates that are believed [Hz]
-RATIO_NEAR = 0.12  # how near a ratio has to be to a known one, in log
-BOTH_WAYS = 0.1  # share of samples to either side that shows that something changes sign
-RATIO_FAR = 3.0  # a ratio that no effect makes
+SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
+RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
+BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
+RATIO_FAR = 3.0  # ratio that no effect causes
 BELIEVE = "; if it is right as it is, say trust_units: true in the mapping"
 
 # Measured velocity over the derivative of the angle, and what it means.
@@ -40,7 +40,7 @@ RATIOS = {
     1e6: "the time is in us",
     1e9: "the time is in ns",
 }
-# Role, key and value of the line that mends it, where it is the one of a column.
+# Role, key and value of the correcting line, where one column alone is wrong.
 MEND = {
     RATIOS[DEGREE]: ("dq", UNIT, "deg/s"),
     RATIOS[1.0 / DEGREE]: ("q", UNIT, "deg"),
@@ -50,10 +50,10 @@ MEND = {
 
 
 def times(name: str, tracks: list[Track]) -> None:
-    """Stamps make a rate that robots are recorded at.
+    """Check that the time stamps have a plausible sampling rate.
 
     Raises:
-        ParameterError: The stamps make no such rate.
+        ParameterError: The sampling rate is implausible.
     """
     for track in tracks:
         if track.role != "q" or len(track.t) < 3:
@@ -73,17 +73,17 @@ def times(name: str, tracks: list[Track]) -> None:
 
 
 def units(record: Record, robot: Robot) -> None:
-    """Refuse a record in which something is probably in a wrong unit.
+    """Reject a record in which a unit is probably wrong.
 
     Raises:
-        ParameterError: A unit is probably wrong; the message says which.
+        ParameterError: A unit is probably wrong; the message names it.
     """
     for finding in findings(record, robot):
         raise ParameterError(f"{record.name}: {finding.says}{BELIEVE}")
 
 
 def findings(record: Record, robot: Robot) -> Iterator[Finding]:
-    """All comparisons of signals with each other and with the limits of the robot."""
+    """Probably wrong units, from comparing signals with each other and with the robot's limits."""
     description = Description(robot.urdf)
     types = description.joint_types()
     for joint in record.joints:
@@ -105,7 +105,7 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
 
 
 def _of_both(record: Record, joint: str, says: str) -> Finding:
-    """A finding that positions are in degrees, and their commands if these are as large."""
+    """Finding that positions are in degrees, and their commands too if these are as large."""
     q, command = _of(record, "q", joint), record.command.get("position")
     roles = ["q"]
     if command is not None and joint in record.driven:
@@ -119,13 +119,13 @@ def _of_both(record: Record, joint: str, says: str) -> Finding:
 def _of_unit(
     says: str, joint: str = "", role: str = "", key: str = UNIT, value: Any = ""
 ) -> Finding:
-    """A finding with the line that mends it, if one is known."""
+    """Finding of a wrong unit, with the correcting line if one is known."""
     mends = (Change(MAPPING, key, value, role, joint),) if value else ()
     return Finding("unit", (joint,) if joint else (), says, mends)
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Ratio of the spreads of y and x with the sign of their correlation, and the correlation."""
+    """Ratio of the standard deviations of y and x, signed by their correlation; correlation."""
     known = np.isfinite(x) & np.isfinite(y)
     if known.sum() < 20:
         return 1.0, 0.0
@@ -138,13 +138,13 @@ def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def _smooth(x: np.ndarray, width: int) -> np.ndarray:
-    """Means over `width` samples, one after the other."""
+    """Means of consecutive blocks of `width` samples."""
     count = len(x) // width
     return x[: count * width].reshape(count, width).mean(axis=1)
 
 
 def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
-    """Measured velocity against the derivative of the measured position."""
+    """Compare the measured velocity with the derivative of the measured position."""
     dq, q = _of(record, "dq", joint), _of(record, "q", joint)
     if dq is None or q is None:
         return
@@ -166,7 +166,7 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
 
 
 def _command(record: Record, joint: str, description: Description) -> Iterator[Finding]:
-    """Commanded against measured angle: one in degrees."""
+    """Compare commanded and measured angle: one may be in degrees."""
     command, q = record.command.get("position"), _of(record, "q", joint)
     if command is None or q is None or joint not in record.driven:
         return
@@ -182,7 +182,7 @@ def _command(record: Record, joint: str, description: Description) -> Iterator[F
 
 
 def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
-    """Angles far outside what the joint can do, or of more than a turn where it has no limits."""
+    """True for angles far outside the joint limits, or of several turns if it has none."""
     low, high = description.limits(joint)
     if not np.isfinite(high - low):
         low, high = -2.0 * np.pi, 2.0 * np.pi
@@ -191,7 +191,7 @@ def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
 
 
 def _limits(record: Record, joint: str, description: Description) -> Iterator[Finding]:
-    """Angles against the limits of the joint: all of them in degrees."""
+    """Compare angles with the joint limits: all may be in degrees, or off by whole turns."""
     q = _of(record, "q", joint)
     low, high = description.limits(joint)
     if q is None or not np.isfinite(high - low) or not _beyond(q, joint, description):
@@ -211,7 +211,7 @@ def _limits(record: Record, joint: str, description: Description) -> Iterator[Fi
 
 
 def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
-    """Torques against the limit of the joint, and the measured one against its command."""
+    """Compare torques with the joint limit, and the measured torque with its command."""
     torque = record.command.get("torque")
     for joint in record.joints:
         tau, told = _of(record, "tau", joint), None
@@ -234,10 +234,10 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
 
 
 def _unsigned(record: Record) -> Iterator[Finding]:
-    """Measured torque against what asks for it: a size without its sign.
+    """Compare the measured torque with its cause (command or position error): lost sign.
 
-    A joint that is loaded to one side has torque of one sign, too, but then what asks for it
-    has one sign as well.
+    A joint that is loaded to one side has torques of one sign as well, but then its command or
+    position error has one sign too.
     """
     kind = "torque" if "torque" in record.command else "position"
     for i, joint in enumerate(record.driven if kind in record.command else ()):
@@ -262,7 +262,7 @@ def _unsigned(record: Record) -> Iterator[Finding]:
 def _size(
     what: str, joint: str, values: np.ndarray, limit: float, beyond: float = 1.0
 ) -> Iterator[Finding]:
-    """Torques many times the limit of a joint; a command may ask for so many times more."""
+    """Torques many times the joint limit; `beyond` is an extra factor for commands."""
     known = np.abs(values[np.isfinite(values)])
     usual = float(np.percentile(known, 99.0)) if len(known) else 0.0
     if usual > 5.0 * beyond * limit:

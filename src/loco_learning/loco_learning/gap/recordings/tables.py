@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CSV files, JSON logs and tables of others, packed or not, as named columns of numbers."""
+"""CSV files, JSON logs and binary tables, compressed or not, as named columns of numbers."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Table:
     """Columns of one file.
 
     Attributes:
-        path: File that it was read from.
+        path: File of the table.
         columns: Numbers by name, all of one length; NaN for an empty field.
         header: Other fields of a JSON log.
-        texts: Why a column of a CSV file holds no numbers, by name; it is no one's until mapped.
+        texts: Reason why a column of a CSV file holds no numbers, by name; an error if it is used.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class Table:
 
         Raises:
             NameUnknownError: The file has no such column.
-            ParameterError: It does not hold numbers.
+            ParameterError: The column does not hold numbers.
         """
         for text in (name, name.split("[")[0]):
             if text in self.texts:
@@ -55,7 +55,7 @@ class Table:
 
 
 def episodes(table: Table) -> list[Table]:
-    """The table, or one for each of its episodes, with their number in the header."""
+    """The table divided into its episodes, with their number in the header."""
     numbers = table.columns.get(foreign.EPISODE)
     if numbers is None:
         return [table]
@@ -69,22 +69,22 @@ def episodes(table: Table) -> list[Table]:
 
 
 def is_table(path: Path) -> bool:
-    """The file's name says that it is a table."""
+    """True if the extension of the file is that of a table."""
     return _kind(path) in KINDS
 
 
 @understood("table of samples")
 def read(path: str | Path, samples: str = "") -> Table:
-    """Read a file, by the ending of its name with or without ``.gz``.
+    """Read a file, by the extension of its name with or without ``.gz``.
 
     Args:
-        path: CSV with a header line (comma, semicolon, tab or spaces between), JSON, JSON
+        path: CSV with a header line (separated by comma, semicolon, tab or spaces), JSON, JSON
             lines, ``.pt`` or ``.parquet``.
-        samples: Field of a JSON log that is its list of samples; empty: the only one there is.
+        samples: Field of a JSON log that is its list of samples; empty: the only list.
 
     Raises:
         MissingFileError: The file does not exist.
-        ParameterError: It is not what its name says.
+        ParameterError: The content does not match the extension.
     """
     path = Path(path)
     kind = _kind(path)
@@ -113,7 +113,7 @@ def _kind(path: Path) -> str:
 
 
 def _from_csv(path: Path, text: str) -> Table:
-    """Columns under a header line; empty columns without a name are left out."""
+    """Columns under a header line, without empty columns that have no name."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
         raise ParameterError(f"{path.name} is empty")
@@ -142,7 +142,7 @@ def _from_csv(path: Path, text: str) -> Table:
 
 
 def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:
-    """Columns of cells that are lists of numbers, ``"[0.1, 0.2]"``, as ``name[0]`` and so on."""
+    """Columns from cells that are lists of numbers, ``"[0.1, 0.2]"``, as ``name[0]`` and so on."""
     rows = [re.split(r"[,;\s]+", cell.strip().strip("[]").strip()) for cell in cells]
     for line, row in enumerate(rows):
         if len(row) != len(rows[0]):
@@ -241,7 +241,7 @@ def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _equal(path: Path, lists: dict[str, list]) -> dict[str, np.ndarray]:
-    """Columns whose values are numbers; texts are no signals."""
+    """Columns of numbers; columns of text are omitted."""
     lengths = {len(values) for values in lists.values()}
     if len(lengths) != 1:
         raise ParameterError(f"{path.name}: its columns have {sorted(lengths)} samples")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One measured column in SI units with its own time stamps: what aligning begins with."""
+"""Track: one measured column in SI units with its own time stamps, the input of alignment."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .mapping import ROLES, UNUSED, Column, Mapping, Mend, Rule
 from .record import JOINT_SIGNALS, Doubt
 
 JOINT, NAMED = "{joint}", ("column", "topic", "file")
-COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that a follower has too
-GIVEN = ("supply", "enable", "stance")  # roles that the robot is given beside commands
+COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that followers have too
+GIVEN = ("supply", "enable", "stance")  # inputs of the robot other than commands
 
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
@@ -39,12 +39,12 @@ class Track:
 
     Attributes:
         role: Role of the signal, one of `mapping.ROLES`.
-        place: Joint, foot or axis; empty for what the whole robot has.
-        t: Stamps [s], (K,), in no certain order yet.
+        place: Joint, foot or axis; empty for a signal of the whole robot.
+        t: Time stamps [s], (K,), not yet sorted.
         x: Values in the SI unit of the role, (K,).
         source: Column or topic, for messages.
-        line: A command that runs straight from sample to sample.
-        empty: Cells of a table that hold no reading of it.
+        line: Whether a command is linear between samples.
+        empty: Number of cells of a table without a reading of it.
     """
 
     role: str
@@ -62,22 +62,22 @@ class Track:
 
 
 class Source(Protocol):
-    """A file or bag that columns are read from."""
+    """A file or bag with columns."""
 
     name: str
     header: dict
     notes: list[str]
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
-        """Stamps [s] and raw values of a column, each (K,)."""
+        """Time stamps [s] and raw values of a column, each (K,)."""
 
 
 def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> list[Track]:
     """Tracks of all mapped columns within the rows and times of a rule.
 
     Raises:
-        ParameterError: A unit does not fit the joint, or a column has not the numbers that
-            its entry says.
+        ParameterError: A unit does not fit the joint, or a column does not hold the numbers
+            that its entry declares.
         LocoError: The source lacks a column.
     """
     types = Description(robot.urdf).joint_types()
@@ -94,7 +94,7 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         if gone.any():
             label = f"{column.role} of {column.place}".removesuffix(" of ")
             source.notes.append(_left_out(label, gone, column.missing))
-        if not empty.all():  # else it was not measured
+        if not empty.all():  # otherwise the column was not measured
             t, x = t[~empty], x[~empty]
         inside = (t >= rule.start) & (t <= rule.end) | ~np.isfinite(t)
         if column.role != UNUSED:
@@ -111,14 +111,15 @@ def _left_out(label: str, gone: np.ndarray, value: float | None) -> Doubt:
 
 
 def without(found: list[Track], value: float | None, notes: list[str]) -> list[Track]:
-    """Tracks without the readings whose position is a value that stands for none.
+    """Tracks without readings whose position has the value that means no reading.
 
-    Speeds and torques of the same joint and stamp came from the same publisher and go, too.
+    Velocities and torques of the same joint and time stamp are removed as well, since they come
+    from the same publisher.
 
     Args:
         found: Tracks of a bag.
-        value: Position that stands for no reading; None leaves all.
-        notes: Takes a sentence for each joint.
+        value: Position that means no reading; None keeps all.
+        notes: List to which a sentence is appended for each joint.
     """
     gone = {k.place: k.t[k.x == value] for k in found if k.role == "q" and value is not None}
     made = []
@@ -131,10 +132,10 @@ def without(found: list[Track], value: float | None, notes: list[str]) -> list[T
 
 
 def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
-    """Columns with one for each joint where ``{joint}`` stands in the name of one.
+    """Columns of a mapping, with ``{joint}`` in a name expanded to all matching joints.
 
     Raises:
-        NameUnknownError: A pattern is of no joint.
+        NameUnknownError: A pattern matches no joint.
     """
     found = []
     for column in mapping.columns:
@@ -149,11 +150,11 @@ def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
 
 
 def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
-    """Tracks with those of joints that were held: where they were told to be and stayed.
+    """Tracks with constant positions and commands added for joints that were locked.
 
     Raises:
-        ParameterError: The robot has no such joint, its drive follows torques, or there is a
-            column of it.
+        ParameterError: The robot has no such joint, its drive accepts torques, or the joint has
+            a column of its own.
     """
     made, clock = list(found), next((track for track in found if track.role == "q"), None)
     for joint, at in held.items():
@@ -173,10 +174,10 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
 
 
 def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
-    """Tracks with what a mapping says on top of what was read, one line after the other.
+    """Tracks after the corrections of a mapping, in their order.
 
     Raises:
-        ParameterError: A line is of a signal that is not there.
+        ParameterError: There is no signal that a correction names.
     """
     made, renamed = list(found), dict[int, str]()
     for mend in mends:
@@ -197,12 +198,12 @@ def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
 
 
 def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Track]:
-    """Tracks with those of joints that follow another one and that nobody recorded.
+    """Tracks with those of unrecorded joints that are coupled to another joint.
 
     Args:
         found: Tracks of the file.
         robot: Robot that was measured.
-        notes: Takes a sentence for each such joint.
+        notes: List to which a sentence is appended for each such joint.
     """
     made = list(found)
     for joint, (leader, factor, offset) in robot.followers.items():
@@ -236,10 +237,10 @@ def _check_place(column: Column, types: dict[str, str]) -> None:
 
 
 def values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
-    """Values of a column in SI units, (K,); `trust` them to be signed.
+    """Values of a column in SI units, (K,); with `trust` without the check for lost signs.
 
     Raises:
-        ParameterError: They cannot be, or probably are not, what the column says.
+        ParameterError: The values contradict the entry of the column, or probably do.
     """
     if column.wrap in BITS:
         raw = _signed(column, raw)
@@ -255,7 +256,7 @@ def values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
 
 
 def _signed(column: Column, raw: np.ndarray) -> np.ndarray:
-    """Two's complement of numbers that were stored without a sign."""
+    """Signed numbers from unsigned ones (two's complement)."""
     span = 2.0 ** BITS[column.wrap]
     known = raw[np.isfinite(raw)]
     if np.any((known < 0) | (known >= span) | (known != np.round(known))):
@@ -267,7 +268,7 @@ def _signed(column: Column, raw: np.ndarray) -> np.ndarray:
 
 
 def _looks_unsigned(raw: np.ndarray) -> bool:
-    """Whole numbers near 0 and near 2^16, and nothing between them."""
+    """True for whole numbers near 0 and near 2^16, with none between them."""
     known = raw[np.isfinite(raw)]
     if not len(known) or known.min() < 0.0 or not 6e4 < known.max() < 65536.0:
         return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Units that a mapping may name, and numbers written as they are thought: ``4096/2pi``."""
+"""Units that a mapping may name, and numbers as expressions, e.g. ``4096/2pi``."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ _OPERATORS = {
 
 
 def unit(text: Any) -> str:
-    """A unit's name in `UNITS`.
+    """Canonical name of a unit in `UNITS`.
 
     Raises:
-        NameUnknownError: There is no such unit.
+        NameUnknownError: The unit does not exist.
     """
     said = str(text).strip()
     found = said if said in UNITS else _SPELLINGS.get(said.lower(), said)
@@ -94,14 +94,14 @@ def factor(text: Any) -> float:
 
 
 def number(value: Any, what: str) -> float:
-    """A number, or a product of numbers and pi as text.
+    """A number, or an arithmetic expression of numbers and pi as text.
 
     Args:
-        value: E.g. 0.5 or ``4096/2pi/(128*885)``; 2pi binds as one factor.
+        value: E.g. 0.5 or ``4096/2pi/(128*885)``; 2pi counts as one factor.
         what: Name of the value, for messages.
 
     Raises:
-        ParameterError: The value is no number.
+        ParameterError: The value is not a number.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         result = float(value)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Short runs of the model as it came, along recordings as they were read or as they might be.
+"""Short simulations of the initial model along recordings, with corrections of the set-up.
 
-Every suspicion is put to the same test: how much less the model misses with the line that would
-mend it.
+Every suspected mistake is tested in the same way: by how much the correcting line lowers the
+error of the model.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from ..recordings.record import Record, bridged
 from .finding import EFFECTS, MODEL, Change, Finding, mended
 from .limits import LIMITS
 
-SECONDS, MOST = 5.0, 2  # of a record that are run, records (taste: tenths of a second each run)
-WORST = 3.0  # miss of a joint that counts at most, over the deviation of what it does
+SECONDS, MOST = 5.0, 2  # simulated part of a record, and number of records (taste: 0.1 s each)
+WORST = 3.0  # bound on the error of a joint, over the standard deviation of its signal
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A run of the model.
+    """A simulation of the model.
 
     Attributes:
         joints: Joints of the columns.
-        said: Position of each joint by the model, or torque that moves it as measured, per record.
-        measured: The same by the recording.
+        said: Simulated joint positions, or torques along the measured motion, per record.
+        measured: Measured positions or torques, per record.
     """
 
     joints: tuple[str, ...]
@@ -43,7 +43,7 @@ class Trial:
     measured: tuple[np.ndarray, ...]
 
     def misses(self) -> np.ndarray:
-        """Rms error of each joint over the deviation of what it does, (n,); at most `WORST`."""
+        """Rms error of each joint over the deviation of its signal, (n,), up to `WORST`."""
         square, size = np.zeros(len(self.joints)), np.zeros(len(self.joints))
         for said, measured in zip(self.said, self.measured, strict=True):
             known = np.isfinite(measured)
@@ -56,30 +56,30 @@ class Trial:
         return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), WORST)
 
     def miss(self, joints: Sequence[str] = ()) -> float:
-        """Rms of `misses` over some joints, or over all where none is named."""
+        """Rms of `misses` over some joints, or over all if none is named."""
         mine = [i for i, joint in enumerate(self.joints) if not joints or joint in joints]
         return float(np.sqrt(np.mean(self.misses()[mine] ** 2)))
 
 
 class Bench:
-    """Runs of a model along a few seconds of recordings, with changes of the set-up.
+    """Simulations of a model along a few seconds of recordings, with changes of the set-up.
 
-    A robot that needs an engine is not run: its commands stand for what the model says, as late
-    as the motion is.
+    A robot that needs an engine is not simulated: its commands, delayed as the motion is, replace
+    the simulation.
 
     Attributes:
         model: Robot, overrides and effects.
-        records: Parts of recordings that are run.
-        led: Torques are compared, not positions.
+        records: Simulated parts of recordings.
+        led: Whether torques are compared (inverse dynamics), not positions.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], changes: Sequence[Change] = ()):
-        """Choose the parts that are run.
+        """Choose the parts to simulate.
 
         Args:
             model: Robot, overrides and effects.
-            records: Recordings; the first two without an engine are run.
-            changes: Changes of the set-up that hold from the start.
+            records: Recordings; the first two that need no engine are simulated.
+            changes: Changes of the set-up that are always applied.
         """
         self.model, self._all, self._changes = model, tuple(records), tuple(changes)
         engine = [bool(needs_engine(robot_of(model, record))) for record in records]
@@ -91,12 +91,12 @@ class Bench:
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
 
     def mended(self, changes: Iterable[Change]) -> Bench:
-        """The same set-up with changes; itself without any."""
+        """Copy with more changes of the set-up; itself if there are none."""
         changes = tuple(changes)
         return Bench(self.model, self._all, (*self._changes, *changes)) if changes else self
 
     def __call__(self, *changes: Change) -> Trial | None:
-        """A run with changes; None where the model cannot be run so."""
+        """Simulation with changes; None if the model cannot be simulated with them."""
         key = repr(changes)
         if key not in self._trials:
             try:
@@ -106,25 +106,25 @@ class Bench:
         return self._trials[key]
 
     def miss(self, *changes: Change) -> float:
-        """Miss of all joints with changes; infinite where the model cannot be run so."""
+        """Error of all joints with changes; infinite if the model cannot be simulated with them."""
         trial = self(*changes)
         return np.inf if trial is None else trial.miss()
 
     @property
     def fits(self) -> bool:
-        """The model follows the recordings as well as a set-up without mistakes does."""
+        """True if the model fits the recordings as well as a set-up without mistakes does."""
         return self().miss() < LIMITS.missed
 
     def told_records(self) -> list[Record]:
-        """The parts of recordings as they would be read with the changes so far."""
+        """The parts of recordings as imported with the changes so far."""
         return [mended(record, self._changes) for record in self.records]
 
     def told(self) -> Trial:
-        """Commanded positions in place of a run."""
+        """Commanded positions in place of a simulation."""
         return _commanded(self.told_records())
 
     def torques(self) -> Trial | None:
-        """A run that is compared in the measured torques of joints; None where there are none."""
+        """Simulation compared in measured joint torques; None if they were not measured."""
         records = self.told_records()
         if not all(record.has("tau") for record in records):
             return None
@@ -141,14 +141,14 @@ class Bench:
         ways: Sequence[tuple[Change, ...]],
         whole: bool = False,
     ) -> list[Finding]:
-        """A finding if one of several sets of lines mends what it is about; none if not.
+        """A finding if one of several sets of lines corrects a suspected mistake; otherwise empty.
 
         Args:
             fault: Kind of mistake.
-            joints: Joints that it is about; empty for the whole robot.
+            joints: Joints with the mistake; empty for the whole robot.
             says: The mistake in one sentence, with numbers.
-            ways: Sets of lines that may mend it.
-            whole: The miss of all joints counts.
+            ways: Sets of lines that may correct it.
+            whole: Whether the error of all joints decides.
         """
         mine = () if whole else joints
         before = self().miss(mine)
@@ -167,7 +167,7 @@ class Bench:
             return _commanded(records)
         model = model_with(self.model, changes)
         forward = Forward(model, records, ForwardParams(signals=("q",)))
-        self.led = possible(forward) and not forward.robot().springs  # which would stay by itself
+        self.led = possible(forward) and not forward.robot().springs  # springs return alone
         if self.led:
             forward = Led(model, records)
         names = tuple(channel.name for channel in forward.channels)
@@ -175,7 +175,7 @@ class Bench:
 
 
 def _commanded(records: Sequence[Record]) -> Trial:
-    """Commanded positions, as late as the motion is, in place of a run."""
+    """Commanded positions, delayed as the motion is, in place of a simulation."""
     told = [r for r in records if "position" in r.command]
     joints = tuple(j for j in told[0].driven if j in told[0].joints) if told else ()
     said, measured = [], []
@@ -190,7 +190,7 @@ def _commanded(records: Sequence[Record]) -> Trial:
 
 
 def model_with(model: Model, changes: Sequence[Change]) -> Model:
-    """The model with changes of it."""
+    """The model with those changes that concern it."""
     mine = [c for c in changes if c.file == MODEL]
     values = {c.key: c.value for c in mine if c.key != EFFECTS}
     added = [spec for c in mine if c.key == EFFECTS for spec in c.value]
@@ -203,7 +203,7 @@ def robot_of(model: Model, record: Record) -> Robot:
 
 
 def busiest(record: Record, seconds: float) -> Record:
-    """The part of a recording, at most so long, in which the joints move most [s]."""
+    """The part of a recording, of at most `seconds`, with the most joint motion."""
     width = round(seconds / record.dt)
     if width >= len(record.t) - 1:
         return record

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model against motion: axes of the URDF, scales of joints, gravity, masses and gains."""
+"""Mistakes of the model: axes of the URDF, scales of joints, gravity, masses and gains."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .commands import lines
 from .finding import EFFECTS, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
 from .limits import LIMITS
 
-POWERS = (1e-3, 0.1, 10.0, 1e3)  # of masses that are in g, or of a file of another robot
+POWERS = (1e-3, 0.1, 10.0, 1e3)  # factors of masses in g, or of another robot's file
 
 
 def axis(bench: Bench) -> list[Finding]:
-    """Joints that the URDF turns the other way round, up to two of them."""
+    """Findings of up to two joints whose axis in the URDF is reversed."""
     joints = bench().joints
     for count in (1, 2):
         trials = []
@@ -42,13 +42,13 @@ def axis(bench: Bench) -> list[Finding]:
 
 
 def count_alike(trials: Sequence[tuple]) -> int:
-    """Number of trials whose miss, the first of each, is about the least."""
+    """Number of trials with an error (first element) close to the smallest."""
     misses = sorted(trial[0] for trial in trials)
     return sum(miss < LIMITS.alike * misses[0] + 1e-3 for miss in misses) if misses else 0
 
 
 def joint_scale(bench: Bench) -> list[Finding]:
-    """Joints whose positions and commands are both so many times those of the model."""
+    """Findings of joints whose positions and commands have the same wrong scale."""
     found = []
     misses = dict(zip(bench().joints, bench().misses(), strict=True))
     for joint in sorted(misses, key=misses.get, reverse=True)[: LIMITS.worst]:
@@ -75,7 +75,7 @@ def joint_scale(bench: Bench) -> list[Finding]:
 
 
 def gravity(bench: Bench) -> list[Finding]:
-    """Gravity that pulls elsewhere than the model thinks, or that the drives carry."""
+    """Findings of a wrong direction of gravity, or of gravity that the drives compensate."""
     before = bench.miss()
     if before < LIMITS.missed:
         return []
@@ -107,7 +107,7 @@ def gravity(bench: Bench) -> list[Finding]:
 
 
 def weights(bench: Bench) -> list[Finding]:
-    """Masses and inertias that are a power of ten off, or torques that are."""
+    """Finding of masses and inertias, or of torques, that are wrong by a power of ten."""
     found: list[Finding] = []
     for by in POWERS:
         ways = [heavier(bench, by)]
@@ -123,7 +123,7 @@ def weights(bench: Bench) -> list[Finding]:
 
 
 def gains(bench: Bench) -> list[Finding]:
-    """Gains of drives that are per degree, of one joint or of all."""
+    """Finding of drive gains per degree instead of per radian, of one joint or of all."""
     found: list[Finding] = []
     for joints in (stiff(bench), *((joint,) for joint in stiff(bench))):
         for by in (suspect.DEGREE, 1.0 / suspect.DEGREE):
@@ -137,13 +137,13 @@ def gains(bench: Bench) -> list[Finding]:
 
 
 def stiff(bench: Bench) -> tuple[str, ...]:
-    """Joints whose drives are impedances."""
+    """Joints with impedance drives."""
     drives = bench.robot.drives
     return tuple(j for j in bench().joints if isinstance(drives.get(j), ImpedanceDrive))
 
 
 def gained(bench: Bench, by: float, joints: Sequence[str] = ()) -> tuple[Change, ...]:
-    """Gains of impedances multiplied, of some joints or of all."""
+    """Changes that multiply the gains of impedance drives, of some joints or of all."""
     return tuple(
         Change(MODEL, f"drives.{joint}.{key}", by * getattr(bench.robot.drives[joint], key))
         for joint in joints or stiff(bench)
@@ -152,12 +152,12 @@ def gained(bench: Bench, by: float, joints: Sequence[str] = ()) -> tuple[Change,
 
 
 def torques(joint: str, by: float) -> tuple[Change, ...]:
-    """Commanded torque of a joint divided."""
+    """Change that divides the commanded torque of a joint."""
     return (Change(MAPPING, SCALE, 1.0 / by, "command_torque", joint),)
 
 
 def heavier(bench: Bench, by: float) -> tuple[Change, ...]:
-    """Masses of all links, with what hangs on them, multiplied; inertias follow."""
+    """Changes that multiply the masses of all links; inertias follow."""
     text = Description(bench.robot.urdf)
     known = {link: text.mass_of(link) for link in text.links()}
     whole = {link: sum(known[one] for one in text.below(link)) for link in known if known[link]}
@@ -165,7 +165,7 @@ def heavier(bench: Bench, by: float) -> tuple[Change, ...]:
 
 
 def lowest(miss: Callable[[float], float], grid: Sequence[float]) -> float:
-    """Place of the lowest value near the best one of a rising grid, by golden sections."""
+    """Minimum of a function near the best value of an increasing grid, by golden-section search."""
     grid = list(grid)
     k = int(np.argmin([miss(x) for x in grid]))
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]

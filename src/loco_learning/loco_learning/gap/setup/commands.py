@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion against what the model makes of the commands: sign, joints exchanged, scale."""
+"""Mistakes of the commands: sign, exchanged joints, scale."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNIT_NAMES = {suspect.DEGREE: "deg", 1e3: "mrad or mm", 1.0 / (2.0 * np.pi): "re
 
 
 def sign(bench: Bench) -> list[Finding]:
-    """Joints that move against what the model does under their commands."""
+    """Findings of joints that move opposite to their simulation."""
     trial = bench()
     alike = np.diag(correlations(trial))
     found = []
@@ -31,7 +31,7 @@ def sign(bench: Bench) -> list[Finding]:
 
 
 def exchanged(bench: Bench) -> list[Finding]:
-    """Pairs of joints of which each follows the command of the other."""
+    """Findings of joint pairs in which each joint follows the command of the other."""
     trial = bench()
     alike = correlations(trial)
     found = []
@@ -49,10 +49,10 @@ def exchanged(bench: Bench) -> list[Finding]:
 
 
 def scale(bench: Bench) -> list[Finding]:
-    """Joints that move so many times as far as the model does under their commands."""
+    """Findings of joints whose motion is a multiple of the simulated one."""
     found: list[Finding] = []
     if bench.led:
-        return found  # a torque over one that is needed is a matter of torques and masses
+        return found  # a wrong torque scale is treated with torques and masses
     for joint in bench().joints:
         ratio, alike = max((moved(trial, joint) for trial in (bench(), bench.told())),
                            key=lambda pair: pair[1])  # fmt: skip
@@ -70,7 +70,7 @@ def scale(bench: Bench) -> list[Finding]:
 
 
 def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Change, ...]:
-    """The same change of all columns of a joint that are measured (q), commanded, or any ("")."""
+    """The same change for the measured (q), commanded (command), or all ("") columns of a joint."""
     roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
     mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
     mine = [r for r in mine if "tau" not in r and "torque" not in r or key == SIGN]
@@ -78,7 +78,7 @@ def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Ch
 
 
 def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
-    """Columns of two joints given to each other."""
+    """Changes that exchange the columns of two joints."""
     return tuple(
         Change(MAPPING, JOINT, to, c.role, c.joint)
         for joint, to in ((a, b), (b, a))
@@ -87,9 +87,9 @@ def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
 
 
 def correlations(trial: Trial) -> np.ndarray:
-    """Correlation of what the model says of each joint (row) with what each one measured (column).
+    """Correlation of each simulated joint (row) with each measured one (column), (n, n).
 
-    Mean over the records; 0 where one of the two hardly changes, (n, n).
+    Mean over the records; 0 if one of the two hardly changes.
     """
     total, n = np.zeros((len(trial.joints),) * 2), len(trial.joints)
     for said, measured in zip(trial.said, trial.measured, strict=True):
@@ -105,7 +105,7 @@ def correlations(trial: Trial) -> np.ndarray:
 
 
 def moved(trial: Trial, joint: str) -> tuple[float, float]:
-    """Spread of a joint's measurement over that of the model's motion, and their correlation."""
+    """Ratio of measured to simulated standard deviation of a joint, and their correlation."""
     if joint not in trial.joints:
         return 1.0, 0.0
     i = trial.joints.index(joint)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contents of ``gap.json`` where the set-up is wrong: nothing physical was sought."""
+"""Contents of ``gap.json`` if the set-up is wrong, so that no effect was sought."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ EVIDENCE = (
 def contents(
     model: Model, records: Sequence[Record], findings: Sequence[Finding], params: GapParams
 ) -> dict[str, Any]:
-    """Contents of ``gap.json`` of a set-up that has to be mended first.
+    """Contents of ``gap.json`` for a set-up that must be corrected first.
 
     Args:
-        model: Robot, overrides and effects, which are handed back as they came.
-        records: Recordings to fit and to judge on.
+        model: Robot, overrides and effects, copied to the result.
+        records: Recordings to fit and held-out ones.
         findings: Mistakes of the set-up.
         params: Settings.
     """

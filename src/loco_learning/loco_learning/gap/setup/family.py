@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tests of a set-up, one after the other: each looks at what the ones before have mended."""
+"""Sequence of the set-up tests: each runs with the corrections that earlier ones found."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RUNS: tuple[Test, ...] = (
 
 
 def look(model: Model, records: Sequence[Record]) -> list[Finding]:
-    """Mistakes of a set-up, in the order in which they are to be mended.
+    """Mistakes of a set-up, in the order in which they should be corrected.
 
     Args:
         model: Robot, overrides and effects.
@@ -40,7 +40,7 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
     found = of_signals(model, records)
     bench = Bench(model, records, tuple(mend.changes_of(found)))
     if not bench.possible or not all(finding.mends for finding in found):
-        return found  # nothing can be run, or nothing that would be right
+        return found  # no simulation is possible, or it would be of a wrong set-up
     for test in TESTS:
         new = test(bench)
         found += new
@@ -57,9 +57,10 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
 
 
 def _refuted(finding: Finding, model: Model, record: Record) -> bool:
-    """True for degrees that a range alone suggests: a joint may turn beyond its URDF's limits.
+    """True for a finding of degrees from the range alone that a simulation contradicts.
 
-    Its speed is then one that the URDF allows, and the model is no nearer to the motion in degrees.
+    A joint may turn beyond the limits of its URDF. Its velocity is then within the limit of the
+    URDF, and the model does not fit better in degrees.
     """
     roles = {change.role for change in finding.mends}
     if finding.fault != "unit" or not roles or roles - {"q", "command_position"}:
@@ -78,7 +79,8 @@ def _refuted(finding: Finding, model: Model, record: Record) -> bool:
 def best(bench: Bench) -> list[Finding]:
     """The mistake of the robot or of a whole joint that explains most; none if the model fits.
 
-    Those that explain as much are ways to mend it, too: the recordings do not tell which.
+    Mistakes that explain as much are listed as alternatives: the recordings cannot distinguish
+    them.
     """
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
@@ -91,10 +93,9 @@ def best(bench: Bench) -> list[Finding]:
 
 
 def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
-    """Mistakes that signals tell of each other, each once for all records.
+    """Mistakes that follow from comparing signals, each once for all records.
 
-    Lines of a mapping are for all records: where some have the mistake and others do not, there
-    are none.
+    Lines of a mapping apply to all records: if only some have the mistake, no correction is given.
     """
     found: dict[object, dict[str, Finding]] = {}
     for record in records:
@@ -110,6 +111,6 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
     for rows in found.values():
         names, finding = list(rows), next(iter(rows.values()))
         says = f"{', '.join(names)}: {finding.says}"
-        every = len(names) == len(records) or finding.fault == "wrap"  # which harms no other
+        every = len(names) == len(records) or finding.fault == "wrap"  # harmless elsewhere
         some.append(finding if every else replace(finding, says=says, mends=()))
     return some

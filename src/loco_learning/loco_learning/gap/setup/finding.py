@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mistakes of a set-up, with the numbers that tell them and the lines that mend them."""
+"""Findings: mistakes of a set-up, with their numbers and the lines that correct them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ JOINT, SIGN, SCALE, UNIT, OFFSET, WRAP = "joint", "sign", "scale", "unit", "offs
 
 @dataclass(frozen=True)
 class Change:
-    """A key of a mapping's column or of a model, and the value that it should have.
+    """A key of a mapping's column or of a model, with its correct value.
 
     Attributes:
         file: `MAPPING` or `MODEL`.
@@ -57,11 +57,11 @@ class Finding:
 
     Attributes:
         fault: Name of the kind of mistake, such as "sign".
-        joints: Joints that it is about; empty for the whole robot.
+        joints: Joints with the mistake; empty for the whole robot.
         says: The mistake in one sentence, with numbers.
-        mends: Lines that mend it, all of them needed.
-        others: Other sets of lines that mend it as well: these data do not tell which is right.
-        stops: Nothing physical can be told before it is mended.
+        mends: Lines that correct it, all of them needed.
+        others: Alternative sets of lines that correct it as well.
+        stops: Whether it must be corrected before any effect is sought.
     """
 
     fault: str
@@ -91,7 +91,7 @@ class Finding:
 
 
 def roles_of(record: Record, joint: str) -> tuple[str, ...]:
-    """Roles of the columns that a record has of a joint."""
+    """Roles of the columns of a joint in a record."""
     measured = JOINT_SIGNALS if joint in record.joints else ()
     kinds = record.command if joint in record.driven else ()
     roles = [role for role in measured if role in record.signals]
@@ -99,11 +99,11 @@ def roles_of(record: Record, joint: str) -> tuple[str, ...]:
 
 
 def mended(record: Record, changes: Sequence[Change]) -> Record:
-    """A record as it would be read with changes of its mapping.
+    """A record as imported with changes of its mapping.
 
     Args:
-        record: The record as it was read.
-        changes: Changes; those of a model are left to `model_with`.
+        record: The record as imported.
+        changes: Changes; those of a model are ignored, see `model_with`.
     """
     signals = {key: values.copy() for key, values in record.signals.items()}
     command = {key: values.copy() for key, values in record.command.items()}
@@ -132,7 +132,7 @@ def mended(record: Record, changes: Sequence[Change]) -> Record:
 def _columns(
     record: Record, signals: Mapping, command: Mapping, role: str
 ) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    """Array of a role, None without one, and the joints of its columns."""
+    """Array of a role, None if absent, and the joints of its columns."""
     if role.startswith("command_"):
         return command.get(role.removeprefix("command_")), record.driven
     return signals.get(role), record.joints

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers from which on a set-up counts as wrong; `tests/loco_learning/gap/setup` holds both sides.
+"""Limits above which a set-up counts as wrong; `tests/loco_learning/gap/setup` tests both sides.
 
-Hidden physical effects of the blind battery and shipped measured sets lie on one side of each,
-mistakes as users make them on the other.
+Hidden physical effects of the blind battery and shipped measured data lie on one side of each
+limit, typical mistakes of users on the other.
 """
 
 from __future__ import annotations
@@ -15,33 +15,34 @@ class Limits:
     """Limits of the tests of a set-up.
 
     Attributes:
-        against: Correlation of motion and model, below minus which a sign is wrong.
-        follows: Correlation from which on a joint follows a command.
-        apart: Correlation by which the command of another joint must be ahead of its own.
-        scale: Ratio of motion and model from which on a scale is wrong.
-        near: Distance of a ratio from a known one, in log.
-        samples: Samples that tell a correlation.
-        better: Times that the miss must fall with the line that mends.
-        left: Miss that may be left with it, over the deviation of the motion.
-        missed: Miss of the model from which on its bodies are suspected.
-        worst: Joints whose scale is sought, at most.
-        both: Ratio from which on the scale of positions and commands is wrong.
-        scales: Ratios that are tried first.
-        sections: Steps of the search about the best of them.
-        tilted: Angle from which on a base is not where the model has it; less is a slope [rad].
-        carried: Times that no weight may miss more than a turned one, which has two numbers to fit.
-        rounds: Mistakes of the robot or of whole joints that are sought one after the other.
-        jumps: Jumps of one size that are a wrap.
-        fastest: Speed of a joint whose URDF has no limit of it [rad/s or m/s].
-        turning: Rate of a gyro from which on a bolted base moves [rad/s].
-        resting: Rate of a gyro below which a free base rests [rad/s].
-        moving: Speed of a joint that would turn a free base [rad/s].
-        early: Samples by which a motion must be ahead of its command.
-        same: Distance of q from its command over that of the model, below which both are one.
-        exact: Correlation of efforts with what a drive asks for that differ by a factor alone.
-        needed: The same with what the motion needs, friction left out.
-        effort: Ratio from which on an effort is in another unit.
-        alike: Times that two ways to mend may differ and cannot be told apart.
+        against: Negative correlation of motion and model above which a sign is wrong.
+        follows: Correlation above which a joint follows a command.
+        apart: Smallest lead of another joint's command in correlation over the joint's own.
+        scale: Ratio of motion and model above which a scale is wrong.
+        near: Largest distance of a ratio to a known one [log].
+        samples: Smallest number of samples for a correlation.
+        better: Smallest factor by which a correction must lower the error.
+        left: Largest error with the correction, over the deviation of the motion.
+        missed: Error of the model above which its bodies are suspected.
+        worst: Largest number of joints whose scale is tested.
+        both: Ratio above which the common scale of positions and commands is wrong.
+        scales: Ratios of the initial grid search.
+        sections: Steps of the golden-section search about the best of them.
+        tilted: Angle above which a base is mounted wrongly; less is a slope [rad].
+        carried: Largest error of zero gravity over that of rotated gravity, which has two
+            parameters.
+        rounds: Largest number of mistakes of the robot or of whole joints that are found in turn.
+        jumps: Smallest number of jumps of equal size that are a wrap.
+        fastest: Velocity limit of a joint without one in the URDF [rad/s or m/s].
+        turning: Gyro rate above which a fixed base moves [rad/s].
+        resting: Gyro rate below which a free base rests [rad/s].
+        moving: Velocity of a joint that would rotate a free base [rad/s].
+        early: Lead of a motion over its command that is impossible [samples].
+        same: Distance of q from its command over that of the model, below which both are the same.
+        exact: Correlation of efforts and drive torques that differ by a factor alone.
+        needed: The same for the torque of the motion, without friction.
+        effort: Ratio above which an effort is in another unit.
+        alike: Largest ratio of the errors of two corrections that cannot be distinguished.
     """
 
     against: float = 0.6

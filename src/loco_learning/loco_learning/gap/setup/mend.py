@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mappings and models with the lines that mend a set-up; the old ones stay as they are."""
+"""Corrected copies of mappings, models and records, with the lines that findings give."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .finding import JOINT, MAPPING, MODEL, Change, Finding, mended
 
 
 def changes_of(findings: Sequence[Finding]) -> list[Change]:
-    """Lines that mend what was found, in order."""
+    """Lines that correct the findings, in order."""
     return [change for finding in findings for change in finding.mends]
 
 
 def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, Any]:
-    """Contents of a ``mapping.yaml`` with its key ``mend`` grown by changes of signals.
+    """Contents of a ``mapping.yaml`` with changes of signals appended to its key ``mend``.
 
     Args:
-        values: Contents as they are; empty for a bag that needed no mapping.
-        changes: Changes; those of a model are left out.
+        values: Contents of the file; empty for a bag without mapping.
+        changes: Changes; those of a model are ignored.
     """
     mine = [change for change in changes if change.file == MAPPING]
     lines = [
@@ -34,12 +34,12 @@ def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[s
 
 
 def model_mended(model: Model, changes: Sequence[Change]) -> Model | None:
-    """The model with changes of it; None if there are none."""
+    """The model with the changes that concern it; None if there are none."""
     return model_with(model, changes) if any(c.file == MODEL for c in changes) else None
 
 
 def noted(records: Sequence[Record], findings: Sequence[Finding]) -> list[Record]:
-    """Records as they are read with mistakes that stop nothing mended, and told as doubts."""
+    """Records with minor mistakes corrected, and a note on each of them."""
     changes = changes_of(findings)
     doubts = tuple(Doubt(str(finding)) for finding in findings)
     return [replace(mended(r, changes), notes=(*r.notes, *doubts)) if doubts else r

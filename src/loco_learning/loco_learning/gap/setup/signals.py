@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals against what a joint, a drive and a base can do: jumps, whole turns, commands, effort."""
+"""Mistakes of signals: wraps, whole turns, measured commands, effort units, fixed or free base."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TURN = 2.0 * np.pi
 
 
 def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
-    """Joints whose positions jump by one period, again and again, faster than they can move."""
+    """Joints whose positions repeatedly jump by one period, faster than they can move."""
     text = Description(robot.urdf)
     for i, joint in enumerate(record.joints):
         step = np.diff(bridged(record.signals["q"][:, i]))
@@ -30,7 +30,7 @@ def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
         fastest = text.velocity(joint) or LIMITS.fastest
         least = max(20.0 * usual, 3.0 * fastest * record.dt, 1e-9)
         rows = np.flatnonzero(np.abs(step) > least)
-        rows = rows[np.diff(rows, prepend=-2) > 1]  # a jump between samples takes two of them
+        rows = rows[np.diff(rows, prepend=-2) > 1]  # a jump between samples counts once
         if len(rows) < LIMITS.jumps:
             continue
         sizes = np.abs([step[r : r + 2].sum() - 2.0 * np.median(step[max(r - 5, 0) : r + 7])
@@ -47,7 +47,7 @@ def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
 
 
 def base(record: Record, robot: Robot) -> Iterator[Finding]:
-    """A base that moves although it is bolted in robot.yaml, or rests although it is free there."""
+    """A base that moves although robot.yaml fixes it, or rests although it is free there."""
     gyro = record.signals.get("gyro")
     if gyro is None or not np.isfinite(gyro).any():
         return
@@ -64,7 +64,7 @@ def base(record: Record, robot: Robot) -> Iterator[Finding]:
 
 
 def turns(bench: Bench) -> list[Finding]:
-    """Joints whose positions are whole turns away from their commands."""
+    """Findings of joints whose positions differ from their commands by whole turns."""
     trial, found = bench.told(), []
     kinds = Description(bench.robot.urdf).joint_types()
     for i, joint in enumerate(trial.joints):
@@ -81,7 +81,7 @@ def turns(bench: Bench) -> list[Finding]:
 
 
 def ahead(bench: Bench) -> list[Finding]:
-    """Joints whose motion is ahead of their command: that was measured, too."""
+    """Findings of joints whose motion precedes their command: the command was measured as well."""
     found: list[Finding] = []
     for joint in bench().joints if not (bench.led or bench.free) else ():
         early, due, near, usual = _following(bench, joint)
@@ -99,7 +99,7 @@ def ahead(bench: Bench) -> list[Finding]:
 
 
 def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:
-    """Time of a motion behind its command and that of the model [s], distance of both from it."""
+    """Delay of a joint after its command, measured and simulated [s]; distances to the command."""
     told, run = bench.told(), bench()
     if joint not in told.joints:
         return 0.0, 0.0, 1.0, 0.0
@@ -117,7 +117,7 @@ def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:
 
 
 def effort(bench: Bench) -> list[Finding]:
-    """Joints whose effort is so many times what their drive asks for and their motion needs."""
+    """Findings of joints whose effort is a multiple of the drive's torque and the needed torque."""
     found: list[Finding] = []
     needed = bench.torques() if not (bench.led or bench.free) else None
     for joint in needed.joints if needed else ():
@@ -130,7 +130,7 @@ def effort(bench: Bench) -> list[Finding]:
         if sure < LIMITS.exact or off < np.log(LIMITS.effort):
             continue
         if abs(np.log(ratio / by_motion)) > 0.5 * off:
-            continue  # the motor gives another torque than its drive asks for
+            continue  # the motor gives another torque than commanded
         says = (f"tau of {joint} is {ratio:.3g} times what inertia, weight and drive ask for "
                 f"(correlation {sure:.3f}): a current in A, of {1.0 / ratio:.3g} N·m per A, or "
                 "raw counts? Here it is taken so")  # fmt: skip
@@ -140,7 +140,7 @@ def effort(bench: Bench) -> list[Finding]:
 
 
 def _asked(bench: Bench, joint: str, drive: ImpedanceDrive) -> tuple[float, float]:
-    """Effort over the torque that a drive asks for along the measured motion, and correlation."""
+    """Ratio and correlation of effort and drive torque along the measured motion."""
     asked, tau = [], []
     for record in bench.told_records():
         i, k = record.driven.index(joint), record.joints.index(joint)

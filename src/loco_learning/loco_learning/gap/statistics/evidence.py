@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence that one model explains the measurement better than another, with honest odds.
+"""Evidence that one model explains the measurement better than another, as calibrated odds.
 
 Residuals are whitened: predicted minus measured over the channel's floor, 1 = noise.
-Three choices keep the odds honest, because what a wrong model leaves is systematic:
+Three choices calibrate the odds, because the residual of a wrong model is systematic:
 
-- Noise is what the better of the two models leaves, in each channel: its scale (Student-t
+- The noise is the residual of the better of the two models, in each channel: its scale (Student-t
   density, at least the floor) and its integrated autocorrelation tau are used for both. As
-  long as nobody explains the data, small differences are no proof.
+  long as no model explains the data, small differences are no proof.
 - A sample counts 1 / tau (for an AR(1) residual tau = (1 + phi) / (1 - phi)). Predicting
-  each residual from the one before would instead remove the slow errors by which effects
-  differ. A slow error of a fraction of the floor is forgiven (`TOLERANCE`).
+  each residual from the previous one would instead remove the slow errors by which effects
+  differ. A slow error of a fraction of the floor is tolerated (`TOLERANCE`).
 - The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
-  those of the one sample at hand: two equally wrong models do not get odds of a million.
+  those of the one sample: two equally wrong models do not get odds of a million.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
 FEW, MANY = 8, 32  # blocks over all records
 MOST_ODDS = 1e9
-LEAST_FREEDOM = 4.0  # of Student's law that widens intervals from few blocks
+LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
-BLOCK_IS_WON = 10.0  # odds in a block from which on it is won, however much more it gains
-TELLING = 1.0  # evidence of one channel in a block that says something [nat]
-CAUTION = 1.25  # on the bootstrap's spread in the odds: blocks are few and not quite independent
+BLOCK_IS_WON = 10.0  # odds at which the gain of a block is clipped when wins are counted
+TELLING = 1.0  # smallest informative evidence of one channel in a block [nat]
+CAUTION = 1.25  # factor on the bootstrap's spread: blocks are few and not quite independent
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Score:
         tau: Integrated autocorrelation per record and channel [samples], (R, C), at least 1.
         rms: Over all records and channels [floors].
         log_likelihood: Student-t, each sample counted 1 / tau [nat].
-        n_eff: Independent values that the samples stand for.
+        n_eff: Effective number of independent values.
     """
 
     residuals: tuple[np.ndarray, ...]
@@ -63,8 +63,8 @@ class Comparison:
         gain: Difference of log-likelihood [nat], positive when the first is better.
         low: Lower end of the gain's 95 % interval [nat].
         high: Upper end [nat].
-        blocks_improved: Share of the blocks that say something that the first wins.
-        odds: Odds for the first against the second, 1 = nobody can tell, at most 1e9.
+        blocks_improved: Share of the informative blocks in which the first is better.
+        odds: Odds for the first against the second, 1 = undecided, at most 1e9.
         blocks: Number of blocks.
     """
 
@@ -84,7 +84,7 @@ def whiten(
     A prediction that is not finite (the model diverged) counts as `LIMIT`, it is not left out.
 
     Args:
-        measured: (T, C) per record, NaN = not measured or not to be weighed.
+        measured: (T, C) per record, NaN = not measured or not compared.
         predicted: (T, C) per record.
         floor: (C,) in the channels' units.
     """
@@ -98,7 +98,7 @@ def whiten(
 
 
 def rms(residuals: Sequence[np.ndarray]) -> float:
-    """Root mean square of all values that were measured [floors]."""
+    """Root mean square of all measured values [floors]."""
     energy = sum(float(np.nansum(np.square(r))) for r in residuals)
     count = sum(int(np.isfinite(r).sum()) for r in residuals)
     return math.sqrt(energy / count) if count else math.nan
@@ -115,9 +115,9 @@ def closed(before: float, after: float, floor: float = 1.0) -> float:
     ``1 - sqrt((after² - floor²) / (before² - floor²))``; 0 when there was no gap to close.
 
     Args:
-        before: Whitened rms of the model as it came [floors].
+        before: Whitened rms of the initial model [floors].
         after: Whitened rms of the model with the effect [floors].
-        floor: 1, unless another level is known to be unreachable.
+        floor: 1, unless another level is known to be the lowest possible.
     """
     gap = before**2 - floor**2
     if not gap > 1e-9:
@@ -126,7 +126,7 @@ def closed(before: float, after: float, floor: float = 1.0) -> float:
 
 
 def excess(residuals: Sequence[np.ndarray]) -> float:
-    """Energy above the noise, summed over channels: a quiet one does not hide a loud one.
+    """Energy above the noise, clipped at 0 per channel so that quiet channels hide no loud one.
 
     Args:
         residuals: Whitened residual per record, (T, C), NaN = not measured.
@@ -136,9 +136,9 @@ def excess(residuals: Sequence[np.ndarray]) -> float:
 
 
 def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> float:
-    """Share of the rms above noise of one model that another one closes; 0 when there was none.
+    """Share of the rms above noise of one model that another one closes; 0 if there was none.
 
-    The one measure of what is closed, whoever asks: the root of `excess`.
+    All shares of the gap are computed by this function, from the root of `excess`.
 
     Args:
         before: Whitened residual per record, (T, C), NaN = not measured.
@@ -150,7 +150,7 @@ def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> floa
 
 
 def score(residuals: Sequence[np.ndarray]) -> Score:
-    """Weigh what a model leaves unexplained.
+    """Score of the residual of a model.
 
     Args:
         residuals: Whitened residual per record, (T, C), NaN = not measured.
@@ -166,8 +166,8 @@ def score(residuals: Sequence[np.ndarray]) -> Score:
 def correlation_time(x: np.ndarray) -> float:
     """Integrated autocorrelation time about zero [samples], 1 for white noise.
 
-    ``1 + 2 sum rho_k`` up to the first lag of five times the sum so far (Sokal's window).
-    A residual whose mean is not zero is correlated for as long as the record is.
+    ``1 + 2 sum rho_k`` up to the first lag of five times the current sum (Sokal's window).
+    A residual with a non-zero mean is correlated over the whole record.
 
     Args:
         x: (T,), NaN = not measured.
@@ -206,10 +206,10 @@ def compare(
         a: Residuals of the first model.
         b: Residuals of the second on the same records.
         rng: Source of the resampling, keyed by the caller's seed.
-        trials: Number of models among which `a` was picked by this very data; widens the
-            interval so that the best of many counts no more than it should (Bonferroni).
-        price: Price that the first pays in the odds for parameters that the second lacks [nat];
-            below 0 the second pays.
+        trials: Number of models from which `a` was selected with the same data; widens the
+            interval to account for the selection (Bonferroni).
+        price: Penalty of the first in the odds for parameters that the second lacks [nat];
+            negative if the second is penalised.
         draws: Bootstrap samples.
     """
     sums, pieces = _blocks(a, b)
@@ -234,10 +234,10 @@ def compare(
 
 
 def _improved(sums: np.ndarray, channels: int) -> float:
-    """Share of the blocks with something to say in which the first model wins.
+    """Share of the informative blocks in which the first model is better.
 
     Where an effect hardly shows, noise decides, and that of several channels adds up in squares:
-    a block that says less does not count beside those that say more.
+    blocks with little evidence do not count beside those with more.
     """
     size, least = np.abs(sums), TELLING * math.sqrt(channels)
     telling = size > (least if np.any(size > least) else 0.05 * size.mean())
@@ -245,10 +245,10 @@ def _improved(sums: np.ndarray, channels: int) -> float:
 
 
 def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float) -> float:
-    """Odds of the gain as it is, or of who wins the blocks, whichever says the same louder.
+    """Odds from the gains of the blocks, or from their clipped gains if these agree more strongly.
 
     One block with a push or a stop in it may gain more than all others together, and its
-    absence from a bootstrap sample then hides that every block was won.
+    absence from a bootstrap sample then hides that the model is better in every block.
     """
     most = math.log(BLOCK_IS_WON)
     sizes, wins = (
@@ -263,8 +263,8 @@ def _log_odds(
 ) -> float:
     """Logarithm of the posterior odds, averaged over bootstrap samples of the gain.
 
-    Equal models win every one of k blocks in one of ``2^k`` cases: the data count for no
-    more, with k the number of independent blocks that the gain effectively comes from.
+    Of two equal models, one is better in every one of k blocks with probability ``2^-k``: the odds
+    are limited accordingly, with k the number of independent blocks that contribute to the gain.
     """
     gain = sums.sum()
     power = gain - price + wide * (sums[index].sum(1) - gain)
@@ -275,7 +275,7 @@ def _log_odds(
 
 
 def odds(gain: float, spread: float) -> float:
-    """Odds to expect for a gain in log-likelihood that is known to a spread [nat].
+    """Expected odds for a gain in log-likelihood with a standard deviation [nat].
 
     Average of the posterior probability over a normal law of the gain, in MacKay's closed
     form: ``log odds = gain / sqrt(1 + pi spread² / 8)``.
@@ -285,7 +285,7 @@ def odds(gain: float, spread: float) -> float:
 
 
 def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
-    """Scale (C,) and correlation time (R, C) that the best model of each channel leaves."""
+    """Scale (C,) and correlation time (R, C) of the residual of the best model in each channel."""
     power = np.array([_power(s.residuals) for s in scores])
     scale = np.min([s.scale for s in scores], axis=0)
     best = power == power.min(0)  # (models, C)
@@ -294,7 +294,7 @@ def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _allowance(a: Score, b: Score) -> np.ndarray:
-    """Correlation of white noise with an allowed error as slow as the models differ, (R, C)."""
+    """Correlation time of noise plus a tolerated error as slow as the difference, (R, C)."""
     times = [
         [correlation_time((x - y)[:, c]) for c in range(x.shape[1])]
         for x, y in zip(a.residuals, b.residuals, strict=True)
@@ -308,14 +308,14 @@ def _power(records: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
-    """Independent values that the samples of all records stand for."""
+    """Effective number of independent values in all records."""
     return sum(float((np.isfinite(r).sum(0) / t).sum()) for r, t in zip(records, tau, strict=True))
 
 
 def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
-    """Gain of `a` over `b` in each block [nat], and how many independent pieces there are.
+    """Gain of `a` over `b` in each block [nat], and the number of independent pieces.
 
-    Blocks are longer than the correlation of the gain, as long as there are a few of them.
+    Blocks are longer than the correlation time of the gain, as long as there are a few of them.
     """
     scale, tau = _noise((a, b))
     seen = [np.isfinite(r).any(1) for r in a.residuals]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feedback and memory of a joint, as measured motion and commanded torque alone tell them.
+"""Velocity feedback and memory of a joint, from measured motion and commanded torque alone.
 
-All from a regression of the torque on acceleration, speed and position of the joint, each after
-the same smoothing, which is short beside motion and torque. No model of the robot takes part.
+They follow from a regression of the torque on acceleration, velocity and position of the joint, all
+with the same smoothing, which is short compared to motion and torque. No model of the robot is
+used.
 """
 
 from __future__ import annotations
@@ -13,19 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-PART = 0.3  # of the time in which motion or torque change by their deviation: smoothing (taste)
-EDGE = 5.0  # deviations of the smoothing from either end that do not count (theory)
-STEEP = 3.0  # usual speeds over which dry friction turns round: slope of its tanh (taste)
+PART = 0.3  # width of the smoothing over the time scale of motion or torque (taste)
+EDGE = 5.0  # smoothing widths from either end that are not used (theory)
+STEEP = 3.0  # slope of the tanh of dry friction, over the rms velocity (taste)
 
 
 @dataclass(frozen=True)
 class Free:
-    """A joint that is told torques.
+    """Properties of a joint with torque commands.
 
     Attributes:
-        fed_back: Share of the torque that its speed alone tells, 1 where a controller makes it so.
-        decay: Rate at which it forgets where it was [1/s]; 0 or below where it never does.
-        time: Time in which its motion changes by its own deviation [s].
+        fed_back: Share of the torque that its velocity explains, 1 for velocity feedback.
+        decay: Decay rate of initial errors [1/s]; 0 or below if they do not decay.
+        time: Time scale of the motion: standard deviation over rms velocity [s].
     """
 
     fed_back: float
@@ -34,7 +35,7 @@ class Free:
 
 
 def free(motions: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Free:
-    """Feedback and memory of a joint.
+    """Velocity feedback and memory of a joint.
 
     Args:
         motions: Position [rad or m] and torque, (T,) each without gaps, and the time between
@@ -56,7 +57,7 @@ def free(motions: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Free:
 
 
 def _time(signals: Sequence[tuple[np.ndarray, float]]) -> float:
-    """Time in which signals change by their own deviation [s]."""
+    """Time scale of signals: standard deviation over rms derivative [s]."""
     spread = np.mean([np.var(x) for x, _ in signals])
     rate = np.mean([np.mean(np.square(np.gradient(x) / dt)) for x, dt in signals])
     return float(np.sqrt(spread / max(rate, 1e-300)))
@@ -65,7 +66,7 @@ def _time(signals: Sequence[tuple[np.ndarray, float]]) -> float:
 def _smoothed(
     q: np.ndarray, torque: np.ndarray, dt: float, width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Acceleration, speed, position and 1, (T, 4), and the torque, (T,), without the ends."""
+    """Acceleration, velocity, position and 1, (T, 4), and torque, (T,), smoothed, without ends."""
     wide = max(1.0, width / dt)
     sides = [gaussian_filter1d(q, wide, order=n, mode="nearest") / dt**n for n in (2, 1, 0)]
     edge = min(round(EDGE * wide), (len(q) - 1) // 3)
@@ -75,5 +76,5 @@ def _smoothed(
 
 
 def _left(columns: np.ndarray, values: np.ndarray) -> float:
-    """Mean square of what columns leave of values."""
+    """Mean square residual of values after a regression on columns."""
     return float(np.mean(np.square(values - columns @ np.linalg.lstsq(columns, values)[0])))

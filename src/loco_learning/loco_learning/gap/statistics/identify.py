@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of what the data can tell of the fitted parameters.
+"""Identifiability: limits of the information in the data about the fitted parameters.
 
 All from the sensitivities: columns of the derivative of the whitened prediction with
 respect to each parameter in units of its typical size. Parameters that are refitted with
-every candidate (nuisance) take part: what they can imitate is not evidence.
+every candidate (nuisance) are included: what they can imitate is not evidence.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from scipy.special import chdtrc
 
 from .evidence import Score
 
-SAME_DIRECTION = 0.95  # cosine above which two effects cannot be told apart in these data
-DEAD = 1e-3  # length of a column [standard deviations per typical size] that counts as none
+SAME_DIRECTION = 0.95  # cosine above which two effects cannot be distinguished in these data
+DEAD = 1e-3  # length of a column [standard deviations per typical size] that counts as zero
 
 
 @dataclass(frozen=True)
@@ -30,15 +30,15 @@ class Identifiability:
         errors: Standard error with all others free, (P,); inf where not determined.
         errors_alone: Standard error if all others were known, (P,).
         dead: Names of parameters that do not change the prediction.
-        weak: Names whose standard error is above 1: the data say less than the prior.
+        weak: Names whose standard error is above 1: the data are less informative than the prior.
         alike: Pairs with the cosine of their columns, above `SAME_DIRECTION` after projecting out
             the nuisance columns.
         cosines: All of these cosines, (F, F) over the parameters that are no nuisance.
         worst: Direction in parameter space that the data determine least, in words.
         worst_error: Standard error along it.
         condition: Ratio of the largest to the smallest standard error of any direction.
-        imitated: Cosine of each column that is no nuisance with what all nuisance columns
-            together make of it, by name.
+        imitated: Cosine of each non-nuisance column with its projection on all nuisance
+            columns, by name.
     """
 
     names: tuple[str, ...]
@@ -56,13 +56,14 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Stability:
-    """Whether all parts of the data want the same parameters.
+    """Agreement of the parts of the data on the parameters.
 
     Attributes:
-        shifts: Change that each part wants of the joint fit, (G, P); nan where it cannot tell.
+        shifts: Change of the joint fit that each part alone would give, (G, P); nan if
+            undetermined.
         errors: Standard errors of these, (G, P).
         spread: Deviation of the parameter between parts that errors do not explain, (P,).
-        probability: Probability of such shifts if the parameter is one and the same, (P,).
+        probability: Probability of such shifts if all parts have the same parameter, (P,).
     """
 
     shifts: np.ndarray
@@ -72,7 +73,7 @@ class Stability:
 
 
 def flat(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Residuals or one parameter's sensitivities of all records in one row, (N,)."""
+    """Residuals, or sensitivities to one parameter, of all records as a vector, (N,)."""
     return np.concatenate([np.ravel(r) for r in residuals])
 
 
@@ -90,12 +91,12 @@ def analyse(
     nuisance: Sequence[str] = (),
     weight: np.ndarray | float = 1.0,
 ) -> Identifiability:
-    """Fisher information of sensitivities, in numbers and words.
+    """Identifiability from the Fisher information of sensitivities.
 
     Args:
         columns: (N, P) [floors per typical size]; rows with NaN are left out.
         names: One per column.
-        nuisance: Names of those that are refitted with every candidate.
+        nuisance: Names of the parameters that are refitted with every candidate.
         weight: Information per row (`weights`), (N,) or one for all.
     """
     j = _weighted(columns, weight)
@@ -143,15 +144,15 @@ def stability(
     groups: np.ndarray,
     weight: np.ndarray | float = 1.0,
 ) -> Stability:
-    """Ask each part of the data, e.g. each record, how it would change the joint fit.
+    """Compute how each part of the data, e.g. each record, would change the joint fit.
 
     One Gauss-Newton step per part with all columns free. A true effect has the same
-    parameters everywhere; what merely imitates one has not.
+    parameters everywhere; an effect that merely imitates another one has not.
 
     Args:
         columns: (N, P) [floors per typical size], at the joint fit.
         residual: (N,) predicted minus measured [floors].
-        groups: (N,) whole numbers, the part that each row belongs to.
+        groups: (N,) index of the part to which each row belongs.
         weight: Information per row (`weights`), (N,) or one for all.
     """
     whole = np.isfinite(columns).all(1) & np.isfinite(residual)
@@ -174,20 +175,20 @@ def stability(
 
 
 def _weighted(columns: np.ndarray, weight: np.ndarray | float) -> np.ndarray:
-    """Columns times the root of the weight, without rows that are not complete."""
+    """Columns times the root of the weight, without incomplete rows."""
     whole = np.isfinite(columns).all(1)
     return columns[whole] * np.sqrt(np.broadcast_to(weight, whole.shape))[whole, None]
 
 
 def _covariance(j: np.ndarray) -> np.ndarray:
-    """Inverse Fisher matrix; directions without any information get a huge variance."""
+    """Inverse Fisher matrix; directions without information get a huge variance."""
     _, s, vt = np.linalg.svd(j, full_matrices=False)
     s = np.maximum(s, 1e-9 * max(s.max(initial=0.0), DEAD))
     return (vt.T / s**2) @ vt
 
 
 def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
-    """Least determined direction in words, its standard error, and the condition."""
+    """Least determined direction in words, its standard error, and the condition number."""
     if not names:
         return "no parameter changes the prediction", math.inf, math.inf
     _, s, vt = np.linalg.svd(j, full_matrices=False)
@@ -205,7 +206,7 @@ def _words(name: str) -> str:
 
 
 def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.ndarray:
-    """Cosines of columns after projecting out the nuisance ones; 0 with a dead column."""
+    """Cosines of columns after projecting out the nuisance ones; 0 for columns of zero length."""
     columns = j[:, list(free)]
     if nuisance and len(j):
         u, s, _ = np.linalg.svd(j[:, list(nuisance)], full_matrices=False)
@@ -235,7 +236,7 @@ def _pairs(cosines: np.ndarray, names: Sequence[str]) -> tuple[tuple[str, str, f
 
 
 def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
-    """Spread of estimates beyond their errors, and the probability of theirs by chance."""
+    """Spread of estimates beyond their errors, and the probability of such a spread by chance."""
     known = np.isfinite(shifts) & np.isfinite(errors) & (errors < 1e6)
     if known.sum() < 2:
         return 0.0, 1.0

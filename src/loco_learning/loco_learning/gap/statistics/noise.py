@@ -3,11 +3,11 @@
 
 Differences of order k remove what a polynomial of degree k - 1 describes over k + 1
 samples and keep white noise, whose variance they multiply by ``binomial(2k, k)``. The
-smallest estimate over several orders is the one least disturbed by motion.
+smallest estimate over several orders is the one least affected by motion.
 
-Of readings that are multiples of a step, a median of differences is a multiple of the step
+For readings that are multiples of a step, a median of differences is a multiple of the step
 too, and as much as a third off. Uniform dither as wide as the step makes the differences
-continuous; its variance, which is known, is taken off again.
+continuous; its known variance is subtracted again.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from collections.abc import Sequence
 import numpy as np
 
 ORDERS = (2, 3, 4, 5, 6)
-FEWEST = 8  # differences of an order that say something
+FEWEST = 8  # smallest number of differences of an order
 SEED = 7_290_418_553  # of dither; small seeds draw simulated noise, which dither must not repeat
 DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
-RELATIVE = 1e-4  # of a channel's own deviation: no floor is set below it
-EFFORT = 0.02  # the same of a torque: on robots it is an estimate from current or pressure
+RELATIVE = 1e-4  # smallest floor, over the channel's own standard deviation
+EFFORT = 0.02  # the same for a torque: on robots it is an estimate from current or pressure
 BUSIEST_SHARE = (
-    1e-3  # of the largest deviation of any torque: what holds a joint to its stop says nothing
+    1e-3  # smallest floor of a torque, over the largest deviation of any torque
 )
 
 
@@ -38,8 +38,8 @@ def floor(
 
     Args:
         measured: One (T, C) array per record; NaN where nothing was measured.
-        resolution: Quantisation step per channel, (C,) or one for all; 0 where none is seen.
-        signals: Signal of each channel, (C,): see `least`; none is a torque by default.
+        resolution: Quantisation step per channel, (C,) or one for all; 0 if none is detected.
+        signals: Signal of each channel, (C,), for `least`; by default none is a torque.
 
     Returns:
         (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `least`.
@@ -53,14 +53,14 @@ def floor(
 
 
 def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
-    """Below which no floor is set, so that a record without noise does not ask for a perfect model.
+    """Smallest floor of each channel, so that noise-free data do not need a perfect model, (C,).
 
-    A share of the channel's deviation; torque sensors of a robot are alike, so that none tells
-    less than a share of what the busiest of them does.
+    It is a share of the channel's standard deviation. The torque sensors of a robot are alike, so
+    that none has a floor below a share of the largest torque deviation.
 
     Args:
-        spread: Deviation of each channel, (C,).
-        signals: Signal of each channel, (C,); none is a torque by default.
+        spread: Standard deviation of each channel, (C,).
+        signals: Signal of each channel, (C,); by default none is a torque.
     """
     torques = np.array([signal == "tau" for signal in signals or [""] * len(spread)])
     own = np.where(torques, EFFORT, RELATIVE) * spread
@@ -74,14 +74,14 @@ def white(
     orders: Sequence[int] = ORDERS,
     fewest: int = FEWEST,
 ) -> float:
-    """Deviation of the white noise in one channel's records, 0 when too few samples.
+    """Standard deviation of the white noise in a channel's records; 0 with too few samples.
 
     Args:
         columns: (T,) per record, NaN where nothing was measured; samples are taken as
             evenly spaced between gaps.
-        step: Quantisation step of the readings; the deviation includes that of rounding.
-        orders: Orders of differences, of which the smallest deviation counts.
-        fewest: Differences that an order needs.
+        step: Quantisation step of the readings; the result includes quantisation noise.
+        orders: Orders of differences; the smallest estimate is returned.
+        fewest: Smallest number of differences of an order.
     """
     dithered = [_dithered(column, step) for column in columns]
     found = []
@@ -93,13 +93,13 @@ def white(
 
 
 def _white(values: np.ndarray, order: int, step: float) -> float:
-    """Deviation by differences of an order, without that of dither."""
+    """Standard deviation of noise from differences of an order, without that of dither."""
     variance = (TO_DEVIATION * float(np.median(np.abs(values)))) ** 2 / math.comb(2 * order, order)
     return math.sqrt(max(0.0, variance - step**2 / 12.0))
 
 
 def _dithered(column: np.ndarray, step: float) -> np.ndarray:
-    """A record with each draw of dither, (T, draws); as it is, (T, 1), without a step."""
+    """A record plus each draw of dither, (T, draws); unchanged, (T, 1), without a step."""
     if step == 0.0:
         return column[:, None]
     # The same draws for each record: the estimate does not depend on the order of records.
@@ -108,17 +108,17 @@ def _dithered(column: np.ndarray, step: float) -> np.ndarray:
 
 
 def total(noise: np.ndarray, numeric: np.ndarray | float = 0.0) -> np.ndarray:
-    """Floor used everywhere: noise of the sensors and error of the model's integrator, (C,)."""
+    """Total floor: noise of the sensors and error of the model's integrator, (C,)."""
     return np.sqrt(np.square(noise) + np.square(numeric))
 
 
 def _differences(columns: np.ndarray, order: int) -> np.ndarray:
-    """Differences of an order over neighbours in a (T, k) record, none across a gap: (D, k)."""
+    """Differences of an order within a (T, k) record, none across a gap: (D, k)."""
     index = np.flatnonzero(np.isfinite(columns[:, 0]))
     if len(index) <= order:
         return np.empty((0, columns.shape[1]))
     values = np.diff(columns[index], order, axis=0)
-    stride = np.median(np.diff(index))  # more than 1 when measured more rarely than the axis
+    stride = np.median(np.diff(index))  # above 1 if sampled more slowly than the axis
     return values[index[order:] - index[:-order] <= 1.5 * stride * order]
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ends of intervals of strengths, from simulations further off than a derivative sees.
+"""Intervals of strengths by likelihood profiles, from simulations beyond the linear range.
 
-A derivative at the best value promises how the cost rises. Where a stop grows harder the motion
+The derivative at the optimum predicts how the cost rises. Where a stop gets stiffer the motion
 hardly changes any more, and where play or friction sticks it changes in steps: there the cost
-rises by less than was promised, the interval is longer, and on the side without an end it may
-have none.
+rises less than predicted, the interval is longer, and it may be unbounded on a side without a
+physical limit.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-FLAT = 0.5  # of the promised cost at the end of an interval that is as good as promised (taste)
+FLAT = 0.5  # share of the predicted cost at which the predicted end of an interval holds (taste)
 FURTHER = 2.0  # factor of each step beyond (taste)
-STEPS = 5  # at most
-TOWARDS = (0.5, 0.25, 0.1, 0.03)  # shares of a strength between its value and nothing
+STEPS = 5  # largest number of steps
+TOWARDS = (0.5, 0.25, 0.1, 0.03)  # tried shares of a strength between its value and 0
 
 
 def ends(
@@ -24,14 +24,14 @@ def ends(
     """Lower and upper end of the interval of a strength, in its coordinate.
 
     Args:
-        cost: Rise of the cost at a coordinate [nat], everything else as it is.
-        at: Best coordinate, nothing at 0.
-        far: Half of the interval by derivatives.
-        promised: Cost that derivatives promise at its ends [nat].
-        one_sided: It cannot be below 0.
+        cost: Rise of the cost at a coordinate [nat], everything else fixed.
+        at: Best coordinate; the effect is absent at 0.
+        far: Half of the interval from derivatives.
+        promised: Cost that derivatives predict at its ends [nat].
+        one_sided: Whether the coordinate cannot be below 0.
 
     Returns:
-        Both ends; an infinite one where the cost never rises as far.
+        Both ends; infinite where the cost never rises as far.
     """
     sides = [_end(cost, at, side * far, promised) for side in (-1.0, 1.0)]
     if one_sided and at > 0.0 and not sides[0] > 0.0:
@@ -40,7 +40,7 @@ def ends(
 
 
 def _end(cost: Callable[[float], float], at: float, far: float, promised: float) -> float:
-    """End on one side: as promised, or further off where the cost has not risen yet."""
+    """End on one side: as predicted, or further off if the cost has not risen yet."""
     if cost(at + far) >= FLAT * promised:
         return at + far
     for _ in range(STEPS):
@@ -51,7 +51,7 @@ def _end(cost: Callable[[float], float], at: float, far: float, promised: float)
 
 
 def _towards(cost: Callable[[float], float], at: float, promised: float) -> float:
-    """End towards nothing of a strength whose cost rises sooner than derivatives promise."""
+    """End between 0 and a strength whose cost rises sooner than derivatives predict."""
     for share in TOWARDS:
         if cost(share * at) >= promised:
             return share * at

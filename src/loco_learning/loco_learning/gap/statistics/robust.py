@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Intervals for residuals that are no noise, of a robot that is not quite as its file says.
+"""Confidence intervals for systematic residuals, with uncertain values of the robot.
 
-Residuals of a model that is never exact hang together in time and are alike within a record.
-What a whole record pulls at a parameter is therefore one draw, or what a piece of it does that
-begins anew from measurements: the sandwich over these (White 1980; Liang and Zeger 1986), with
-Student's law for as few draws as there are.
+Residuals of an inexact model are correlated in time and within a record. The gradient of a whole
+record with respect to a parameter is therefore one draw, or that of a piece that restarts from
+measurements: the sandwich estimator over these clusters (White 1980; Liang and Zeger 1986), with
+Student's law for the number of draws.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from scipy.special import stdtrit
 
 from .identify import DEAD
 
-FEW = 4  # clusters at least: Student's law of one draw says nothing (taste)
+FEW = 4  # smallest number of clusters: Student's law of one draw is useless (taste)
 
 
 def clusters(whole: Sequence[np.ndarray], begun: Sequence[Sequence[int]]) -> np.ndarray:
     """Cluster of each value of `identify.flat`, (N,).
 
-    A record is one, or each of its pieces where it begins anew from what was measured; where
-    these are fewer than `FEW` in all, each is divided evenly.
+    A cluster is a record, or each of its pieces that restarts from a measured state; if there are
+    fewer than `FEW` in all, each is divided evenly.
 
     Args:
         whole: Residuals of each record, (T, C).
@@ -48,18 +48,18 @@ def half_widths(
     weight: np.ndarray,
     at: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Half of the 95 % interval of each parameter, (P,); inf where the data do not show it.
+    """Half of the 95 % interval of each parameter, (P,); inf where the data do not determine it.
 
-    Three variances are added: what the clusters pull apart, what noise leaves with all doubts
-    free within their priors, and what the fit would move if these were refitted.
+    It adds three variances: of the clusters' gradients, of noise with all uncertain values free
+    within their priors, and of the change of the fit if these values were refitted.
 
     Args:
         columns: (N, P) change of the residual [floors] per unit of a parameter, at the fit.
-        doubts: (N, K) the same per deviation of values that are known to that alone.
+        doubts: (N, K) the same per standard deviation of each uncertain value.
         residual: (N,) predicted minus measured [floors], NaN = not measured.
         groups: (N,) cluster of each row.
         weight: (N,) information of each row (`identify.weights`).
-        at: (K,) deviations at which the doubts are; none by default.
+        at: (K,) current deviations of the uncertain values; 0 by default.
     """
     both = np.concatenate([columns, doubts], axis=1)
     used = np.isfinite(both).all(1) & np.isfinite(residual) & (weight > 0.0)

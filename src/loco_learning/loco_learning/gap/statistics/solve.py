@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robust least squares for residuals that cost a simulation each.
 
-Levenberg-Marquardt whose Jacobian is kept up to date by the steps it takes (Broyden), so
-that a fit of one parameter takes about eight simulations. Differences are large, a tenth of
-the parameter: friction, play and delays are not smooth on a small scale.
+Levenberg-Marquardt with Broyden updates of the Jacobian, so that a fit of one parameter takes
+about eight simulations. Finite differences are large, a tenth of the parameter: friction, play and
+delays are not smooth on a small scale.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LONGEST_STEP = 1.5  # step of a coordinate, in its units
+LONGEST_STEP = 1.5  # largest step of a coordinate, in its units
 SMALL = 1e-4  # relative decrease of the cost that is not worth a simulation
-FEW = 0.5  # absolute decrease [nat] that is not
-FIRST = 24  # simulations that straight lines alone may guide (taste)
+FEW = 0.5  # absolute decrease of the cost [nat] that is not worth a simulation
+FIRST = 24  # simulations with a given Jacobian alone (taste)
 
 
 @dataclass
 class Solution:
-    """End of a fit.
+    """Result of a fit.
 
     Attributes:
         z: Coordinates, (P,).
         cost: Half the sum of squares after the robust transform.
-        jacobian: Jacobian of the transformed residual, (N, P), as last known.
-        evaluations: Simulations.
+        jacobian: Latest Jacobian of the transformed residual, (N, P).
+        evaluations: Number of simulations.
     """
 
     z: np.ndarray
@@ -50,15 +50,15 @@ def minimise(
     budget: int,
     jacobian: np.ndarray | None = None,
 ) -> Solution:
-    """Least squares from a start.
+    """Bounded least squares from initial coordinates.
 
     Args:
         fun: Residual (N,) at coordinates (P,).
-        z: Start, (P,).
+        z: Initial coordinates, (P,).
         bounds: Smallest and largest coordinates, (P,) each.
-        step: Difference for the Jacobian, in units of the coordinates.
-        budget: Most simulations.
-        jacobian: About what it is at the start, (N, P); default is differences.
+        step: Finite difference for the Jacobian, in units of the coordinates.
+        budget: Largest number of simulations.
+        jacobian: Approximate Jacobian at the start, (N, P); by default finite differences.
     """
     search = _Search(fun, bounds, step)
     return search.run(np.clip(z, *bounds), budget, jacobian)
@@ -73,16 +73,16 @@ def guided(
     slopes: np.ndarray,
     promised: float,
 ) -> Solution:
-    """Least squares along slopes that are known about; by differences where these do not lead.
+    """Least squares with an approximate Jacobian; by finite differences if it does not suffice.
 
     Args:
         fun: Residual (N,) at coordinates (P,).
-        z: Start, (P,).
+        z: Initial coordinates, (P,).
         bounds: Smallest and largest coordinates, (P,) each.
-        step: Difference for the Jacobian, in units of the coordinates.
-        budgets: Most simulations along the slopes, and by differences.
-        slopes: About the Jacobian at the start, (N, P).
-        promised: Cost up to which the slopes led far enough.
+        step: Finite difference for the Jacobian, in units of the coordinates.
+        budgets: Largest numbers of simulations with `slopes`, and by differences.
+        slopes: Approximate Jacobian at the start, (N, P).
+        promised: Cost at which the first part is accepted.
     """
     found = minimise(fun, z, bounds, step, budgets[0], slopes)
     return found if found.cost <= promised else minimise(fun, found.z, bounds, step, budgets[1])
@@ -95,12 +95,12 @@ def differences(
     step: float,
     highest: np.ndarray,
 ) -> np.ndarray:
-    """Jacobian, (N, P), by differences towards the inside of the bounds.
+    """Jacobian, (N, P), by finite differences towards the inside of the bounds.
 
     Args:
         fun: Residual (N,) at coordinates (P,).
         z: Coordinates, (P,).
-        r: Residual there.
+        r: Residual at `z`, (N,).
         step: Difference, in units of the coordinates.
         highest: Largest coordinates, (P,).
     """
@@ -114,7 +114,7 @@ def differences(
 
 
 class _Search:
-    """State of one fit."""
+    """Levenberg-Marquardt iteration and its count of simulations."""
 
     def __init__(self, fun: Callable, bounds: tuple, step: float):
         self.fun, self.bounds, self.step, self.count = fun, bounds, step, 0
@@ -138,7 +138,7 @@ class _Search:
             tried = self.at(z + dz)
             new = 0.5 * float(tried @ tried)
             length = float(dz @ dz)
-            if length > 0.0 and (new < cost or not fresh):  # a far step tells nothing of here
+            if length > 0.0 and (new < cost or not fresh):  # too far for an update otherwise
                 jacobian = jacobian + np.outer(tried - model, dz) / length
             if new < cost:
                 small = cost - new < max(10.0 * SMALL * cost, FEW)
@@ -164,7 +164,7 @@ class _Search:
     def move(
         self, z: np.ndarray, jacobian: np.ndarray, r: np.ndarray, damping: float
     ) -> np.ndarray:
-        """Damped step inside the bounds; coordinates that it would push out are held."""
+        """Damped step inside the bounds; coordinates on a bound that it would cross are fixed."""
         free = np.ones(len(z), dtype=bool)
         dz = np.zeros(len(z))
         whole, slope = jacobian.T @ jacobian, jacobian.T @ r

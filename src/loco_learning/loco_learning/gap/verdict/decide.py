@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named, ambiguous, unknown or no gap: the rules, and one sentence of evidence for each.
+"""Rules of the verdict: named, ambiguous, unknown or no gap, with one sentence of evidence each.
 
-An effect is named when all of this holds on data that it was not fitted to: without it the
-model is worse beyond chance, every rival of another name is improbable, its parameters are
-physical and exclude "absent", most blocks agree, and it closes a good share of the gap.
+An effect is named when all of this holds on held-out data: without it the model is worse beyond
+chance, every rival of another name is improbable, its parameters are physical and exclude "absent",
+most blocks agree, and it closes a good share of the gap.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ MORE = "named, and more is missing"
 
 @dataclass(frozen=True)
 class Limits(Params):
-    """Conditions for a name."""
+    """Conditions for naming an effect."""
 
-    # The one answer to "does a model explain the data?", whoever asks: whether there is a gap,
-    # whether a search begins and ends, which effects show, whether a name leaves nothing. Battery:
-    # what noise, jitter of stamps and the other side's integrator leave of a true model.
+    # The only criterion for "the model explains the data": it decides whether there is a gap,
+    # whether a search starts and ends, which effects are visible, and whether more is missing.
+    # Battery: residual of a true model from noise, jitter of stamps and the other integrator.
     explained: float = parameter(
         1.25, "rms of a channel [floors], beyond chance, up to which a model explains it", low=1.0
     )
-    # Another question: small differences between models are told from noise only where one of
-    # them leaves little more than that in all data together (battery).
+    # A different criterion: small differences between models are distinguished from noise only if
+    # one of them has little more than this residual in all data together (battery).
     noise: float = parameter(
         1.5, "rms on all data [floors] up to which what a model leaves says how large noise is",
         low=1.0,
@@ -45,9 +45,9 @@ class Limits(Params):
     odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
     worse: float = parameter(3.0, "rms over the best model's beyond which it is no rival", low=1.0)
     blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
-    # Shares that are closed are those of the rms above noise (`evidence.closed_by`).
+    # Shares of the gap are those of the rms above noise (`evidence.closed_by`).
     closed: float = parameter(0.163, "smallest share of the gap that an effect closes", high=1.0)
-    # No model of hardware follows a large gap down to noise (taste).
+    # No model of real hardware reduces a large gap to noise (taste).
     most: float = parameter(
         0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
         high=1.0,
@@ -92,12 +92,12 @@ class Ruling:
 
     Attributes:
         name: Name of the effect.
-        place: Place where it sits.
+        place: Place of the effect.
         verdict: `NAMED`, `AMBIGUOUS` or `UNKNOWN`.
-        odds: Against the best rival of another name; against its absence without any.
+        odds: Odds against the best rival of another name; if there is none, against its absence.
         look_alikes: Names that cannot be excluded.
         places: Other places of the same effect that cannot be excluded.
-        alarms: Parameters that are not to be believed.
+        alarms: Reasons why its parameters are implausible, a sentence each.
         evidence: Evidence in one sentence.
     """
 
@@ -117,8 +117,8 @@ class Decision:
 
     Attributes:
         verdict: `NAMED`, `MORE`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
-        rulings: One per candidate, in the order given.
-        adequate: The model explains the data.
+        rulings: One per candidate, in the order of the candidates.
+        adequate: Whether the model explains the data.
         evidence: Evidence in one sentence.
     """
 
@@ -129,26 +129,26 @@ class Decision:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Effects that are named, sorted; none where the verdict is that nobody knows."""
+        """Named effects, sorted; empty if the verdict is unknown."""
         return () if self.verdict == UNKNOWN else _names(self.rulings, NAMED)
 
     @property
     def ambiguous(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of names of which the data cannot choose one."""
+        """Groups of names among which the data cannot distinguish."""
         return _groups(self.rulings)
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """Of all candidates."""
+        """Implausible parameters of all candidates, a sentence each."""
         return tuple(alarm for r in self.rulings for alarm in r.alarms)
 
 
 def has_gap(before: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
-    """Some channel's residual is above its floor beyond what noise would do by chance.
+    """True if some channel's residual is above its floor by more than chance.
 
     Args:
-        before: Whitened residuals of the model as it came on all records, (T, C) each.
-        limits: Conditions for a name; here what is above the floor.
+        before: Whitened residuals of the initial model on all records, (T, C) each.
+        limits: Conditions for naming an effect, of which `explained` is used.
     """
     return not explained(before, limits).all()
 
@@ -162,17 +162,17 @@ def decide(
     enough: np.ndarray | None = None,
     gap: bool | None = None,
 ) -> Decision:
-    """Say what the gap is.
+    """Decide on the cause of the gap.
 
     Args:
         candidates: Terms of the selected model; none if nothing was selected.
         before: Score of the user's own model on held-out data.
-        after: Score of the selected model on it.
-        limits: Conditions for a name.
-        whole: Residuals of both on all records, also those that were fitted; the model must
-            explain these too.
+        after: Score of the selected model on held-out data.
+        limits: Conditions for naming an effect.
+        whole: Residuals of both on all records, including the fitted ones, which the model must
+            explain too.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
-        gap: Whether there is one; default is that what the first leaves on all records is.
+        gap: Whether there is a gap; by default judged from the residuals of the user's model.
     """
     residuals = whole or (before.residuals, after.residuals)
     if not (has_gap(residuals[0], limits) if gap is None else gap):
@@ -205,7 +205,7 @@ def _groups(rulings: Sequence[Ruling]) -> tuple[tuple[str, ...], ...]:
 
 
 def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
-    """A small gap that changes too small to matter explain as well as anything else."""
+    """True if the gap is small and negligible changes explain it as well as anything else."""
     small = [
         c.trifle or any(r.trifle and r.over.odds <= limits.odds for r in c.rivals)
         for c in candidates
@@ -214,7 +214,7 @@ def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bo
 
 
 def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
-    """Parameters that are not to be believed, one line each, with the reason."""
+    """Implausible parameters of a candidate, with the reason, one line each."""
     found, open_ends = [], _undetermined(candidate.estimates)
     for e in candidate.estimates:
         where = f"{candidate.name} {candidate.place}".strip() + f": {e.name} = {e.value:.3g}"
@@ -232,18 +232,18 @@ def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
 
 
 def _size(one: Estimate, estimates: Sequence[Estimate]) -> float:
-    """Largest way from nothing of the strengths in its unit: a part of a vector may be 0."""
+    """Largest distance from absence of strengths in its unit: a vector may have components of 0."""
     alike = (e for e in estimates if e.absent is not None and e.unit == one.unit)
     return max(abs(e.value - e.absent) for e in alike)
 
 
 def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Those without an interval, where they keep an effect from having a size.
+    """Parameters without a finite interval, if no strength is determined; otherwise none.
 
-    A stop that is harder than can be seen has a size at least: its interval has no upper end.
+    A stop that is too stiff to be determined has a smallest size: its interval has no upper end.
 
-    A force along one axis of a bolted joint has two components that do nothing; a stop that is
-    hardly touched has a damping that nobody sees. Its strength is what must be known.
+    A force along one axis of a hinge has two components without effect; a stop that is hardly
+    touched has an undetermined damping. Only the strength of the effect must be determined.
     """
     open_ends = [e for e in estimates if not (math.isfinite(e.low) and math.isfinite(e.high))]
     unsure = [e for e in open_ends if e.absent is None or e.low <= e.absent <= e.high]
@@ -269,7 +269,7 @@ def _rule(c: Candidate, limits: Limits) -> Ruling:
 
 
 def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
-    """Rivals that leave little more, and that could get a name themselves."""
+    """Rivals with a similar residual that could be named themselves."""
     return tuple(
         r
         for r in c.rivals
@@ -278,12 +278,12 @@ def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
 
 
 def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> list[str]:
-    """Reasons against considering a candidate at all.
+    """Reasons against naming a candidate, a sentence each.
 
     Args:
-        c: Candidate with its evidence on data that it was not fitted to.
-        found: Alarms about it.
-        limits: Conditions for a name.
+        c: Candidate with its evidence on held-out data.
+        found: Implausible parameters of the candidate.
+        limits: Conditions for naming an effect.
     """
     wanting = []
     sure = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
@@ -333,23 +333,23 @@ def large(
     after: Score,
     limits: Limits,
 ) -> bool:
-    """A large share of what is above noise is closed, on all data and on those that judge.
+    """True if a large share of the gap is closed, on all data and on held-out data.
 
     Args:
-        whole: Residuals of what effects have to beat, and of the selected model, on all records.
+        whole: Residuals of the reference model and of the selected model on all records.
         before: Score of the user's own model on held-out data.
-        after: Score of the selected model on it.
-        limits: Conditions for a name.
+        after: Score of the selected model on held-out data.
+        limits: Conditions for naming an effect.
     """
     pairs = whole, (before.residuals, after.residuals)
     return all(evidence.closed_by(*pair) >= limits.large for pair in pairs)
 
 
 def _overall(rulings: Sequence[Ruling], adequate: bool, much: bool) -> str:
-    """Named when nothing is left in doubt; unknown when the model neither explains nor closes much.
+    """Overall verdict: unknown if the model neither explains the data nor closes much of the gap.
 
-    What explains the data only beside an effect that is not established is not established, either:
-    five of six such names in 400 cases of the blind battery were wrong, or not all.
+    A model that explains the data only with an effect that is not established is not established
+    either: five of six such names in 400 cases of the blind battery were wrong or incomplete.
     """
     verdicts = {r.verdict for r in rulings}
     if adequate and AMBIGUOUS in verdicts:
@@ -369,7 +369,7 @@ def _summary(
     after: float,
     closed: float,
 ) -> str:
-    """Sentence on the verdict; `loud` is what the loudest channel keeps of too much [floors]."""
+    """Sentence on the verdict; `loud` is the largest unexplained rms of a channel [floors]."""
     names = " and ".join(_names(rulings, NAMED))
     groups = ["{" + ", ".join(group) + "}" for group in _groups(rulings)]
     gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
@@ -389,5 +389,5 @@ def _summary(
 
 
 def _on_bound(e: Estimate, edge: float) -> bool:
-    """Next to a bound that is not "absent": there the interval speaks."""
+    """True if on a bound other than "absent", where the interval decides."""
     return on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), edge)

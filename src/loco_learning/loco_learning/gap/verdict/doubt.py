@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Part that values of a robot which nobody knows exactly have in the intervals of sizes.
+"""Contribution of uncertain values of the robot to the intervals of strengths.
 
-If masses, inertias and drives are a little off, so is the size, in all records alike: no
-resampling of the data shows it. Each of them therefore takes part with its prior, about where it
-was refitted to, unless it is a free value.
+If masses, inertias and drives are slightly wrong, so are the strengths, in all records alike:
+resampling the data does not show it. The sensitivity to each such value therefore enters with its
+prior, about its refitted value, unless it is a free value.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..statistics import identify
 
 
 def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
-    """Nominal value and deviation by dotted name, of all that changes together in one mapping.
+    """Nominal value and deviation by dotted name; one mapping per group that changes together.
 
     Args:
         case: Model and data.
-        model: Fitted to it.
+        model: Fitted model.
     """
     if case.loose is None:
         robot = case.forward.given()
@@ -41,11 +41,11 @@ def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
 
 
 def columns(case: Case, model: Fitted) -> tuple[np.ndarray, np.ndarray]:
-    """Change of all residuals by one deviation of each, (N, K), and the deviations now, (K,).
+    """Change of all residuals by one deviation of each value, (N, K); current deviations, (K,).
 
     Args:
         case: Model and data.
-        model: Fitted to it.
+        model: Fitted model.
     """
     kept, settled = case.kept(), model.settled
     here = kept.whitened(model.specs, settled, coarse=True)
@@ -62,7 +62,7 @@ def columns(case: Case, model: Fitted) -> tuple[np.ndarray, np.ndarray]:
 
 
 def none(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same where nothing is in doubt, for so many residuals."""
+    """Result of `columns` without uncertain values, for a number of residuals."""
     return np.zeros((count, 0)), np.zeros(0)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weighs the result of a search: each effect against its absence and against its rivals.
+"""Judgement of a search's result: each effect against its absence and against its rivals.
 
-All models that are compared are fitted to the end and freed of their own step error first.
-A parameter more has its price (`occam`): friction with a Stribeck velocity beyond all speeds
-is Coulomb friction, and must not make it ambiguous.
+All compared models are fitted to convergence, with a correction of their own step error.
+Each additional parameter is penalised (`occam`): friction with a Stribeck velocity above all
+measured velocities is Coulomb friction, and must not make it ambiguous.
 """
 
 from __future__ import annotations
@@ -52,32 +52,32 @@ from .rivals import (
 from .sensitivity import sensitivities
 from .traded import LeftOut, Nominal, crowded, little_off, strayed
 
-BENT = 1.0  # deviations of a value of the robot from which on effects change what it does (taste)
-INSTEAD = 2  # rivals that may take the place of a model that does not stand
-LEADING = 4  # models of which the simplest that nobody beats is selected
-LEAST_SHARE = 0.02  # of the energy above noise that one effect more must close (battery)
-LOOK_ALIKES = 2  # of those that were not fitted yet are tried, however many others were
-LITTLE_BESIDE = 0.1  # of the largest size in a family: below, a joint is not in it (taste)
-LESS, NEARLY = 0.4, 1.5  # or below this, if so many times its interval reaches nothing (taste)
+BENT = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
+INSTEAD = 2  # rivals that may replace a model that is not established
+LEADING = 4  # models among which the simplest unbeaten one is selected
+LEAST_SHARE = 0.02  # smallest share of the energy above noise for one more effect (battery)
+LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
+LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
+LESS, NEARLY = 0.4, 1.5  # the same if 0 is within so many half intervals of the size (taste)
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A decision with everything that it rests on.
+    """A decision with its evidence.
 
     Attributes:
         decision: The verdict.
         given: The user's own model: "before".
-        base: The same with nominal values refitted: what effects have to beat.
+        base: The user's model with nominal values refitted: the reference for effects.
         best: The selected model.
         candidates: Effects of the selected model with the evidence, in order.
         rivals: Other models of as many effects, each with the evidence of the best over it.
         identifiability: Analysis of the best model's parameters; None without any.
-        left_out: Models that nominal values imitate.
-        alarms: Parameters and values that are not to be believed, a sentence each.
-        over_settings: Answers under other splits, stretches and floors, where a name was given.
-        asked: Somebody said which values of the robot are free or uncertain.
+        left_out: Models that were excluded because nominal values imitate their effects.
+        alarms: Implausible parameters and values, a sentence each.
+        over_settings: Answers under other splits, stretches and floors, if an effect was named.
+        asked: Whether the user declared values of the robot as free or uncertain.
     """
 
     decision: Decision
@@ -94,9 +94,9 @@ class Judged:
 
     @property
     def after(self) -> Fitted:
-        """The model that goes on: with effects where these are named, or one of a few.
+        """The model after the search: with effects if the verdict names them or a few alternatives.
 
-        Where nobody knows, a robot that was bent towards a gap is no better than it came.
+        With an unknown cause, refitted values of the robot are no improvement, unless declared.
         """
         if self.decision.verdict == UNKNOWN:
             return self.base if self.asked else self.given
@@ -107,13 +107,13 @@ class Judged:
 
 
 def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> Judged:
-    """Weigh what a search found.
+    """Judge the result of a search.
 
     Args:
         case: Model and data.
         search: Settings and processes.
         found: Result of the search.
-        limits: Conditions for a name.
+        limits: Conditions for naming an effect.
     """
     base = found.base
     nominal = Nominal(search.nominal, search.params.free_spread)
@@ -159,7 +159,7 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
 
 
 class _Judgement:
-    """Fits what has to be compared and compares it."""
+    """Fits and comparisons of the models that the verdict needs."""
 
     def __init__(self, case: Case, search: Search, found: Found, nominal: Nominal):
         self.case, self.search, self.found = case, search, found
@@ -186,7 +186,7 @@ class _Judgement:
         return trifle(*part, self.sliding)
 
     def _swapped(self, judged: Judged, out: Sequence, limits: Limits) -> Judged:
-        """The same for the best rival where that beats the selected model."""
+        """Judgement of the best rival, if that beats the selected model."""
         known = {o.model.key for o in out}
         better = [
             model
@@ -199,7 +199,7 @@ class _Judgement:
         return self._judged(best, limits) if best else judged
 
     def _instead(self, judged: Judged, out: set[str], limits: Limits) -> Judged:
-        """A rival that is established in place of what is not, if it cannot be excluded."""
+        """Judgement of an established rival that cannot be excluded, instead of one that is not."""
         near = [
             m
             for m, over in judged.rivals
@@ -214,7 +214,7 @@ class _Judgement:
         return judged
 
     def _established(self, judged: Judged, limits: Limits) -> Judged:
-        """The model without the effects that are not established, if that stands by itself."""
+        """Judgement without the effects that are not established, if that one is established."""
         rulings = judged.decision.rulings
         idle = [i for i, ruling in enumerate(rulings) if ruling.verdict == UNKNOWN]
         if not idle or len(idle) == len(rulings):
@@ -228,7 +228,7 @@ class _Judgement:
         return judged if other.decision.verdict == UNKNOWN else other
 
     def _judged(self, best: Fitted, limits: Limits) -> Judged:
-        """A model without what it can do without, weighed against its rivals."""
+        """Judgement of a model without its superfluous effects, against its rivals."""
         self.about = best.specs if self._off(best) else None
         (best,) = self._finished(self._anew([best]))
         best, lost = self._pruned(best, limits)
@@ -256,11 +256,11 @@ class _Judgement:
         return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
 
     def _explains(self, model: Fitted, limits: Limits) -> bool:
-        """A model explains the data."""
+        """True if a model explains the data."""
         return adequate(self.found.base.whole, model.whole, limits, self.enough)
 
     def _best(self, found: Sequence[Fitted], limits: Limits) -> Fitted:
-        """Simplest of the leading models that none of them beats."""
+        """The simplest of the leading models that no other one beats."""
         first = {len(m.parts): m for m in reversed(found)}.values()
         leading = {m.key: m for m in (*found[:LEADING], *first)}
         models = self._finished(list(leading.values()))
@@ -272,7 +272,7 @@ class _Judgement:
         return min(models, key=lambda m: (self.search.energy(m), m.key))
 
     def _pruned(self, best: Fitted, limits: Limits) -> tuple[Fitted, list[Fitted]]:
-        """A model without effects that it can do without, and what it is without each left."""
+        """The model without superfluous effects, and that model without each remaining effect."""
         while True:
             lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
             idle = [m for m in lost if m.parts and not self._needs(best, m, limits)]
@@ -281,7 +281,7 @@ class _Judgement:
             best = min(idle, key=lambda m: (self.search.energy(m), m.key))
 
     def _narrowed(self, best: Fitted, estimates: Mapping[str, Sequence[Estimate]]) -> Fitted | None:
-        """The model with each family without its idle joints, refitted; None if there are none."""
+        """The model without the idle joints of its families, refitted; None if there are none."""
         parts = []
         for hypothesis, x in best.parts:
             idle = _idle(hypothesis, estimates[hypothesis.key])
@@ -295,22 +295,22 @@ class _Judgement:
         return self._finished([self._fitted(parts)])[0]
 
     def beats(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
-        """A model is more probable; one with more effects also explains visibly more."""
+        """True if `a` is more probable; with more effects, it must also explain noticeably more."""
         if self._odds(a, b).odds <= limits.odds and ratio(b, a) <= sharp(limits, a).worse:
             return False
         return len(a.parts) <= len(b.parts) or not self._plain(a, b, limits)
 
     def _needs(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
-        """A model needs what a smaller one lacks: that is worse on held-out data beyond chance.
+        """True if `a` needs the effects that `b` lacks: `b` is significantly worse on held-out data.
 
-        Where the smaller one leaves nothing above the floor, chance is what the odds say.
+        If the residual of `b` is at the floor, only the odds decide.
         """
         if self.beats(a, b, limits):
             return True
         return not self._settled(b, limits) and self._gain(a, b)[0].low > 0.0
 
     def _plain(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
-        """A model with fewer effects leaves nothing above the floor, and next to no more."""
+        """True if `b`, with fewer effects, is at the floor and has hardly a larger residual."""
         base, more, less = (
             evidence.excess(self._weighed(self.found.base, m)[1].residuals)
             for m in (self.found.base, a, b)
@@ -318,14 +318,14 @@ class _Judgement:
         return self._settled(b, limits) and less - more <= LEAST_SHARE * base
 
     def _settled(self, model: Fitted, limits: Limits) -> bool:
-        """A model leaves nothing above the floor, or above the accuracy that is asked for."""
+        """True if the residual of a model is at the floor, or within the requested accuracy."""
         nothing = limits.replace(most=1.0, aside=0.0)
         return adequate(self.found.base.whole, model.whole, nothing, self.enough)
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
-        """Models fitted with their own step error; the better of before and after.
+        """Models refitted with their own step error, if that is better.
 
-        One that was finished before is finished again where it comes back from a better place.
+        A model that was refitted earlier is refitted again if its residual is now smaller.
         """
         new = {m.key: m for m in models if m.key not in self.done or self._better(m)}
         tasks = [(m, self.search.setting) for m in new.values()]
@@ -334,13 +334,13 @@ class _Judgement:
         return [self.done[m.key] for m in models]
 
     def _off(self, model: Fitted) -> bool:
-        """A value of the robot is so far off that effects change what it does."""
+        """True if a value of the robot deviates so much that effects alter its sensitivity."""
         if not (self.case.bends and model.parts and model.loose):
             return False
         return bool(np.max(np.abs(self.case.loose.deviations(model.loose))) > BENT)
 
     def _anew(self, models: Sequence[Fitted]) -> list[Fitted]:
-        """The better of each model and itself fitted about the one that is weighed."""
+        """Each model, or its fit with values linearised about the judged one, if better."""
         if self.about is None:
             return list(models)
         tasks = [(m.parts, self.search.setting, self.about) for m in models]
@@ -348,18 +348,18 @@ class _Judgement:
         return [min(pair, key=self.search.energy) for pair in zip(models, again, strict=True)]
 
     def _fitted(self, parts: Parts) -> Fitted:
-        """A model fitted from where its parts are."""
+        """A model fitted from the coordinates of its parts."""
         return next(iter(self.search.each(fit, [(tuple(parts), self.search.setting)])))
 
     def _better(self, model: Fitted) -> bool:
-        """A model leaves less than the finished one of the same effects."""
+        """True if a model has a smaller residual than the finished one of the same effects."""
         return self.search.energy(model) < self.search.energy(self.done[model.key])
 
     def _without(self, best: Fitted, index: int) -> Fitted:
-        """The model without one effect, the others refitted from where they are.
+        """The model without one effect, the others refitted from their coordinates.
 
-        A search that fitted these others alone may have ended elsewhere, and the effect would get
-        what belongs to that: the better of both is what it has to beat.
+        The search may have found another optimum for these others alone. The better of both is the
+        reference, so that the effect does not get credit for that optimum.
         """
         left = [part for i, part in enumerate(best.parts) if i != index]
         if not left:
@@ -369,10 +369,10 @@ class _Judgement:
         return min((*known, *self._anew([again])), key=self.search.energy)
 
     def _swaps(self, best: Fitted, index: int, without: Fitted) -> list[Fitted]:
-        """The model with another effect, or the same elsewhere, in the place of one.
+        """Models with another effect, or the same at another place, instead of one effect.
 
-        Where the model leaves a gap, an effect that does most beside the others may have been
-        passed over, as it did less beside this one.
+        If the model has a gap, the search may have missed an effect that explains most beside the
+        others, because it explains less beside this one.
         """
         mine = best.parts[index][0]
         others = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
@@ -401,20 +401,20 @@ class _Judgement:
         return self._anew(few(models, mine, others))
 
     def _closed(self, model: Fitted) -> float:
-        """Share of the gap of the model as it came, on the data that judge."""
+        """Share of the gap of the reference model that a model closes on held-out data."""
         before, after = self._weighed(self.found.base, model)
         return evidence.closed_by(before.residuals, after.residuals)
 
     def _weighed(self, without: Fitted, model: Fitted) -> tuple[evidence.Score, evidence.Score]:
-        """Both on the data that judge; on all where the first leaves nothing in them."""
+        """Scores of both on held-out data; on all data if the first has no gap there."""
         pair = without, model
         return tuple(m.score if elsewhere(without) else m.held for m in pair)
 
     def _gain(self, a: Fitted, b: Fitted) -> tuple[evidence.Comparison, float]:
-        """Evidence on the data that judge, and share of the gap of the second that is closed.
+        """Evidence on held-out data, and the closed share of the gap of the second model.
 
-        Where the second leaves nothing in them, but elsewhere, all data judge: parameters that
-        were fitted to them are paid then.
+        If the second has a gap elsewhere only, all data are used, with a penalty for parameters
+        that were fitted to them.
         """
         rng = np.random.default_rng([self.seed, INTERVAL])
         trials = max(1, min(len(self.found.models), self.search.params.finalists))
@@ -424,12 +424,12 @@ class _Judgement:
         return (paid(over, occam(a, b)) if elsewhere(b) else over), closed
 
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
-        """Evidence between rivals, on all data: these both were fitted to, parameters paid."""
+        """Evidence between rivals on all data, to which both were fitted, parameters penalised."""
         rng = np.random.default_rng([self.seed, ODDS])
         return evidence.compare(a.score, b.score, rng, price=occam(a, b))
 
     def _total(self, a: Fitted, b: Fitted) -> evidence.Comparison:
-        """Evidence on all data for a model over the same without an effect, parameters paid."""
+        """Evidence on all data for a model over one without an effect, with parameter penalty."""
         return paid(self._odds(a, b), occam(a, b))
 
     def _candidate(
@@ -466,9 +466,9 @@ class _Judgement:
 
 
 def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
-    """Joints of a family whose sizes may be nothing, and are at most little beside those of others.
+    """Joints of a family whose sizes are compatible with 0 and small compared to the largest.
 
-    A size that is only not known may be there: a robot that rubs, rubs everywhere.
+    A size that is merely uncertain may be real: a robot with friction has it in all joints.
     """
     pairs = list(zip(hypothesis.coordinates, estimates, strict=True))
     largest: dict[str, float] = {}
@@ -485,7 +485,7 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
         c.of
         for c, e in pairs
         if c.strength
-        and not (c.one_sided and e.value == e.absent)  # it would rather be below
+        and not (c.one_sided and e.value == e.absent)  # on its bound, 0
         and not little(e, largest[c.name])
     }
     return set(hypothesis.joints) - there

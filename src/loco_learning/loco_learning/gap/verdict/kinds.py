@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kind of an ambiguous effect, such as friction, of which the law is not told."""
+"""Kind of an ambiguous effect, such as friction, whose law the data do not determine."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .decide import AMBIGUOUS, LIMITS, Limits, Ruling, serious
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind that is named.
+    """A kind of effects that is named.
 
     Attributes:
         kind: Kind in the registry, e.g. friction.
-        places: Places where it may sit.
-        effects: Laws of the kind among which the data cannot choose.
-        odds: Against the best rival of another kind; without any, against its absence.
+        places: Places where it may act.
+        effects: Laws of the kind that the data cannot distinguish.
+        odds: Odds against the best rival of another kind; without one, against its absence.
     """
 
     kind: str
@@ -29,12 +29,12 @@ class Kind:
 
 
 def kind_of(name: str) -> str:
-    """Kind of an effect; empty where it is of none, or no effect."""
+    """Kind of an effect; empty if it has none, or if there is no such effect."""
     return EFFECTS[name].identity.kind if name in EFFECTS else ""
 
 
 def shared(candidate: Candidate, ruling: Ruling, limits: Limits = LIMITS) -> Kind | None:
-    """The kind that all explanations of one term have in common, if it is ambiguous.
+    """The common kind of all explanations of an ambiguous term; None if there is none.
 
     Args:
         candidate: Candidate with its rivals.

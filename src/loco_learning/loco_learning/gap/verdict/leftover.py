@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether what a model leaves of a gap is little enough to say that it explains the data."""
+"""Criteria for a residual that is small enough for the model to explain the data."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..statistics import evidence
 if TYPE_CHECKING:
     from .decide import Limits
 
-KURTOSIS = 4.0  # variance of a squared noise value; 2 if it is normal
-RARE = 0.01  # chance that noise alone is taken for more in any of the channels (taste)
-SAME = 0.05  # relative change of an rms that is none
+KURTOSIS = 4.0  # variance of a squared noise value; 2 for a normal law
+RARE = 0.01  # probability of a false alarm by noise in any of the channels (taste)
+SAME = 0.05  # relative change of an rms that is negligible
 
 
 def explained(residuals: Sequence[np.ndarray], limits: Limits) -> np.ndarray:
-    """Channels in which nothing is left but noise and what chance may add to it, (C,) bool.
+    """Channels whose residual is noise, with an allowance for chance, (C,) bool.
 
     Args:
         residuals: Whitened residuals of a model, (T, C) per record; NaN where not measured.
-        limits: Limits, of which `explained` is used.
+        limits: Conditions, of which `explained` is used.
     """
     power = np.sum([np.nansum(np.square(r), axis=0) for r in residuals], axis=0)
     count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
@@ -38,15 +38,15 @@ def adequate(
     limits: Limits,
     enough: np.ndarray | None = None,
 ) -> bool:
-    """In every channel of every record the model is near the floor or most of the rms closed.
+    """True if each channel of each record is near the floor, or most of its gap is closed.
 
-    What was left alone is another matter: a small part of the whole gap may be there, if it is
-    not loud by itself.
+    Channels that the model does not change may hold a small part of the whole gap, if none of them
+    has a large residual.
 
     Args:
-        before: Whitened residuals of the model as it came, (T, C) per record.
+        before: Whitened residuals of the initial model, (T, C) per record.
         after: Whitened residuals of the selected model, (T, C) per record.
-        limits: Conditions that say what is near, most and a small part.
+        limits: Conditions for near, most and small.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
     """
     total = evidence.by_channel(after)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models beside each other: prices of parameters, what is too small to matter, and a few rivals."""
+"""Comparison of models: penalties of parameters, negligible effects, selection of rivals."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .candidates import on_bound
 from .decide import Limits, has_gap
 
 RIVAL_NAMES, RIVAL_PLACES = 4, 2  # rivals of other names, and other places of the same, per effect
-COMPARABLE = ("-", "s", "rad")  # units in which a size means the same on all robots
-TRIFLE = 0.1, 0.02  # of the low end of a prior, and of the high end of a two-sided one
-MOST_PRICE = 100.0  # odds that all parameters together cost at most
-NO_RIVAL = 2.0  # rms over that of a model that leaves noise alone from which on it is no rival
+COMPARABLE = ("-", "s", "rad")  # units in which a size is comparable between robots
+TRIFLE = 0.1, 0.02  # negligible share of a prior's low end, and of a two-sided one's high end
+MOST_PRICE = 100.0  # largest penalty of all parameters together, as odds
+NO_RIVAL = 2.0  # ratio of the rms to that of an adequate model above which it is no rival
 
 
 def occam(a: Fitted, b: Fitted) -> float:
-    """Price of the first model for parameters that the second lacks, and for odd ones [nat].
+    """Penalty of the first model for additional parameters and unusual shapes [nat].
 
-    ``log(n_eff) / 2`` for each that the data can see, as in the Bayesian information criterion over
-    all data, on which rivals are compared, and what the priors of shapes say, both within limits.
+    ``log(n_eff) / 2`` for each parameter that the data can see, as in the Bayesian information
+    criterion over all data, plus the prior penalty of shapes, both within limits.
     """
     price = 0.5 * math.log(max(min(a.score.n_eff, b.score.n_eff), 1.0))
     most = math.log(MOST_PRICE)
@@ -35,15 +35,15 @@ def occam(a: Fitted, b: Fitted) -> float:
 
 
 def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] = ()) -> bool:
-    """All strengths are far below what the effect has on any robot.
+    """True if all strengths are far below those of any robot with the effect.
 
-    Only where that can be said: friction in N·m is large on one robot and nothing on another, and
-    so are lengths.
+    False in units that are not comparable: a friction in N·m is large on one robot and
+    negligible on another, and so are lengths.
 
     Args:
         hypothesis: Effect and place.
         x: Coordinates.
-        sliding: Joints that slide, whose positions are lengths.
+        sliding: Prismatic joints, whose positions are lengths.
     """
     priors = EFFECTS[hypothesis.effect].identity.priors
     lengths = any(joint in sliding for joint in (hypothesis.place, *hypothesis.joints))
@@ -60,49 +60,49 @@ def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] 
 
 
 def on_edge(hypothesis: Hypothesis, x: Sequence[float], edge: float) -> bool:
-    """Whether a shape of a law lies on the bound of its range, where it is another law.
+    """True if a shape of a law is on the bound of its range, where it becomes another law.
 
-    A spring behind a damper whose torque fades at once is a damper; friction that fades at no
-    speed that was reached is dry friction.
+    A spring in series with a damper of zero relaxation time is a damper; friction that decays above
+    the reached velocities only is dry friction.
 
     Args:
         hypothesis: The law.
         x: Coordinates of the law.
-        edge: Distance from a bound, over the value, that counts as on it.
+        edge: Distance from a bound, relative to the value, that counts as on it.
     """
     pairs = zip(hypothesis.coordinates, x, strict=True)
     return any(on_bound(c.value(at), (c.low, c.high), edge) for c, at in pairs if not c.strength)
 
 
 def elsewhere(model: Fitted) -> bool:
-    """A model leaves a gap in some record, but none in the data that judge."""
+    """True if a model has a gap in some record, but none in the held-out data."""
     return any(has_gap([record]) for record in model.whole) and not has_gap(model.held.residuals)
 
 
 def paid(over: evidence.Comparison, price: float) -> evidence.Comparison:
-    """Evidence less a price [nat]."""
+    """Evidence minus a penalty [nat]."""
     return replace(over, gain=over.gain - price, low=over.low - price, high=over.high - price)
 
 
 def sharp(limits: Limits, model: Fitted) -> Limits:
-    """Limits for a model that may leave noise alone: noise is known then, and twice of it much."""
+    """Stricter limit on rivals if the model is at the noise floor: the noise is then known."""
     noise = evidence.rms(model.whole) <= limits.noise
     return limits.replace(worse=min(limits.worse, NO_RIVAL)) if noise else limits
 
 
 def ratio(a: Fitted, b: Fitted) -> float:
-    """Ratio of the residuals of two models on all data, 1 where that judges better."""
+    """Ratio of the rms of two models on all data, at most 1 if the first is better on held-out."""
     more = evidence.rms(a.whole) / evidence.rms(b.whole)
     return more if elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
 
 
 def look_alikes(mine: Hypothesis) -> set[str]:
-    """Names of the effects that are easily taken for one."""
+    """Names of the effects that are easily mistaken for a given one."""
     return {alike.name for alike in EFFECTS[mine.effect].identity.look_alikes}
 
 
 def leading(screened: Sequence, mine: Hypothesis) -> list:
-    """Best hypothesis of each other effect that may explain something, look-alikes first."""
+    """Best hypothesis of each other effect with a share, look-alikes first."""
     alike = look_alikes(mine)
     best: dict[str, object] = {}
     for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
@@ -112,7 +112,7 @@ def leading(screened: Sequence, mine: Hypothesis) -> list:
 
 
 def few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
-    """Best model of each of a few other names, and the best of a few other places."""
+    """Best model of each of a few other names, and of each of a few other places."""
     kept, names, places = [], set(), set()
     for model in models:
         (other,) = [h for h, _ in model.parts if h.key not in others]

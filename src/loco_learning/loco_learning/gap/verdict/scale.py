@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes that hang on the scale of the drives' torque: without a force sensor only ratios show.
+"""Strengths that are confounded with the scale of the drive torques, without a force sensor.
 
-All masses, all torques and all forces times one factor are the same motion. What is found in
-kg, N or N·m is as right as what `robot.yaml` says of drives and masses, and where an effect
-does nearly what another torque of the drives would do, the data cannot even tell the two apart.
+All masses, torques and forces times a common factor give the same motion. A strength in kg, N or
+N·m is therefore only as accurate as drives and masses in `robot.yaml`, and where an effect acts
+nearly like a change of the drive torques, the data cannot distinguish the two.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from ..prediction.case import Case
 from ..prediction.nominal import torques
 from ..statistics import identify
 
-SCALE_STEP = 0.1  # on the logarithm of a scale
-STRENGTH = 0.05  # of a strength
-ABSOLUTE = ("grf",)  # signals that measure a force by themselves
+SCALE_STEP = 0.1  # finite difference of the logarithm of a scale
+STRENGTH = 0.05  # relative finite difference of a strength
+ABSOLUTE = ("grf",)  # signals that measure a force directly
 
 
 def masses(robot: Robot, factor: float) -> dict[str, float]:
-    """Values of robot.yaml with which all links are heavier by a factor, inertias with them."""
+    """Values of robot.yaml with all link masses multiplied by a factor; inertias follow."""
     text = Description(robot.urdf)
     total = {link: sum(text.mass_of(below) for below in text.below(link)) for link in text.links()}
     weighed = [link for link in total if text.mass_of(link) > 0.0]  # others are frames
@@ -38,7 +38,7 @@ def masses(robot: Robot, factor: float) -> dict[str, float]:
 
 
 def words(case: Case, model: Fitted) -> list[str]:
-    """Sizes that cannot be told from the scale of the drives' torque, one sentence each."""
+    """Strengths that are confounded with the scale of the drive torques, one sentence each."""
     said = []
     for row in ambiguous(case, model):
         alone, together = row["torque"], row["torque_and_masses"]
@@ -61,16 +61,16 @@ def words(case: Case, model: Fitted) -> list[str]:
 
 
 def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
-    """Strengths that cannot be told from the scale of the drives' torque.
+    """Cosines of strengths with the scales of drive torques and masses.
 
     Args:
         case: Model and data.
         model: Selected model.
 
     Returns:
-        One row for each strength in kg, N or what holds them: its name and place, the cosine of
-        its column with that of the torque's scale, and with what the scales of torque and masses
-        together can make.
+        One row for each strength in a unit of mass or force: its name and place, the cosine of
+        its column with that of the torque scale, and with the span of the scales of torque and
+        masses.
     """
     robot = case.forward.given()
     if set(case.signals) & set(ABSOLUTE) or not torques(robot, 1.0):
@@ -105,11 +105,11 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
 
 
 def _forceful(hypothesis: Hypothesis, index: int) -> bool:
-    """A coordinate whose unit holds a mass or a force."""
+    """True if the unit of a coordinate contains a mass or a force."""
     unit = hypothesis.coordinates[index].unit
     return "N" in unit or "kg" in unit
 
 
 def _with(case: Case, model: Fitted) -> Robot:
-    """The robot with the nominal values that were refitted."""
+    """The robot with the refitted nominal values."""
     return case.forward.given(model.settled)

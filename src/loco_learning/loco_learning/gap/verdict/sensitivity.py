@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensitivities of a fitted model to its parameters, and so their intervals."""
+"""Sensitivities of a fitted model to its parameters, and the resulting intervals."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .candidates import Estimate
 STRENGTH_STEP, LOG_STEP = (
     0.05,
     0.1,
-)  # of a strength, and on the logarithm of a shape or nominal value
-STRAIGHT = 0.3  # half of an interval over the size from which on derivatives may err (taste)
+)  # finite difference of a strength, and of the logarithm of a shape or nominal value
+STRAIGHT = 0.3  # half interval over the size above which derivatives are checked (taste)
 NORMAL = 1.96  # standard errors of a 95 % interval
-UNLIKELY = 1e-3  # probability below which parts of the data want other values
+UNLIKELY = 1e-3  # probability below which parts of the data disagree on a value
 
 
 def sensitivities(
     case: Case, model: Fitted, doubtful: bool = False
 ) -> tuple[dict[str, tuple[Estimate, ...]], identify.Identifiability | None]:
-    """Parameters of a model with intervals, and what the data can tell of them.
+    """Parameters of a model with intervals, and their identifiability.
 
     Args:
         case: Model and data.
-        model: Fitted to it.
-        doubtful: Whether intervals know that masses, inertias and drives are not known exactly.
+        model: Fitted model.
+        doubtful: Whether intervals include the uncertainty of masses, inertias and drives.
 
     Returns:
-        Estimates by key of the hypothesis, and the analysis of all coordinates; None where
+        Estimates by key of the hypothesis, and the analysis of all coordinates; None if
         nothing was fitted.
     """
     names, moves = _moves(model)
@@ -72,7 +72,7 @@ def _half_widths(
     doubts: tuple[np.ndarray, np.ndarray],
     groups: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Half of the 95 % interval of each column's parameter, and where parts of the data differ."""
+    """Half of each parameter's 95 % interval, and its spread between parts of the data."""
     left = identify.flat(model.whole)
     steady = identify.stability(matrix, left, halves(model.whole), weight)
     errors = identify.standard_errors(matrix, weight)
@@ -94,19 +94,19 @@ def estimates(
     """Parameters of one effect with 95 % intervals, in their units.
 
     Args:
-        hypothesis: Hypothesis that was fitted.
+        hypothesis: Fitted hypothesis.
         x: Coordinates of the hypothesis.
         half: Half of their 95 % intervals.
         spread: Their deviation between parts of the data.
-        with_shapes: Half of the intervals with all shapes as they are.
-        ends: Both ends of the interval of some coordinates, where simulations told them.
+        with_shapes: Half of the intervals with all shapes fixed.
+        ends: Both ends of the intervals of those coordinates that were profiled.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     found = []
     columns = hypothesis.coordinates, x, half, spread, with_shapes
     for j, (c, at, far, wide, sure) in enumerate(zip(*columns, strict=True)):
         both = (ends or {}).get(j, (at - far, at + far))
-        if both[0] > 0.0 or both[1] < 0.0:  # nothing is outside, whatever derivatives say
+        if both[0] > 0.0 or both[1] < 0.0:  # a profile that excludes 0 overrides derivatives
             sure = min(sure, abs(at) - 1e-12) if j in (ends or {}) else sure
         both = sorted(_unbounded(c, end) for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
@@ -123,15 +123,15 @@ def _profiled(
     half: np.ndarray,
     alone: np.ndarray,
 ) -> dict[int, tuple[float, float]]:
-    """Ends of the intervals of an effect's strengths where derivatives may not tell them.
+    """Profiled intervals of an effect's strengths for which derivatives may be inaccurate.
 
     Args:
-        case: Model and data, values of the robot as they are.
+        case: Model and data, with values of the robot fixed.
         model: Fitted model.
-        index: Number of the effect.
+        index: Index of the effect.
         here: Residuals of the model, (T, C) each.
-        half: Half of the intervals by derivatives.
-        alone: Standard errors if all else were known.
+        half: Half of the intervals from derivatives.
+        alone: Standard errors if all other parameters were known.
     """
     hypothesis, x = model.parts[index]
     smooth = EFFECTS[hypothesis.effect].identity.smooth
@@ -155,7 +155,7 @@ def _profiled(
 
 
 def halves(whole: Sequence[np.ndarray]) -> np.ndarray:
-    """Half of a record that each value of `identify.flat` belongs to, (N,)."""
+    """Index of the half of a record to which each value of `identify.flat` belongs, (N,)."""
     groups = [
         np.repeat(2 * i + (np.arange(len(r)) >= len(r) // 2), r.shape[1])
         for i, r in enumerate(whole)
@@ -164,13 +164,13 @@ def halves(whole: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _shapes(model: Fitted, count: int) -> np.ndarray:
-    """Flag of each of so many coordinates of `_moves` that is the shape of an effect, (P,)."""
+    """Flags of those of `count` coordinates of `_moves` that are shapes of an effect, (P,)."""
     flags = [not c.strength for hypothesis, _ in model.parts for c in hypothesis.coordinates]
     return np.array(flags + [False] * (count - len(flags)))
 
 
 def _moves(model: Fitted) -> tuple[list[str], list[tuple[list, dict, float]]]:
-    """Every coordinate moved a little: names, and (effects, nominal values, step) of each."""
+    """Perturbation of each coordinate: names, and (effects, nominal values, step) of each."""
     names, moves = [], []
     for i, (hypothesis, x) in enumerate(model.parts):
         for j, c in enumerate(hypothesis.coordinates):
@@ -196,7 +196,7 @@ def _column(
 
 
 def _unbounded(c, x: float) -> float:
-    """Parameter at a coordinate whatever its bounds, so that an interval may pass zero."""
+    """Parameter at a coordinate without regard to bounds, so that an interval may include 0."""
     if not np.isfinite(x):
         return float(x)
     return float(replace(c, low=-np.inf, high=np.inf).value(x))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names under other settings: other splits of the records, other stretches, other floors.
+"""Stability of a verdict under other splits of the records, stretches of time and noise floors.
 
-For each split the named model and its nearest rivals are fitted again to the other records, from
-where they are, and the record that was left out judges. Stretches and floors need no fit. A name
-that another one beats under a setting is no name: both are told.
+For each split the named model and its closest rivals are refitted to the other records, and the
+record that is left out judges. Stretches and floors need no fit. If another model wins under one
+of these settings, the verdict is ambiguous.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ..prediction.case import Case
 from ..statistics import evidence
 from .decide import AMBIGUOUS, MORE, NAMED, Decision, Ruling
 
-SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tried, beside the one as it is
-RIVALS = 2  # models of other names that are fitted again
-REFIT = 6  # simulations of a fit from where it was, and 2 per parameter
-FLIPS = 3.0  # odds from which evidence is worth a mention (Kass and Raftery 1995)
+SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tested
+RIVALS = 2  # models of other names that are refitted
+REFIT = 6  # simulations of a refit, and 2 per parameter
+FLIPS = 3.0  # odds above which evidence is worth mentioning (Kass and Raftery 1995)
 STABLE = 5  # key of random streams
 NOTHING = "nothing"
 
@@ -34,11 +34,11 @@ class Row:
     Attributes:
         vary: Kind of setting: split, stretch or floor.
         setting: Setting in words.
-        names: Effects of the model that wins there; none where the model as it came does.
-        odds: Odds of the named model over the best of the others, below 1 where that wins.
-        against: Names of this other model.
-        closed: Share of the gap that the named model closes there.
-        flips: Another answer wins by more than chance.
+        names: Effects of the model that wins; empty for the initial model.
+        odds: Odds of the named model over the best of the others, below 1 if that wins.
+        against: Names of the best other model.
+        closed: Share of the gap that the named model closes.
+        flips: Whether another model wins by more than chance.
     """
 
     vary: str
@@ -56,12 +56,12 @@ class Row:
 
 
 def again(case: Case, model: Fitted, judging: int, setting: Setting) -> tuple[np.ndarray, ...]:
-    """Residuals of a model that was fitted again to all records but one, (T, C) each.
+    """Residuals of a model that was refitted to all records but one, (T, C) each.
 
     Args:
         case: Model and data.
-        model: Model to fit, from where it is.
-        judging: Record that is left out.
+        model: Model to refit, from its current coordinates.
+        judging: Index of the record that is left out.
         setting: Settings that all fits share.
     """
     if not model.parts and not model.overrides:
@@ -81,7 +81,7 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
     Args:
         search: Search with its processes, settings and case.
         best: Named model.
-        base: The model as it came, nominal values refitted.
+        base: The initial model with nominal values refitted.
         others: Rivals, the hardest to exclude first.
         seed: Seed of the resampling.
     """
@@ -92,7 +92,7 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
 
 
 def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str, list]]:
-    """Kind and words of each setting, with the residuals of all models under it."""
+    """Kind and name of each setting, with the residuals of all models under it."""
     case = search.case
     judging = _loudest(models[1], SPLITS)
     tasks = [(m, i, search.setting) for i in judging for m in models]
@@ -108,7 +108,7 @@ def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str,
 
 
 def _loudest(base: Fitted, count: int) -> list[int]:
-    """Records in which most of the gap is, in their order."""
+    """Indices of the records with most of the gap, in order."""
     size = [evidence.excess([r]) for r in base.whole]
     return sorted(sorted(range(len(size)), key=lambda i: (-size[i], i))[:count])
 
@@ -131,11 +131,11 @@ def _row(vary: str, words: str, names: list, residuals: list, seed: int) -> Row:
 
 
 def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
-    """The decision, ambiguous where another answer wins under a setting, but for what both name.
+    """The decision, made ambiguous where another model wins under some setting.
 
     Args:
-        decision: Verdict with the settings as they are.
-        table: Answers under others.
+        decision: Verdict with the current settings.
+        table: Answers under other settings.
     """
     flips = [row for row in table if row.flips]
     if decision.verdict not in (NAMED, MORE) or not flips:
@@ -151,13 +151,13 @@ def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
 
 
 def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: str) -> Ruling:
-    """A ruling, ambiguous where an answer that wins lacks its name.
+    """A ruling, made ambiguous if a model that wins under some setting lacks its effect.
 
     Args:
-        ruling: Ruling with the settings as they are.
-        flips: Settings under which another answer wins.
-        named: All effects that are named with the settings as they are.
-        text: Sentences of evidence, the first of which goes with the ruling.
+        ruling: Ruling with the current settings.
+        flips: Settings under which another model wins.
+        named: All effects that are named with the current settings.
+        text: Sentences of evidence, the first of which is appended to the ruling.
     """
     without = [flip for flip in flips if ruling.name not in flip.names]
     if not without:

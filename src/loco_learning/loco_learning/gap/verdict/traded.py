@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that refitted nominal values imitate: a model that needs both is not believed.
+"""Exclusion of models whose effects are imitated by implausible nominal values.
 
-Where a nominal value and an effect do nearly the same, a fit may take the one to where no
-robot has it and let the other make up for it. Such a pair is no finding: models without it
-come first if they explain the data, and what is left out is said.
+Where a nominal value and an effect act nearly alike, a fit may move the value out of its plausible
+range and compensate this with the effect. Models without such a pair are preferred if they explain
+the data, and the excluded ones are reported.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from .decide import Limits
 from .leftover import RARE
 from .sensitivity import sensitivities
 
-TOLD = 3  # values that are a little off and told by name
+TOLD = 3  # deviating values that are listed by name
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A model that was not considered, because nominal values imitate what it adds.
+    """A model that was excluded because nominal values imitate its effects.
 
     Attributes:
         model: Model with its nominal values.
-        effects: Name and place of each effect that they imitate, with the cosine.
-        values: Nominal values beyond what is plausible.
+        effects: Name and place of each imitated effect, with the cosine.
+        values: Nominal values outside of their plausible range.
     """
 
     model: Fitted
@@ -45,7 +45,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Nominal:
-    """Values that are refitted, as the robot says them.
+    """Refitted values with their nominal values in the robot.
 
     Attributes:
         values: Value by dotted name.
@@ -56,7 +56,7 @@ class Nominal:
     spread: float
 
     def strained(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
-        """Values that a fit took beyond what is plausible."""
+        """Values that a fit moved out of their plausible range."""
         most = limits.strained * self.spread
         return tuple(
             name
@@ -65,7 +65,7 @@ class Nominal:
         )
 
     def alarms(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
-        """Strained values of a model, a sentence each."""
+        """Implausible values of a model, a sentence each."""
         return tuple(
             f"{name} goes to {model.overrides[name]:.3g}, "
             f"{model.overrides[name] / self.values[name]:.3g} times what the robot says: more than "
@@ -76,7 +76,7 @@ class Nominal:
     def traded(
         self, model: Fitted, of: Hypothesis, known: Identifiability, limits: Limits
     ) -> tuple[str, ...]:
-        """Strained values from which an effect cannot be told."""
+        """Implausible values that imitate an effect."""
         alike = cosine(of, known)
         return self.strained(model, limits) if alike > limits.imitated else ()
 
@@ -87,16 +87,16 @@ class Nominal:
         limits: Limits,
         explains: Callable[[Fitted], bool],
     ) -> tuple[list[Fitted], list[LeftOut]]:
-        """Models without an effect that is traded, if one of them explains the data.
+        """Models whose effects are not imitated by implausible values, if one explains the data.
 
         Args:
             case: Model and data.
-            models: The best first.
-            limits: Conditions for a name.
-            explains: Whether a model explains the data.
+            models: Models, the best first.
+            limits: Conditions for naming an effect.
+            explains: Predicate: a model explains the data.
 
         Returns:
-            Models to consider, all if none explains the data, and those that were left out.
+            Models to consider, all if none explains the data, and the excluded ones.
         """
         kept, out = [], []
         for model in models:
@@ -115,7 +115,7 @@ class Nominal:
 
 
 def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
-    """Values that nobody knows exactly and that went further than believable, a sentence each."""
+    """Uncertain values that were refitted out of their plausible range, a sentence each."""
     if case.loose is None:
         return ()
     together = crowded(case, model)
@@ -131,10 +131,10 @@ def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
 
 
 def crowded(case: Case, model: Fitted) -> str:
-    """A sentence where more values lie on their bounds than chance would put there, else empty.
+    """A sentence if more values are on their bounds than chance explains; otherwise empty.
 
-    Each is beyond its largest deviation in one robot of eighty. Of many, most are taken for what
-    the model lacks.
+    Each value exceeds its bound in one of eighty robots. If many do, most of them imitate what the
+    model lacks.
     """
     on = on_bounds(case, model)
     count, beyond = int(np.sum(on)), 2.0 * ndtr(-MOST)
@@ -147,17 +147,17 @@ def crowded(case: Case, model: Fitted) -> str:
 
 
 def on_bounds(case: Case, model: Fitted) -> np.ndarray:
-    """Flags of the values that a model has as far off as they may be, (V,)."""
+    """Flags of the values that are on the bound of their range, (V,)."""
     if case.loose is None or not model.loose:
         return np.zeros(0, dtype=bool)
     return case.loose.bound(case.loose.deviations(model.loose))
 
 
 def put_right(case: Case, model: Fitted) -> dict[str, Any]:
-    """Values of the robot that a model has and the data establish, by dotted name.
+    """Refitted values of the robot that the data establish, by dotted name.
 
-    What lies on its bound imitates something, and what chance explains is not known: both stay as
-    they were.
+    A value on its bound imitates something else, and a change within chance is not established:
+    both keep their nominal values.
     """
     near = case.loose
     if near is None or not model.loose:
@@ -170,19 +170,19 @@ def put_right(case: Case, model: Fitted) -> dict[str, Any]:
 
 
 def _names(case: Case, flags: np.ndarray) -> list[str]:
-    """Names of values that are flagged, (V,)."""
+    """Names of the flagged values, flags (V,)."""
     near = case.loose
     return [name for name, k in zip(near.names, near.of, strict=True) if flags[k]]
 
 
 def _few(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
+    """The first names, and the number of further ones."""
     more = [f"{len(names) - TOLD} more"] if len(names) > TOLD else []
     return ", ".join([*names[:TOLD], *more])
 
 
 def little_off(case: Case, model: Fitted) -> list[str]:
-    """Values of the robot that a model wants elsewhere than they are, the furthest first."""
+    """Values of the robot that the fit changed noticeably, the largest deviation first."""
     if case.loose is None:
         return []
     known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
@@ -193,6 +193,6 @@ def little_off(case: Case, model: Fitted) -> list[str]:
 
 
 def cosine(of: Hypothesis, known: Identifiability) -> float:
-    """Likeness of an effect to what nominal values make: the largest cosine of its strengths."""
+    """Largest cosine of an effect's strengths with the span of the nominal values."""
     names = (f"{of.effect}.{c.label} {of.place}".strip() for c in of.coordinates if c.strength)
     return max((known.imitated.get(name, 0.0) for name in names), default=0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records are cut where their clock was set back, and where angles and commands paused."""
+"""Division of records where their clock was set back, and where angles and commands pause."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from .params import CUTS
 
 
 def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Track]], list[str]]:
-    """The tracks, cut where a model cannot follow them, and a sentence for each cut and loss.
+    """Divide tracks where a model cannot follow them, with a sentence for each cut and loss.
 
     Args:
         name: Name of the record, for messages.
-        tracks: Signals in the order that they were written.
-        least: Readings of an angle that make a part; shorter ones are left out.
+        tracks: Signals in the order in which they were written.
+        least: Smallest number of readings of an angle in a part; shorter parts are left out.
 
     Raises:
-        ParameterError: The clock of some signals was set back, that of others was not.
+        ParameterError: The clocks of some signals were set back, those of others were not.
     """
     pieces, notes = _set_back(name, tracks)
     for piece in pieces:
@@ -43,13 +43,13 @@ def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Tra
 
 
 def _set_back(name: str, tracks: Sequence[Track]) -> tuple[list[list[Track]], list[str]]:
-    """The tracks, cut where their clock was set back, and a sentence for each cut.
+    """Divide tracks where their clock was set back, with a sentence for each cut.
 
-    A reading that was delivered late is put between its neighbours later; one stretch of motion
-    between the readings of another would be a third motion that nobody made.
+    A late reading is later sorted between its neighbours. Readings of two stretches of motion must
+    not be interleaved, since the result would be a motion that did not occur.
 
     Raises:
-        ParameterError: The clock of some signals was set back, that of others was not.
+        ParameterError: The clocks of some signals were set back, those of others were not.
     """
     clocks: dict[bytes, list[Track]] = {}
     for track in tracks:
@@ -103,9 +103,9 @@ def _between_pauses(tracks: Sequence[Track]) -> list[list[Track]]:
 
 
 def pauses(tracks: Sequence[Track]) -> list[tuple[float, float]]:
-    """Times [s] between which no angle was read and no command given, rising.
+    """Start and end of pauses [s], in order, without any angle reading or command.
 
-    A signal that is silent for as long as it usually is does not pause.
+    A signal that is typically silent for that long does not pause.
     """
     clocks = {k.t.tobytes(): k.t for k in tracks if k.role == "q" or k.role.startswith("command_")}
     common, longest = [(-np.inf, np.inf)], CUTS.pause
@@ -123,9 +123,9 @@ def pauses(tracks: Sequence[Track]) -> list[tuple[float, float]]:
 
 
 def cut_rows(tracks: Sequence[Track]) -> list[int]:
-    """Rows at which the common clock of some tracks was set back, rising.
+    """Rows at which the common clock of some tracks was set back, in order.
 
-    Readings that fit better where their stamps put them were delivered late and make no cut.
+    Readings that fit better in the order of their time stamps were delivered late and are no cut.
     """
     t = tracks[0].t
     if len(t) < CUTS.run or not np.all(np.isfinite(t)):
@@ -157,7 +157,7 @@ def _way(x: np.ndarray) -> float:
 
 
 def _misfit(t: np.ndarray, values: Sequence[np.ndarray], row: int, stop: int) -> bool:
-    """The few rows from `row` to `stop` are far from the lines between their stamps' neighbours."""
+    """True if rows `row` to `stop` are far from the line between the neighbours of their stamps."""
     others = np.delete(np.arange(len(t)), np.arange(row, stop))
     others = others[np.argsort(t[others], kind="stable")]
     for x in values:
@@ -169,7 +169,7 @@ def _misfit(t: np.ndarray, values: Sequence[np.ndarray], row: int, stop: int) ->
 
 
 def _between(t: np.ndarray, jumps: Sequence[tuple[float, float]]) -> list[int]:
-    """Rows of slow stamps, which never fell, at the jumps of a faster clock; none if of another."""
+    """Rows of slow time stamps at the jumps of a faster clock; empty if the clocks differ."""
     found, start = [], 0
     for high, low in jumps:
         row = start + int(np.searchsorted(t[start:], low))

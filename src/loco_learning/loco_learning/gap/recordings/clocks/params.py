@@ -8,23 +8,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CutParams:
-    """Limits from which on a record is cut at a fault of its clock.
+    """Limits above which a record is divided at a fault of its clock.
 
     Attributes:
-        run: Readings in a row, behind those before them, whose path tells whether they were
-            delivered late [readings]. Measured on 400 motions up to 3 Hz, read at 100 Hz with 0 to
-            10 % noise: 3 late readings are taken for a clock set back in 5 %, and the other way
-            round in 12 %; with the test of fewer, in 0 % and 49 %.
-        misfit: Distance of fewer late readings from the line between the neighbours that their
-            stamps give them, over the 95th percentile of such distances, from which on they belong
-            elsewhere. Measured on 2,000 such motions: 2 takes 0.8 % of late readings for a clock
-            set back, 3 to 8 none; of clocks set back by 3 periods, 5 misses 26 %.
-        late: Step back over the usual period up to which two neighbours were exchanged. Theory: 1,
+        run: Consecutive readings, with stamps before those of earlier ones, whose path decides
+            whether they were delivered late [readings]. Measured on 400 motions up to 3 Hz, read at
+            100 Hz with 0 to 10 % noise: 3 late readings are classified as a clock set back in 5 %,
+            and the reverse in 12 %; with the test for fewer readings, in 0 % and 49 %.
+        misfit: Distance of fewer late readings from the line between the neighbours of their
+            stamps, over the 95th percentile of such distances, above which they belong elsewhere.
+            Measured on 2,000 such motions: 2 classifies 0.8 % of late readings as a clock set
+            back, 3 to 8 none; of clocks set back by 3 periods, 5 misses 26 %.
+        late: Largest step back of two exchanged neighbours, over the typical period. Theory: 1,
             and a hundredth for the rounding of stamps.
-        silence: Usual periods without a reading that are a pause. Theory: half a period more than
-            four readings lost in a row, of which straight lines still tell.
-        pause: Shortest pause [s] of angles and commands together that cuts a record. Taste: the
-            model would hold the last command through it; a drive follows within about as long.
+        silence: Length of a pause, in typical periods. Theory: half a period more than four lost
+            readings in a row, which linear interpolation can still replace.
+        pause: Shortest pause [s] of angles and commands together that divides a record. Taste: the
+            model would hold the last command during it; a drive responds within about this time.
     """
 
     run: int = 3
@@ -36,16 +36,16 @@ class CutParams:
 
 @dataclass(frozen=True)
 class LineParams:
-    """Limits from which on stamps of arrival count as those of an even clock.
+    """Limits for arrival time stamps to be treated as those of an even clock.
 
     Attributes:
-        fewest: Readings of a clock [readings]. Taste: five in each part.
-        parts: Parts of a record that each have a reading which came at once. Taste.
-        on_line: Lateness of the earliest reading of a part, in periods, that is still on the line.
-            Taste: a quarter, so that a lost reading, which makes a whole one, is none.
-        even: Lateness of all readings, in periods, that needs no other clock. Taste: what it does
-            to a signal is a hundredth of its change in a period.
-        sure: Standard errors that are no chance. Theory: 3 in 1,000 by chance.
+        fewest: Smallest number of readings of a clock [readings]. Taste: five in each part.
+        parts: Parts of a record that must each have a reading without delay. Taste.
+        on_line: Largest delay of the earliest reading of a part, in periods, for it to be on the
+            line. Taste: a quarter, since a lost reading causes a whole period.
+        even: Largest delay of all readings, in periods, that needs no correction. Taste: its
+            effect on a signal is a hundredth of the change in a period.
+        sure: Standard errors of a significant difference. Theory: 3 in 1,000 by chance.
         rounding: Rounding of stamps [s]. Theory: stamps of ROS have whole nanoseconds.
     """
 
@@ -59,21 +59,21 @@ class LineParams:
 
 @dataclass(frozen=True)
 class SeriesParams:
-    """Limits from which on readings of one signal count as two series.
+    """Limits for the readings of one signal to be treated as two series.
 
     Attributes:
-        apart: Distance between the series over the range of the signal. Taste: nearer ones cross
+        apart: Distance between the series over the range of the signal. Taste: closer ones cross
             all the time and change little.
         steps: Distance between the series over the smallest step of the signal. Theory: noise of
             a third of a step makes two values of one, of a whole step four or five.
-        shorter: Path at changes of the series over what it is within both, and distance of one
-            value from a motion over what that bends. Measured at 100 Hz: of 700 signals with noise
-            of three colours, rounding and rests one reaches it; of one value between readings of
-            motions up to 6 Hz all 485 do, of two motions up to 1 Hz 99 %, up to 3 Hz 64 %.
-        changes: Changes from one series to the other [changes]. Taste: fewer are single faults.
-        own: Measured velocity over what the changes take, from which on they are the joint's own.
-            Theory: a sine of half the sampling rate has pi/2 times that at its mean place, 0 at
-            its turns; of two publishers each moves far slower than the ways between them.
+        shorter: Path between the series over that within both; distance of one value from a
+            motion over its curvature. Measured at 100 Hz: of 700 signals with noise of three
+            colours, rounding and rests one reaches it; of one value between readings of motions
+            up to 6 Hz all 485 do, of two motions up to 1 Hz 99 %, up to 3 Hz 64 %.
+        changes: Smallest number of changes between the series [changes]. Taste: fewer are faults.
+        own: Ratio of the measured velocity to that of the changes, above which the joint itself
+            moves. Theory: a sine of half the sampling rate has pi/2 at its mean position, 0 at its
+            reversals; two publishers each move far slower than the changes between them.
     """
 
     apart: float = 0.02

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two motions in one signal: a second publisher on its topic, or readings that failed."""
+"""Detection of two motions in one signal: a second publisher on its topic, or failed readings."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .params import SERIES
 
 
 def single(name: str, tracks: Sequence[Track]) -> None:
-    """Each measured position is one motion.
+    """Check that each measured position is one motion.
 
     Args:
         name: Name of the record, for messages.
         tracks: Signals of the robot.
 
     Raises:
-        ParameterError: Readings of a position go to and fro between two motions. Which of them is
-            the joint's is for the user to say.
+        ParameterError: Readings of a position alternate between two motions. The user has to say
+            which of them is the joint's.
     """
     for track in tracks:
         if track.role != "q" or not np.all(np.isfinite(track.x)):
@@ -36,7 +36,7 @@ def single(name: str, tracks: Sequence[Track]) -> None:
 def _as_fast(
     track: Track, order: np.ndarray, second: np.ndarray, tracks: Sequence[Track]
 ) -> bool:
-    """True where the measured velocity is what the jumps take: the joint itself goes to and fro."""
+    """True if the measured velocity is that of the jumps, so that the joint itself alternates."""
     speeds = [s for s in tracks if s.role == "dq" and s.place == track.place and len(s.t) > 1]
     if not speeds:
         return False
@@ -68,12 +68,12 @@ def _words(track: Track, order: np.ndarray, second: np.ndarray) -> str:
 
 
 def other_motion(x: np.ndarray) -> np.ndarray | None:
-    """Flags of the readings, (K,), of a second motion that is mixed into one; None where none is.
+    """Flags of the readings, (K,), of a second motion mixed into one; None if there is none.
 
-    It stands at one value, or is the smaller of two that move.
+    The second motion is constant, or the one with fewer readings of two that move.
 
     Args:
-        x: Readings in the order of their stamps, (K,).
+        x: Readings in the order of their time stamps, (K,).
     """
     span, jump = float(np.ptp(x)) if len(x) else 0.0, np.diff(x)
     large = np.abs(jump) > SERIES.apart * span
@@ -87,7 +87,7 @@ def other_motion(x: np.ndarray) -> np.ndarray | None:
 
 
 def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | None:
-    """Flags of the readings of the value that returns most often where the way turns back."""
+    """Flags of the most frequent value at reversals; None if it is no second motion."""
     near = np.unique(np.concatenate([back, back + 1, back + 2]))
     values, counts = np.unique(x[near], return_counts=True)
     flags = x == values[np.argmax(counts)]
@@ -102,7 +102,7 @@ def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | Non
 
 
 def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
-    """Flags of the smaller of two motions, each a short path, with long ways between them."""
+    """Flags of the smaller of two smooth motions with long jumps between them; None if one."""
     each = np.abs(np.diff(x))
     labels, far = _labels(x, int(np.argmax(each)))
     changed = labels[1:] != labels[:-1]
@@ -114,16 +114,16 @@ def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
 
 
 def _mixed(flags: np.ndarray) -> bool:
-    """Readings go to and fro often, mostly with one alone: no motion rests for a reading."""
+    """True if readings alternate often, mostly for a single reading, unlike a motion that rests."""
     changed = flags[1:] != flags[:-1]
     alone = int(np.sum(changed[:-1] & changed[1:]))
     return bool(changed.sum() >= SERIES.changes and 4 * alone >= changed.sum())
 
 
 def _labels(x: np.ndarray, start: int) -> tuple[np.ndarray, np.ndarray]:
-    """The motion whose last reading is nearer, for each, and how far both are apart there, (K,).
+    """Assign readings to two motions by proximity, with the distance between the motions, (K,).
 
-    It begins at a jump between both and goes on in both directions.
+    The assignment starts at a jump between the motions and proceeds in both directions.
     """
     labels, far = np.zeros(len(x), dtype=bool), np.zeros(len(x))
     labels[start + 1] = True

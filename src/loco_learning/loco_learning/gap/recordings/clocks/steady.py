@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps of arrival are put back on the even clock that signals were read or commanded by."""
+"""Correction of arrival time stamps: the even clock by which signals were read or commanded."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .params import LINES
 
 
 def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
-    """Signals with the stamps of the even clock that they were read, or commanded, by.
+    """Signals with the time stamps of the even clock by which they were read or commanded.
 
-    A log may stamp a reading when it arrives, late by whatever the way took. The earliest stamps
-    then lie on a line over the count of readings, the lower edge of their hull (Moon, Skelly and
-    Towsley 1999), and the others above it. Stamps that lie along no such line, as where readings
-    are lost, stay; so do those along which the motion is as smooth as along the line: somebody who
-    reads unevenly and stamps at once has right stamps.
+    A log may stamp a reading when it arrives, with a variable delay. The earliest stamps then lie
+    on a line over the count of readings, an edge of the lower hull (Moon, Skelly and Towsley 1999),
+    and the others above it. Stamps without such a line, as when readings are lost, are kept; so are
+    stamps along which the motion is as smooth as along the line, since a program that reads
+    unevenly but stamps at once has correct stamps.
 
     Args:
-        tracks: Signals in the order of their stamps.
-        told: Takes a sentence for each clock.
+        tracks: Signals in the order of their time stamps.
+        told: List to which a sentence is appended for each corrected clock.
     """
     clocks: dict[tuple[bytes, bool], list[Track]] = {}
     for track in tracks:
@@ -48,15 +48,15 @@ def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
 
 
 def _clock_of(track: Track) -> tuple[bytes, bool]:
-    """Stamps, and whether they are those of a command: it may be given when a reading comes."""
+    """Time stamps as bytes, and whether they are of a command, which may be sent on a reading."""
     return track.t.tobytes(), track.role.startswith("command_") or track.role in GIVEN
 
 
 def even_clock(t: np.ndarray) -> np.ndarray | None:
-    """Even times [s] below all stamps, or None where stamps lie along no line or on one."""
+    """Even times [s] below all time stamps; None if the stamps have no such line or are even."""
     count = np.arange(len(t), dtype=float)
     if len(t) < LINES.fewest or np.any(np.diff(t) < 0.0) or not t[-1] > t[0]:
-        return None  # `align` says what is wrong with them
+        return None  # `align` reports the problem
     period = _period(t)
     late = t - period * count
     round_one, (slope, error) = _round_period(period), _slope(late)
@@ -70,7 +70,7 @@ def even_clock(t: np.ndarray) -> np.ndarray | None:
 
 
 def _period(t: np.ndarray) -> float:
-    """Slope of the edge of the lower hull of stamps over their count, at half of the count [s]."""
+    """Slope [s] of the lower hull of time stamps over their count, at half of the count."""
     hull: list[int] = []
     for k in range(len(t)):
         while len(hull) > 1 and (t[hull[-1]] - t[hull[-2]]) * (k - hull[-1]) >= (
@@ -84,12 +84,12 @@ def _period(t: np.ndarray) -> float:
 
 
 def _round_period(period: float) -> float:
-    """Period of the rate next to it that is a multiple of 10 Hz [s]; itself below 10 Hz."""
+    """Period [s] of the closest rate that is a multiple of 10 Hz; unchanged below 10 Hz."""
     return 1.0 / (10.0 * round(0.1 / period)) if 0.0 < period < 0.1 else period
 
 
 def _slope(late: np.ndarray) -> tuple[float, float]:
-    """Drift of the earliest readings of the parts of a record [s], and its error, per reading."""
+    """Drift of the earliest readings of the parts of a record and its error [s per reading]."""
     parts = np.array_split(np.arange(len(late)), LINES.parts)
     rows = [part[np.argmin(late[part])] for part in parts]
     at = np.array(rows, dtype=float) - np.mean(rows)
@@ -100,9 +100,9 @@ def _slope(late: np.ndarray) -> tuple[float, float]:
 
 
 def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
-    """Readings are nearer to the line between their neighbours in even times than in stamps.
+    """True if readings are closer to the line between neighbours with even times than with stamps.
 
-    They are so more often, or by more: a joint that mostly rests tells by the little that it moves.
+    Either more often or by more, since a joint that mostly rests informs by its few movements only.
     """
     t, gain, spread, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
     span = t[2:] - t[:-2]
