@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model for other simulators: MJCF, URDF, Isaac Lab and PACE, and ranges to randomise in."""
+"""Export of models to MJCF, URDF, Isaac Lab and PACE, with ranges for domain randomisation."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The head of each exported file: what it is, and what it cannot say."""
+"""Header of exported files: origin, and properties of the model that the format lacks."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ NOTHING = "nothing of the model is missing here"
 
 
 def lines(robot: str, lost: Sequence[str]) -> list[str]:
-    """Sentences on top of a file."""
+    """Sentences of the header."""
     missing = ["not in this file:", *(f"  - {text}" for text in lost)] if lost else [NOTHING]
     return [f"Model of robot {robot}, written by `loco export-model`; SI units.", *missing]
 
 
 def xml(text: str, robot: str, lost: Sequence[str]) -> str:
-    """XML under its head; a comment may hold no two hyphens in a row."""
+    """XML with the header as a comment, without double hyphens."""
     head = "\n".join(lines(robot, lost)).replace("--", "- -")
     return f"<!--\n{head}\n-->\n{text}\n"
 
 
 def python(text: str, robot: str, lost: Sequence[str]) -> str:
-    """Python code under its head."""
+    """Python code with the header as a comment."""
     return "".join(f"# {line}\n" for line in lines(robot, lost)) + text

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model as Python for Isaac Lab and for PACE: actuators, and terms that randomise them.
+"""Export as Python for Isaac Lab and PACE: actuators and domain randomisation terms.
 
-Isaac's law of a DC motor, kp e - kd dq between the lines of torque and speed, is that of a
-servo here with the slope of its line as kd: clip(kp e, ±stall) - kd dq.
+Isaac's DC motor law, kp e - kd dq within the torque-speed lines, equals the servo law here with
+the slope of its torque-speed line as kd: clip(kp e, ±stall) - kd dq.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ FAST = 1e9  # speed limit of a motor without a torque-speed line [rad/s]
 
 
 def isaac(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
-    """Text of a module for Isaac Lab, beside ``robot.urdf``, and what it cannot say."""
+    """Text of a module for Isaac Lab, to be used with ``robot.urdf``; properties that are lost."""
     lost = [*model.lost, "contact: materials are those of the scene in Isaac Lab"]
     dt, delays = model.world.dt, _delays(model, ranges)
     text = "".join(
@@ -103,7 +103,7 @@ def isaac(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
 
 
 def _delays(model: Portable, ranges: Sequence[Range]) -> tuple[int, int]:
-    """Least and largest delay of commands [physics steps]."""
+    """Smallest and largest delay of commands [physics steps]."""
     spans = [(one.low, one.high) for one in ranges if one.constant == "delay"]
     value = max((joint.delay for joint in model.joints), default=0.0)
     low, high = spans[0] if spans else (value, value)
@@ -150,7 +150,7 @@ def _groups(model: Portable, delays: tuple[int, int], lost: list[str]) -> list[t
 
 
 def _linear(joint: Joint, lost: list[str]) -> Joint:
-    """The joint with the linear equivalent of a tension spring in its place."""
+    """The joint with its tension spring replaced by the linear equivalent."""
     if joint.tension is None:
         return joint
     lost.append(f"{joint.name}: a linear spring stands for that of {joint.tension.stiffness:g} N/m")
@@ -179,7 +179,7 @@ def _literal(value: object) -> str:
 
 
 def _event(index: int, one: Range, model: Portable) -> str:
-    """A term of a range; values of a joint that the effect adds to are in it."""
+    """Randomisation term of a range, as values of the joint constant or as scale factors."""
     function, parameter, operation = EVENTS[one.constant]
     low, high = one.scales
     if operation == "abs":
@@ -201,7 +201,7 @@ def _event(index: int, one: Range, model: Portable) -> str:
 
 
 def pace(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
-    """Text of a module for PACE, whose parameters begin at the model's, and what it cannot say."""
+    """Text of a module for PACE with initial values from the model; properties that are lost."""
     joints = [joint for joint in model.joints if joint.kind in (IMPEDANCE, SERVO)]
     lost = [*model.lost]
     lost += [f"{j.name}: no drive that follows a position" for j in model.joints if j not in joints]
@@ -234,7 +234,7 @@ def pace(model: Portable, ranges: Sequence[Range]) -> tuple[str, list[str]]:
 
 
 def _bound(joint: Joint, key: str, ranges: Sequence[Range]) -> tuple[float, float]:
-    """Interval of a parameter of PACE; a bias there is added to what the joint says."""
+    """Interval of a parameter of PACE; the bias of PACE is the negative joint offset."""
     value, low, high = getattr(joint, key), 0.0, 0.0
     for one in ranges:
         if one.constant == key and joint.name in one.joints:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model as MJCF: one actuator a driven joint, and all that MuJoCo's file format can say.
+"""Export of a model as MJCF, with one actuator per driven joint.
 
 The force of an actuator is gain · ctrl + bias - kp q - kd dq within its limits. `ctrl` is
 
@@ -7,14 +7,14 @@ The force of an actuator is gain · ctrl + bias - kp q - kd dq within its limits
     servo       q_d
     torque      tau
 
-A gear that bends is a tendon between the joint and a joint of its own for the rotor, JOINT_rotor
-on a body without mass, whose armature is the rotor's inertia. The motor turns the rotor.
+An elastic gear is a tendon between the joint and a separate rotor joint, JOINT_rotor, on a body
+without mass, whose armature is the rotor's inertia. The motor turns the rotor.
 
-What an environment has to do is in ``<custom>``, a number for each actuator in their order:
-``delay`` [s] and ``offset`` [rad]; of servos ``resolution`` [rad], ``encoder``, 1 where they read
-the joint but turn the rotor, and ``effort``, largest torque of push and brake together [N·m]: see
-`replay_mjcf.Drives`. ``brake`` is the part of a damping that goes with a motor that is switched
-off [N·m·s/rad].
+Properties that an environment has to implement are in ``<custom>``, a number for each actuator in
+order: ``delay`` [s] and ``offset`` [rad]; for servos ``resolution`` [rad], ``encoder``, 1 if they
+measure the joint but turn the rotor, and ``effort``, limit of driving plus braking torque [N·m]:
+see `replay_mjcf.Drives`. ``brake`` is the damping that vanishes when the motor is switched off
+[N·m·s/rad].
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from ..geometry import rotation_matrix
 from . import comments
 from .portable import IMPEDANCE, SERVO, TORQUE, Joint, Portable
 
-ROTOR = "_rotor"  # ends the name of its body and joint
-LIGHT = 1e-6, 1e-9  # mass [kg] and inertia [kg·m²] of its body: MuJoCo has no body without
-WIDTHS = {"free": 7, "ball": 4}  # numbers in the position of a joint; else 1
-FREEDOMS = {"free": 6, "ball": 3}  # and in its velocity
+ROTOR = "_rotor"  # suffix of the names of its body and joint
+LIGHT = 1e-6, 1e-9  # mass [kg] and inertia [kg·m²] of its body: MuJoCo requires both
+WIDTHS = {"free": 7, "ball": 4}  # numbers in the position of a joint; default 1
+FREEDOMS = {"free": 6, "ball": 3}  # numbers in its velocity; default 1
 BY_HAND = {
     "delay": "in <custom>, for the environment to do",
     "offset": "in <custom>, for the environment to do",
@@ -44,13 +44,13 @@ BY_HAND = {
 
 
 def mjcf(model: Portable) -> tuple[str, list[str]]:
-    """Text of the MJCF, and what it cannot say.
+    """Text of the MJCF, and properties that are lost.
 
     Raises:
         ParameterError: MuJoCo cannot build the robot.
     """
     root = ET.fromstring(model.world.mjcf())
-    for ground in root.findall("sensor"):  # of our plant, without names; MJX cannot read them
+    for ground in root.findall("sensor"):  # sensors of the plant, which MJX cannot read
         root.remove(ground)
     lost = [*model.lost]
     joints = {element.get("name"): element for element in root.iter("joint")}
@@ -86,7 +86,7 @@ def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
 
     Args:
         root: The MJCF.
-        widths: Count of numbers of each type of joint that has not one: `WIDTHS` or `FREEDOMS`.
+        widths: Count of numbers by joint type, default one: `WIDTHS` or `FREEDOMS`.
     """
     addresses, at = {}, 0
     for joint in root.find("worldbody").iter():
@@ -98,7 +98,7 @@ def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
 
 
 def dofs(text: str) -> dict[str, int]:
-    """Degree of freedom of each joint of the MJCF."""
+    """Index of the (first) degree of freedom of each joint of the MJCF."""
     return places(ET.fromstring(text), FREEDOMS)
 
 
@@ -116,9 +116,9 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 def _passive(element: ET.Element, joint: Joint) -> None:
-    """Friction, damping, armature and spring of a joint; and what a motor on it brakes."""
+    """Set friction, damping, armature and spring of a joint, including the damping of its motor."""
     damping = joint.damping + (joint.kd if joint.kind == SERVO and joint.gear is None else 0.0)
-    element.attrib.pop("actuatorfrcrange", None)  # the actuator has its own
+    element.attrib.pop("actuatorfrcrange", None)  # the actuator has its own limit
     values = {"damping": damping, "frictionloss": joint.friction, "armature": joint.armature}
     if joint.stiffness:
         values |= {"stiffness": joint.stiffness, "springref": joint.rest}
@@ -127,7 +127,7 @@ def _passive(element: ET.Element, joint: Joint) -> None:
 
 
 def _actuator(joint: Joint) -> ET.Element:
-    """The drive of a joint, whose zero may be off."""
+    """Actuator element of the drive of a joint, including its zero offset."""
     gain, bias, slope, brake = joint.kp, joint.bias, 0.0, 0.0
     if joint.kind == IMPEDANCE:
         gain, slope, brake = joint.kp or 1.0, joint.kp, joint.kd
@@ -156,13 +156,13 @@ def _body_of(root: ET.Element, joint: str) -> tuple[ET.Element, ET.Element, ET.E
 
 
 def _section(root: ET.Element, tag: str) -> ET.Element:
-    """Section of the file, which is added where there is none."""
+    """Section of the file, added if it is missing."""
     section = root.find(tag)
     return ET.SubElement(root, tag) if section is None else section
 
 
 def _rotor(root: ET.Element, joint: Joint) -> None:
-    """The rotor of a servo, beside its link, and the gear between the two."""
+    """Add the rotor of a servo, in parallel to its link, and the gear between the two."""
     above, link, element = _body_of(root, joint.name)
     name = f"{joint.name}{ROTOR}"
     place = {key: link.get(key) for key in ("pos", "quat") if link.get(key)}
@@ -184,7 +184,7 @@ def _rotor(root: ET.Element, joint: Joint) -> None:
 
 
 def _stand(root: ET.Element, before: Mapping[str, int]) -> None:
-    """Give the rotors their places in the pose of standing, which knows the links alone."""
+    """Insert the rotor positions into the keyframe of the standing pose."""
     key = root.find("keyframe/key")
     if key.get("qpos") is None:  # all joints at 0
         return
@@ -197,7 +197,7 @@ def _stand(root: ET.Element, before: Mapping[str, int]) -> None:
 
 
 def _tension(root: ET.Element, joint: Joint) -> None:
-    """The tension spring of a knee, between two sites in the plane that the knee turns in."""
+    """Add the tension spring of a knee, between two sites in the plane of the knee's motion."""
     spring = joint.tension
     parent, child, element = _body_of(root, joint.name)
     axis = np.array(element.get("axis", "0 0 1").split(), dtype=float)

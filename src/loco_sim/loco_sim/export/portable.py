@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model as constants of links and joints, which is what other simulators take.
+"""Conversion of a model to constants of links and joints for other simulators.
 
-Effects become numbers of the link or joint that they act on wherever they can: dry friction is
-friction loss, a wrong torque constant scales gains and limit. What cannot become a number is a
-sentence in `Portable.lost`, never silence.
+Effects are converted to constants of the link or joint that they act on where possible: dry
+friction is friction loss, a torque constant error scales gains and limit. Each property that
+cannot be converted is reported as a sentence in `Portable.lost`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Gear:
     """The gear between the motor of a servo and its joint.
 
     Attributes:
-        inertia: Inertia of rotor and gear, seen at the joint [kg·m²].
+        inertia: Inertia of rotor and gear, reflected to the joint [kg·m²].
         stiffness: Torque per angle between rotor and joint [N·m/rad].
         damping: Torque per speed between rotor and joint [N·m·s/rad].
     """
@@ -53,22 +53,22 @@ class Joint:
     Attributes:
         name: Name of the joint.
         kind: Law of its drive: `IMPEDANCE`, `SERVO`, `TORQUE` or `FREE`.
-        kp: Torque per position error, or torque per torque asked for.
+        kp: Torque per position error, or torque per commanded torque.
         kd: Torque per velocity error; of a servo the slope of its torque-speed line.
-        bias: Torque when none is asked for.
+        bias: Torque at zero command.
         limit: Largest torque of the drive, at rest.
-        armature: Inertia of rotor and gear that effect or drive have, besides the link's.
+        armature: Inertia of rotor and gear from effects or drive, in addition to the link's.
         damping: Viscous damping of the joint itself.
         friction: Dry friction.
         stiffness: Stiffness of the spring in the joint.
-        rest: Position where the spring gives no torque.
-        offset: True position where drive and sensor say 0.
-        delay: Time by which commands are late.
+        rest: Position at which the spring torque is zero.
+        offset: True position at which drive and sensor read 0.
+        delay: Delay of commands.
         lag: Time constant of the torque.
-        tension: Spring of which `stiffness` is only the linear equivalent; None elsewhere.
-        gear: Gear that bends; None where the motor is on the joint.
-        resolution: Step in which a servo reads its joint; 0 is none.
-        effort: Largest torque of a servo together with what it brakes; 0 is none.
+        tension: Tension spring of which `stiffness` is the linear equivalent; None for none.
+        gear: Elastic gear; None if the motor acts on the joint directly.
+        resolution: Resolution of a servo's joint measurement; 0 for none.
+        effort: Limit of the total torque of a servo, including its braking; 0 for none.
     """
 
     name: str
@@ -101,13 +101,13 @@ class Joint:
 
 @dataclass
 class Portable:
-    """A model without hooks: links in a URDF, joints as constants, and what was lost.
+    """A model as a URDF and joint constants, with the properties that were lost.
 
     Attributes:
         robot: The robot with its overrides.
-        world: The world of MuJoCo in which the robot stands as the model has it.
+        world: MuJoCo world with the robot of the model.
         joints: Constants of the robot's joints, in its order.
-        lost: Sentences on what the constants cannot say.
+        lost: Sentences on properties that the constants cannot represent.
     """
 
     robot: Robot
@@ -121,8 +121,8 @@ def portable(model: Model, gear: str = RIGID) -> Portable:
 
     Args:
         model: The model.
-        gear: One of `GEARS`. With `RIGID`, for targets whose motors are on the joints, rotors
-            become armature, and servos do not round what they read.
+        gear: One of `GEARS`. With `RIGID`, for targets whose motors act on the joints directly,
+            rotors become armature, and servo measurements are not quantised.
 
     Raises:
         LocoError: The model does not fit its robot, or MuJoCo cannot build it.
@@ -144,7 +144,7 @@ def portable(model: Model, gear: str = RIGID) -> Portable:
 
 
 def grouped(lost: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Sentences with those of several joints as one."""
+    """Sentences, with equal ones of several joints combined into one."""
     groups: dict[str, list[str]] = {}
     for text in lost:
         name, mark, reason = text.partition(": ")
@@ -161,7 +161,7 @@ def _timed(effect: Effect, lost: list[str]) -> bool:
 
 
 def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) -> Joint:
-    """A joint with drive and spring, before any effect."""
+    """Constants of a joint with drive and spring, without effects."""
     limit = float(robot.effort[robot.joints.index(name)])
     joint = Joint(name, damping=world.description.damping(name))
     drive, spring = robot.drives.get(name), robot.springs.get(name)
@@ -173,7 +173,7 @@ def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) ->
                        limit=drive.stall_torque)  # fmt: skip
         joint = _geared(joint, drive, limit, gear, lost)
     elif isinstance(drive, ImpedanceDrive):
-        stiff = drive.kp + drive.kd * drive.position_gain  # both loops of a cascade
+        stiff = drive.kp + drive.kd * drive.position_gain  # both loops of the cascade
         joint = replace(joint, kind=IMPEDANCE, kp=stiff, kd=drive.kd, limit=limit)
         if drive.integrates:
             lost.append(f"{name}: its integrator (ki {drive.ki:g}, speed_ki {drive.speed_ki:g})")
@@ -194,7 +194,7 @@ def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) ->
 
 
 def _geared(joint: Joint, drive: ServoParams, limit: float, gear: str, lost: list[str]) -> Joint:
-    """The joint of a servo with what is around its motor."""
+    """The joint of a servo with constants of rotor and gear."""
     geared = drive.rotor_inertia > 0.0
     gear_values = Gear(drive.rotor_inertia, drive.gear_stiffness, drive.gear_damping)
     if gear == ELASTIC:
@@ -210,7 +210,7 @@ def _geared(joint: Joint, drive: ServoParams, limit: float, gear: str, lost: lis
 
 
 def _apply(effect: Effect, robot: Robot, joints: dict, lost: list[str]) -> None:
-    """Put an effect into the joints that it acts on, or say that it is lost."""
+    """Apply an effect to the constants of its joints, or report it as lost."""
     if isinstance(effect, delay.CommandDelay):
         for name, joint in joints.items():
             joints[name] = replace(joint, delay=joint.delay + effect.delay)
@@ -258,7 +258,7 @@ def _rotated(effect: compliance.RestAngleError, joint: Joint, _: float) -> Joint
     return None if joint.tension else replace(joint, rest=joint.rest + effect.offset)
 
 
-# Effects that are built into links and contacts before a run, and are nothing else.
+# Effects that only change links and contacts before a run.
 BUILT_IN = (
     body.Payload, body.ComOffset, body.TrunkFlex, contact.FootFriction, contact.GroundCompliance,
     contact.GroundHeight, contact.Slope,

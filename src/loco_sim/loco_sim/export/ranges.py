@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ranges to randomise in, from the intervals of ``gap.json``, for MuJoCo Playground.
+"""Domain randomisation ranges from the intervals of ``gap.json``, for MuJoCo Playground.
 
-`of` gives the ranges for every target; `playground` writes them as a function of the form that
-Playground's training takes.
+`of` returns the ranges for every target; `playground` writes them as a randomisation function for
+Playground's training.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 from . import comments
 from .portable import FREE, SERVO, Portable
 
-# Constant of `portable.Joint` that a parameter of an effect adds to; gain scales those of the drive
+# Constant of `portable.Joint` to which an effect parameter is added; gain scales the drive's.
 CONSTANTS = {
     ("armature", "inertia"): "armature",
     ("coulomb_friction", "torque"): "friction",
@@ -56,12 +56,12 @@ def domain_randomize(model, rng):
 
 @dataclass(frozen=True)
 class Range:
-    """An interval of a constant.
+    """Randomisation interval of a joint constant.
 
     Attributes:
         constant: Name of the constant, a value of `CONSTANTS`.
         joints: Joints that share it.
-        value: Estimate of what the effect adds [unit of the constant].
+        value: Estimated contribution of the effect [unit of the constant].
         low: Lower end of the interval.
         high: Upper end.
     """
@@ -74,12 +74,12 @@ class Range:
 
     @property
     def scales(self) -> tuple[float, float]:
-        """Of a gain: factors of the constants of the model, which have the estimate in them."""
+        """For gains: factors on the model's constants, which already include the estimate."""
         return (1.0 + self.low) / (1.0 + self.value), (1.0 + self.high) / (1.0 + self.value)
 
 
 def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range], list[str]]:
-    """Ranges of the terms of a ``gap.json``, and those that no target takes, a sentence each."""
+    """Ranges of the terms of a ``gap.json``, and a sentence for each unsupported term."""
     entries, lost = [], []
     driven = [joint.name for joint in model.joints if joint.kind != FREE]
     for term in terms:
@@ -105,12 +105,12 @@ def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range]
 def playground(
     model: Portable, ranges: Sequence[Range], dof: Mapping[str, int]
 ) -> tuple[str, list[str]]:
-    """Text of a module with ``domain_randomize(model, rng)``, and what it leaves out.
+    """Text of a module with ``domain_randomize(model, rng)``, and properties that are lost.
 
     Args:
         model: The exported model.
-        ranges: Ranges of `of`.
-        dof: Degree of freedom of each joint in the exported file: see `mjcf.dofs`.
+        ranges: Ranges from `of`.
+        dof: Index of the degree of freedom of each joint in the exported file: see `mjcf.dofs`.
     """
     actuators = [joint.name for joint in model.joints if joint.kind != FREE]
     joints = {joint.name: joint for joint in model.joints}
@@ -139,7 +139,7 @@ def playground(
 
 
 def _gains(joint: Any, index: int, value: float) -> list[tuple]:
-    """Gain and feedback of an actuator, in proportion to 1 + x."""
+    """Targets for gain and feedback of an actuator, in proportion to 1 + x."""
     entries = [("actuator_gainprm", (index, 0), joint.kp)]
     if joint.kind != FREE and joint.kd + joint.kp and joint.kind != "torque":
         brake = 0.0 if joint.kind == SERVO else joint.kd

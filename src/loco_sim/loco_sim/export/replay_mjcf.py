@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Play recorded commands to an exported MJCF in MuJoCo alone, and compare it with the recording.
+"""Replay of recorded commands on an exported MJCF in MuJoCo alone, compared with the recording.
 
     python replay.py model.xml replay.npz
 
-Needs mujoco and numpy, nothing of loco. Of ``replay.npz``, over T samples:
+Requires mujoco and numpy, not loco. Contents of ``replay.npz``, for T samples:
     dt          time between samples [s]
-    finer       physics steps in one of the file
+    finer       physics steps per step of the file
     ctrl        commands of the actuators, (T, nu)
-    ramps       1 where commands run straight between samples, 0 where they are held
-    power       voltage over the nominal one, and 1 or 0 for motors that are off, (T, 2)
-    joints      names of the n joints that were measured
-    q, dq       where they begin [rad, rad/s], (n,)
-    measured    their measured positions [rad], (T, n), NaN where there is none
+    ramps       1 if commands are interpolated between samples, 0 if they are held
+    power       voltage / nominal voltage, and 1 for motors on or 0 for off, (T, 2)
+    joints      names of the n measured joints
+    q, dq       initial positions and velocities [rad, rad/s], (n,)
+    measured    measured positions [rad], (T, n), NaN where missing
 
-An environment that trains on the file needs of `Drives` what `play` uses, and its delay.
+An environment that trains on the file must use `Drives` as in `play`, and the command delay.
 """
 
 import json
@@ -24,7 +24,7 @@ import numpy as np
 
 
 def numeric(model, name):
-    """Numbers of `<custom>`, zeros without them, (nu,)."""
+    """Numbers of `<custom>`, zeros if missing, (nu,)."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     if index < 0:
         return np.zeros(model.nu)
@@ -33,11 +33,11 @@ def numeric(model, name):
 
 
 class Drives:
-    """Drives of a model, and what an actuator of MuJoCo does not do: it reads what it turns.
+    """Properties of drives that MuJoCo's actuators lack.
 
-    A servo reads its joint, in steps of its encoder, where it turns a rotor behind a gear that
-    bends; its limit is for push and brake together; a switch lets go of it, and its supply
-    weakens it.
+    A servo measures its joint with the resolution of its encoder but turns a rotor behind an
+    elastic gear; its limit holds for driving plus braking torque; it can be switched off, and
+    its supply voltage scales its torque.
     """
 
     def __init__(self, model):
@@ -52,14 +52,14 @@ class Drives:
         self.full, self.damping = [t.copy() for t in self.tables], model.dof_damping.copy()
 
     def power(self, supply, on):
-        """Set voltage over the nominal one, and 1 or 0 for motors that are off."""
+        """Set voltage / nominal voltage, and 1 for motors on or 0 for off."""
         share = on * np.where(self.brake > 0.0, supply, 1.0)
         for table, full in zip(self.tables, self.full, strict=True):
             table[:] = full * share[:, None]
         self.model.dof_damping[self.dofs] = self.damping[self.dofs] - (1.0 - on) * self.brake
 
     def ctrl(self, data, wanted):
-        """Values of ctrl in this physics step for what is wanted of the drives, (nu,)."""
+        """Values of ctrl in this physics step for the commands `wanted` of the drives, (nu,)."""
         if self.plain:
             return wanted
         gain, bias, limits = (table.T for table in self.tables)
@@ -108,7 +108,7 @@ def play(model, given):
 
 
 def main():
-    """Print the rms of each joint as JSON."""
+    """Print the RMS error of each joint as JSON."""
     model = mujoco.MjModel.from_xml_path(sys.argv[1])
     given = np.load(sys.argv[2])
     error = play(model, given) - given["measured"]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot for ros2_control: its URDF with a ``<ros2_control>`` block, and controllers.
+"""Export for ros2_control: URDF with a ``<ros2_control>`` block, and controller parameters.
 
-The block names the hardware interface that speaks topics, `JointStateTopicSystem` of the package
-`joint_state_topic_hardware_interface`. It writes commands with stamps of its own, so
-`loco_sim.ros.ros2_control_node` stands between it and the plant.
+The block uses the topic-based hardware interface `JointStateTopicSystem` of the package
+`joint_state_topic_hardware_interface`. It stamps commands with its own time, so
+`loco_sim.ros.ros2_control_node` forwards them to the plant with the stamps of states.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ nodes:
 
 
 def ros2_control(model: Portable) -> dict[str, tuple[str, list[str]]]:
-    """Texts of ``robot.urdf``, ``controllers.yaml`` and ``nodes.yaml``, and what they cannot say.
+    """Texts of ``robot.urdf``, ``controllers.yaml`` and ``nodes.yaml``, each with lost properties.
 
     Args:
-        model: The model; its driven joints all take positions, or all torques.
+        model: The model; its drives must all accept positions, or all torques.
 
     Raises:
-        ParameterError: Some drives take positions and others torques, or no joint has a drive.
+        ParameterError: Some drives accept positions and others torques, or no joint has a drive.
     """
     kind = command_of(model)
     text, lost = urdf(model)
@@ -82,7 +82,7 @@ def command_of(model: Portable) -> str:
         model: The model.
 
     Raises:
-        ParameterError: They do not all take the same, or there are none.
+        ParameterError: The drives accept different commands, or there are none.
     """
     names = driven(model)
     torque = {joint.kind == TORQUE for joint in model.joints if joint.name in names}
@@ -107,7 +107,7 @@ def block(model: Portable, kind: str) -> str:
     ET.SubElement(hardware, "plugin").text = PLUGIN
     parameters = {
         "joint_commands_topic": COMMANDS, "joint_states_topic": f"/{STATES}",
-        "trigger_joint_command_threshold": "-1",  # every command, also one that is reached
+        "trigger_joint_command_threshold": "-1",  # send every command, also one already reached
     }  # fmt: skip
     for name, value in parameters.items():
         ET.SubElement(hardware, "param", name=name).text = value
@@ -115,7 +115,7 @@ def block(model: Portable, kind: str) -> str:
         joint = ET.SubElement(root, "joint", name=name)
         command = ET.SubElement(joint, "command_interface", name=kind)
         start = model.robot.standing[model.robot.joints.index(name)] if kind == "position" else 0.0
-        # What is sent before a controller is active.
+        # Command before a controller is active.
         ET.SubElement(command, "param", name="initial_value").text = f"{start:.10g}"
         for measured in MEASURED:
             ET.SubElement(joint, "state_interface", name=measured)

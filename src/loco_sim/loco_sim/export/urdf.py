@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A model as URDF: links as the model has them, damping and friction of the joints."""
+"""Export of a model as URDF: links, damping and friction of the joints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ DRIVES = {
 
 
 def urdf(model: Portable) -> tuple[str, list[str]]:
-    """Text of the URDF, and what it cannot say."""
+    """Text of the URDF, and properties that are lost."""
     root = ET.fromstring(model.world.description.text(model.robot.folder))
     lost = [*model.lost]
     elements = {element.get("name"): element for element in root.findall("joint")}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robot files as others write them: read, cured and held against themselves."""
+"""Import of third-party robot files: reading, repair and plausibility checks."""

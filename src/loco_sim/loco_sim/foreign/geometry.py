@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes of a foreign robot: those that no engine takes are left out, with a note."""
+"""Repair of shapes of imported robots: shapes that no engine accepts are removed, with a note."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..meshes.read import READERS, read_mesh
 from ..robot.urdf_check import SIZES, shape_problems
 from .notes import Notes
 
-THIN = 1e-3  # a side of 0 is read as this [m]
+THIN = 1e-3  # thickness given to sides of length 0 [m]
 KINDS = {"collision": "without a shape that touches", "visual": "without a shape to draw"}
 
 
 def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
-    """Find the meshes of all shapes, and take out the shapes that are none.
+    """Resolve the mesh files of all shapes, and remove invalid shapes.
 
     Args:
         root: Element of the robot, changed in place.
@@ -35,7 +35,7 @@ def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
 
 
 def _thicken(shape: ET.Element, name: str, notes: Notes) -> None:
-    """Give plates and discs of no thickness one of a millimetre."""
+    """Give plates and discs of zero thickness a thickness of `THIN`."""
     body = _body(shape)
     for key in SIZES.get("" if body is None else body.tag, ()):
         words = body.get(key, "").split()
@@ -58,7 +58,7 @@ def _body(shape: ET.Element) -> ET.Element | None:
 
 
 def _fault(shape: ET.Element, folder: Path, collides: bool) -> tuple[str, str]:
-    """Reason for which a shape is of no use, "" if there is none, and its mesh; finds the mesh."""
+    """Reason why a shape is unusable, "" if it is usable, and its resolved mesh."""
     body = _body(shape)
     if body is not None and body.tag == "mesh":
         file = body.get("filename", "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joints of a foreign robot: those that no engine here has become ones that it has, with a note."""
+"""Repair of joints of imported robots: unsupported joint types are replaced, with a note."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .notes import Notes
 from .weight import FEATHER, robot_mass, weigh
 
 WORLDS = ("world", "map", "odom", "ground")
-SLIDE = 1.0  # travel to each side of a slide that names none [m]
+SLIDE = 1.0  # range to each side of a prismatic joint without limits [m]
 
 
 def cure(root: ET.Element, notes: Notes) -> None:
-    """Give each joint a kind and a range that it can move in.
+    """Give each joint a supported type and a valid range.
 
     Args:
         root: Element of the robot, changed in place.
@@ -60,7 +60,7 @@ def _end(joint: ET.Element, end: str) -> str | None:
 
 
 def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
-    """A floating or planar joint under an empty root says that the robot floats; others lock."""
+    """Remove a floating joint at a massless root (the base floats anyway); lock others."""
     kind, name, parent = joint.get("type"), joint.get("name") or "", _end(joint, "parent")
     link = next((e for e in root.findall("link") if e.get("name") == parent), None)
     others = [j for j in root.findall("joint") if j is not joint]
@@ -100,7 +100,7 @@ def _range(joint: ET.Element, notes: Notes) -> None:
 
 
 def _split(root: ET.Element, joint: ET.Element) -> None:
-    """Three hinges about x, y and z in place of a ball joint, with feathers in between."""
+    """Replace a ball joint by three hinges about x, y and z, with light links in between."""
     name, last = joint.get("name"), _end(joint, "child")
     if last is None:
         return

@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences about what was changed in a robot, each with the names that it holds for."""
+"""Notes on changes to a robot, each with the names of the changed links or joints."""
 
 from __future__ import annotations
 
-SHOWN = 4  # names in one sentence
+SHOWN = 4  # largest number of names in one sentence
 
 
 class Notes:
-    """Collects sentences; one that holds for several names stands once.
+    """Collection of sentences; equal ones for several names are combined.
 
     Attributes:
-        names: Names of each sentence, in the order in which they came.
+        names: Names by sentence, in order of insertion.
     """
 
     def __init__(self) -> None:
         self.names: dict[str, list[str]] = {}
 
     def add(self, text: str, name: str = "") -> None:
-        """Add a sentence, or a name to one that is there.
+        """Add a sentence, or a name to an existing one.
 
         Args:
             text: The sentence, without names.
-            name: Link or joint that it holds for; empty for the whole robot.
+            name: Link or joint concerned; "" for the whole robot.
         """
         names = self.names.setdefault(text, [])
         if name and name not in names:
@@ -33,6 +33,6 @@ class Notes:
 
 
 def listed(names: list[str]) -> str:
-    """The first of some names, and how many there are more."""
+    """The first names of a list, and the number of the remaining ones."""
     shown = ", ".join(names[:SHOWN])
     return shown if len(names) <= SHOWN else f"{shown} and {len(names) - SHOWN} more"

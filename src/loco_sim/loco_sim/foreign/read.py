@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The element of a robot from a file of any kind: URDF, xacro or MJCF."""
+"""Reading of a robot from a URDF, xacro or MJCF file, as a URDF element."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from ..robot.urdf_check import MOST, is_xacro, parse, parse_xml
 from .notes import Notes
 from .rotors import Rotors
 
-mjcf = lazy.module("loco_sim.world.mjcf")  # few robots need MuJoCo to be read
+mjcf = lazy.module("loco_sim.world.mjcf")  # loaded lazily: only MJCF files need MuJoCo
 
 KEPT = ("link", "joint", "material")
-# Stands for the package index of ROS: folders of packages in the environment or near the xacro.
+# Substitute for the ROS package index: packages in the environment or near the xacro file.
 PACKAGES = """
 import os
 import re
@@ -54,18 +54,18 @@ REFUSED = {
     "mujocoinclude": "is a part of an MJCF: name the file that includes it",
     "sdf": "is an SDF; a robot here comes from a URDF, a xacro or an MJCF",
 }
-PATIENCE = 60.0  # of xacro [s]
+PATIENCE = 60.0  # time-out of xacro [s]
 
 
 def read(path: Path, notes: Notes) -> tuple[ET.Element, Rotors]:
-    """Links, joints and materials of a robot, and what no URDF says of its joints.
+    """Links, joints and materials of a robot, and joint properties that a URDF cannot hold.
 
     Args:
         path: A URDF, a xacro or an MJCF.
-        notes: Collects what was left out.
+        notes: Collects notes on omitted parts.
 
     Raises:
-        ParameterError: The file is no robot that can be read.
+        ParameterError: The file is not a readable robot description.
     """
     text = read_bytes(path, "robot", MOST).decode(errors="replace")
     root = parse_xml(text, str(path))
@@ -89,12 +89,12 @@ def read(path: Path, notes: Notes) -> tuple[ET.Element, Rotors]:
 
 
 def stem(path: Path) -> str:
-    """Name of a robot's file without the endings that say what kind it is."""
+    """File name of a robot without the endings for its format."""
     return path.name.removesuffix(".xacro").removesuffix(".xml").removesuffix(".urdf")
 
 
 def _loops(element: ET.Element, notes: Notes) -> None:
-    """Say which closed chains stay open: the URDF knows trees, its extensions close them."""
+    """Note closed kinematic chains, which a plain URDF cannot express; they are left open."""
     tags = ("loop_joint",) if element.tag != "gazebo" else ("joint",)
     for joint in element.iter():
         if joint.tag in tags:
@@ -103,10 +103,10 @@ def _loops(element: ET.Element, notes: Notes) -> None:
 
 
 def _expanded(path: Path) -> str:
-    """The URDF of a xacro.
+    """URDF expanded from a xacro file.
 
     Raises:
-        ParameterError: There is no xacro, or it fails.
+        ParameterError: xacro is not installed, or it fails.
     """
     beside = Path(sys.executable).with_name("xacro")
     command = shutil.which("xacro") or (str(beside) if beside.is_file() else None)
@@ -133,11 +133,11 @@ def _expanded(path: Path) -> str:
 
 
 def _finding(folder: Path, place: Path) -> dict[str, str]:
-    """Environment in which xacro finds packages near a folder, where ROS is not sourced.
+    """Environment variables with which xacro finds packages near a folder, without a sourced ROS.
 
     Args:
         folder: Folder of the xacro.
-        place: Empty folder that lives as long as xacro runs.
+        place: Empty folder that exists while xacro runs.
     """
     index = place / "ament_index_python"
     index.mkdir()

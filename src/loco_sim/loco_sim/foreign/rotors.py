@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rotors, springs and idle joints, which no URDF names."""
+"""Joint properties that a URDF cannot hold: rotor inertia, springs, joints without actuator."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Rotors:
-    """Properties of joints that an MJCF names and no URDF can.
+    """Joint properties of an MJCF that a URDF cannot hold.
 
     Attributes:
         armature: Inertia of rotor and gear about the axis [kg·m²], by joint.
         springs: Stiffness [N·m/rad or N/m] and rest position [rad or m], by joint.
-        idle: Joints that no actuator moves, while others have one.
+        idle: Joints without an actuator, in a robot that has actuators.
     """
 
     armature: dict[str, float] = field(default_factory=dict)

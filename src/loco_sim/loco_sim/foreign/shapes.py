@@ -16,7 +16,7 @@ ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 
 def link_points(link: ET.Element, folder: Path, kind: str = "collision") -> np.ndarray:
-    """Points that span all shapes of a link [m], (k, 3); none for shapes that cannot be read.
+    """Points on the hull of all shapes of a link [m], (k, 3); none for unreadable shapes.
 
     Args:
         link: Element of the link.
@@ -47,7 +47,7 @@ def _points(body: ET.Element, folder: Path) -> np.ndarray:
 
 
 def solid_inertia(mass: float, points: np.ndarray) -> np.ndarray:
-    """Moments of inertia of a solid box around some points [kg·m²], (3,).
+    """Moments of inertia of a solid box that encloses points [kg·m²], (3,).
 
     Args:
         mass: Mass of the box [kg].

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small faults of robots in the wild that have one obvious cure, cured and listed.
+"""Repair of common small faults in robot files, each with a note.
 
-What has none (two links of one name, a negative mass) stays as it is, for `urdf_check` to refuse.
+Faults without an obvious repair (duplicate link names, negative masses) are left for `urdf_check`,
+which refuses them.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from .read import read
 
 
 class Tidied:
-    """A URDF after its cures.
+    """A repaired URDF.
 
     Attributes:
         root: Element of the robot: links, joints and materials, meshes by absolute path.
-        rotors: Properties of joints that an MJCF names and no URDF can.
+        rotors: Joint properties of an MJCF that a URDF cannot hold.
     """
 
     def __init__(self, path: Path):
-        """Read and cure a robot.
+        """Read and repair a robot.
 
         Raises:
-            ParameterError: The file is no robot that can be read.
+            ParameterError: The file is not a readable robot description.
         """
         self._notes = Notes()
         self.root, self.rotors = read(path, self._notes)
@@ -44,11 +45,11 @@ class Tidied:
 
     @property
     def notes(self) -> list[str]:
-        """Cures, each with the names that it was applied to."""
+        """Repairs, each with the names of the repaired links or joints."""
         return self._notes.sentences()
 
     def _vectors(self) -> None:
-        """Commas in vectors, and numbers beyond the third."""
+        """Remove commas from vectors, and numbers after the third."""
         for element in self.root.iter():
             for key in {"xyz", "rpy", "scale", "size"} & set(element.keys()):
                 words = element.get(key).replace(",", " ").split()
@@ -66,7 +67,7 @@ class Tidied:
         return next(e for e in self.root.findall("link") if e.get("name") == name)
 
     def lock(self, positions: dict[str, float], why: str) -> None:
-        """Fix joints where they are.
+        """Fix joints at given positions.
 
         Args:
             positions: Position of each joint to be fixed [rad or m], by name.
@@ -79,14 +80,14 @@ class Tidied:
                 self._notes.add(why, name)
 
     def float_root(self, root: str) -> None:
-        """Give the root of a floating robot a mass if it has none."""
+        """Give the massless root of a floating robot a mass."""
         link = self.link(root)
         if mass_of(link) == 0.0:
             weight.weigh(link, weight.FEATHER * self.mass())
             self._notes.add("massless root weighed with a thousandth of the robot", root)
 
     def turn_root(self, root: str, rotation: np.ndarray) -> None:
-        """Turn the frame of the root link.
+        """Rotate the frame of the root link.
 
         Args:
             root: Name of the root link.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a robot held against each other: are they in m, kg and kg·m²?
+"""Consistency check of the units of lengths, masses and inertias of a robot (m, kg, kg·m²).
 
-A body of mass m whose box has the diagonal d has a moment of inertia of at most m d² / 4, and a
-density between foam and lead. A file in which most links are far beyond is in other units: that
-is told, with the likely unit. Only meshes in mm are scaled, as the rest of the file shows the size.
+A body of mass m with a bounding box of diagonal d has a moment of inertia of at most m d² / 4, and
+a density between foam and lead. If most links are far outside, the file uses other units, which is
+noted with the likely unit. Only meshes in mm are scaled, as other lengths show the right size.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from ..robot.urdf_check import TENSOR, inertia_matrix, mass_of
 from .notes import Notes
 from .shapes import link_points
 
-LARGE = 10.0  # beyond this a length of a robot is not in m [m]
-BEYOND = 30.0  # times all other lengths that a mesh in mm is
+LARGE = 10.0  # lengths beyond this are not in m [m]
+BEYOND = 30.0  # ratio of the size of a mesh in mm to all other lengths
 MILLI = 1e-3
-SHARE = 0.15  # moment of inertia over m d² / 4 of usual links
-IMPOSSIBLE = 3.0  # the same that no body has
-WRONG = 30.0  # the same of a single link that is told
-DENSE = 3e4  # of a box around a link: heavier than lead [kg/m³]
-BULKY = 2e4  # mass over the cube of the largest length, of a robot without shapes [kg/m³]
-FILLERS = 3  # links with the same moment about each axis, beyond what bodies have
-UNITS = {1e3: "g·m²", 1e6: "kg·mm²", 1e9: "g·mm²"}  # and how many of them are 1 kg·m²
+SHARE = 0.15  # typical moment of inertia / (m d² / 4)
+IMPOSSIBLE = 3.0  # impossible value of the same ratio
+WRONG = 30.0  # value of the same ratio at which a single link is noted
+DENSE = 3e4  # density of the bounding box of a link: heavier than lead [kg/m³]
+BULKY = 2e4  # mass / cube of the largest length, for a robot without shapes [kg/m³]
+FILLERS = 3  # links with equal, impossible moments: placeholders
+UNITS = {1e3: "g·m²", 1e6: "kg·mm²", 1e9: "g·mm²"}  # number of units per kg·m²
 
 
 @dataclass(frozen=True)
 class Size:
-    """Lengths of a link by different parts of the file.
+    """Lengths of a link according to different parts of the file.
 
     Attributes:
         name: Name of the link.
         mass: Mass [kg].
         moment: Largest moment of inertia [kg·m²].
-        written: Moment about each axis as the file has it [kg·m²], NaN unless all are the same.
+        written: Moment of inertia in the file [kg·m²] if equal about all axes, else NaN.
         box: Sides of the box around its shapes [m], (3,); zeros without shapes.
         joints: Largest distance of a joint on it from its origin [m].
     """
@@ -54,23 +54,23 @@ class Size:
 
     @property
     def diagonal(self) -> float:
-        """Diagonal of the box, at least as long as the joints are apart [m]."""
+        """Diagonal of the bounding box, at least the distance of its joints [m]."""
         return max(float(np.linalg.norm(self.box)), self.joints)
 
 
 def check(root: ET.Element, folder: Path, notes: Notes) -> None:
-    """Scale meshes that are in mm, and tell of masses and inertias in other units.
+    """Scale meshes that are in mm, and note masses and inertias in other units.
 
     Args:
         root: Element of the robot; the scale of meshes is changed in place.
         folder: Folder of relative mesh files.
-        notes: Collects what was found.
+        notes: Collects the findings.
     """
     try:
         _meshes(root, folder, notes)
         sizes = [_size(root, link, folder) for link in root.findall("link")]
     except (AttributeError, IndexError, StopIteration, TypeError, ValueError):
-        return  # something that is no number, which the check of the URDF names
+        return  # not a number; reported by the check of the URDF
     sizes = [size for size in sizes if size.mass > 0.0 and np.isfinite(size.moment)]
     grams = _masses(sizes, notes)
     _inertias(sizes, 1e3 if grams else 1.0, notes)
@@ -138,7 +138,7 @@ def _meshes(root: ET.Element, folder: Path, notes: Notes) -> None:
 
 
 def _masses(sizes: list[Size], notes: Notes) -> bool:
-    """Tell of masses in g; whether they are."""
+    """Whether masses are in g, which is noted."""
     boxed = [size for size in sizes if size.box.min() > 0.0]
     total = sum(size.mass for size in sizes)
     if boxed:
@@ -157,12 +157,12 @@ def _masses(sizes: list[Size], notes: Notes) -> bool:
 
 
 def _inertias(sizes: list[Size], heavy: float, notes: Notes) -> None:
-    """Tell of inertias in other units, of those of single links, and of ones.
+    """Note inertias in other units, implausible inertias of single links, and placeholders of 1.
 
     Args:
         sizes: Links with a mass.
-        heavy: Times that masses are too large.
-        notes: Collects what was found.
+        heavy: Factor by which masses are too large.
+        notes: Collects the findings.
     """
     whole = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
     ratio = {s.name: s.moment / (s.mass / heavy * s.diagonal**2 / 4.0) for s in whole}

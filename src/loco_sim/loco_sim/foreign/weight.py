@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masses and inertias of a foreign robot: raised to what a body can have, or left out.
+"""Repair of masses and inertias of imported robots that are zero or physically impossible.
 
-What hangs behind a joint and weighs nothing, or a grain of dust, cannot be moved by a drive: such
-links become part of their parent. A massless link in the middle of a limb, as between the two
-axes of a universal joint, weighs a feather.
+Links at the end of a limb with zero or negligible mass cannot be simulated behind a joint: their
+joints are locked. A massless link within a limb, as between the two axes of a universal joint,
+gets a small mass.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ..robot.urdf_check import MOVING, TENSOR, inertia_fault, inertia_matrix, ma
 from .notes import Notes
 from .shapes import link_points, solid_inertia
 
-POINT = 1e-9  # inertia per mass below which a tensor is none, a body of 0.03 mm [m²]
-FEATHER = 1e-3  # mass of a link that needs one, as a share of the robot's
-MOST_LINKS = 127  # of a robot in PyBullet
-DUST = 1e-5  # share of the robot's mass below which what a joint moves is nothing
+POINT = 1e-9  # inertia per mass below which a tensor counts as missing, a body of 0.03 mm [m²]
+FEATHER = 1e-3  # mass given to a massless link, share of the robot's mass
+MOST_LINKS = 127  # limit of PyBullet
+DUST = 1e-5  # negligible mass behind a joint, share of the robot's mass
 
 
 def robot_mass(root: ET.Element) -> float:
@@ -31,7 +31,7 @@ def robot_mass(root: ET.Element) -> float:
 
 
 def weigh(link: ET.Element, mass: float) -> None:
-    """Give a link a mass [kg] and the inertia of a ball of 3 cm."""
+    """Set the mass of a link [kg] and the inertia of a ball of 3 cm."""
     for old in link.findall("inertial"):
         link.remove(old)
     inertial = ET.SubElement(link, "inertial")
@@ -40,7 +40,7 @@ def weigh(link: ET.Element, mass: float) -> None:
 
 
 def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
-    """Merge links that weigh nothing, and give the others inertias that bodies can have.
+    """Lock joints of massless links, and give the other links possible inertias.
 
     Args:
         root: Element of the robot, changed in place.
@@ -66,11 +66,11 @@ def _child(joint: ET.Element) -> str | None:
 
 
 def _merge(root: ET.Element, notes: Notes) -> None:
-    """Lock joints that move nothing but dust, and weigh what is as light between two joints."""
+    """Lock joints that move negligible masses, and give light links between joints a mass."""
     links = {link.get("name"): link for link in root.findall("link")}
     above = {_child(j): j for j in root.findall("joint") if j.find("parent") is not None}
     if len(links) != len(root.findall("link")) or len(above) != len(root.findall("joint")):
-        return  # names or parents that the check of the URDF refuses
+        return  # invalid names or parents, which the check of the URDF refuses
     dust, body, beyond = DUST * robot_mass(root), dict.fromkeys(links, 0.0), {}
     for name, link in links.items():
         mass, fixed, at = mass_of(link), True, name
@@ -103,9 +103,9 @@ def _merge(root: ET.Element, notes: Notes) -> None:
 
 
 def _frames(root: ET.Element, notes: Notes) -> None:
-    """Take out frames that weigh nothing and have no shape, where an engine has no place for them.
+    """Remove massless links without shapes if there are too many links for the engine.
 
-    Those at the ends go first, and then those that they hung on.
+    Links at the ends are removed first, then their parents.
     """
     links = {link.get("name") or "": link for link in root.findall("link")}
     gone = True
@@ -126,7 +126,7 @@ def _frames(root: ET.Element, notes: Notes) -> None:
 
 
 def _tensor(link: ET.Element, folder: Path, fixed: bool, notes: Notes) -> None:
-    """Give a link with a mass an inertia that a body can have."""
+    """Give a link with mass a physically possible inertia."""
     name, mass, tensor = link.get("name") or "", mass_of(link), link.find("inertial/inertia")
     if tensor is None:
         tensor = ET.SubElement(link.find("inertial"), "inertia")
@@ -153,7 +153,7 @@ def _solid(link: ET.Element, folder: Path, tensor: ET.Element, notes: Notes) -> 
         if not len(points):
             points = link_points(link, folder, "visual")
     except (AttributeError, StopIteration, TypeError, ValueError):
-        return  # a broken shape, which the check of the URDF names
+        return  # a broken shape, reported by the check of the URDF
     _set_tensor(tensor, np.diag(solid_inertia(mass_of(link), points)))
     origin = link.find("inertial/origin")
     if origin is not None:
@@ -162,7 +162,7 @@ def _solid(link: ET.Element, folder: Path, tensor: ET.Element, notes: Notes) -> 
 
 
 def possible(values: list[float]) -> np.ndarray:
-    """Tensor whose smaller moments are raised until a body can have them, (3, 3)."""
+    """Inertia tensor, (3, 3), with its smaller moments raised until it is physically possible."""
     moments, axes = np.linalg.eigh(inertia_matrix(values))
     moments = np.maximum(moments, 0.0)
     moments[:2] += 0.5 * max(0.0, moments[2] - moments[0] - moments[1]) + 1e-4 * moments[2]

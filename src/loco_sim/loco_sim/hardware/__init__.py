@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real robots in place of the simulated one: servos on a bus, and a bus that is simulated."""
+"""Drivers of real robots with servos on a bus, and a simulated bus."""

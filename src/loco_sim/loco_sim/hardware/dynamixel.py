@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of Dynamixel servos of the X series on one bus, in place of a simulation.
+"""Driver of a robot with Dynamixel X-series servos on one bus, as a replacement of `Simulation`.
 
-Angles go out as goal positions under a limit of current (operating mode 5), torques as goal
-currents (mode 0); one sync read brings current, speed, position and temperature of all servos.
+Angles are sent as goal positions with a current limit (operating mode 5), torques as goal
+currents (mode 0); one sync read returns current, speed, position and temperature of all servos.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from . import packets as p
 from .packets import Register
 from .wiring import COUNTS, TURN, BusParams, Wiring
 
-_TRY = 0.2  # patience with a setting [s]
-_FIRST = 3.0  # and with the first ones, before anything moves [s]
-_NAP = 0.0005  # the port waits so long for bytes before it looks at the clock [s]
+_TRY = 0.2  # time-out of a setting [s]
+_FIRST = 3.0  # time-out of the first settings, before any motion [s]
+_NAP = 0.0005  # longest wait of the port for bytes between checks of the clock [s]
 _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 class _Port(PortHandler):
-    """The SDK's port with a patience of its own; waiting for bytes costs no processor time."""
+    """The SDK's port with its own time-out, which waits for bytes without using processor time."""
 
     def __init__(self, bus: BusParams):
         super().__init__(bus.port)
@@ -42,18 +42,18 @@ class _Port(PortHandler):
             self.openPort()
             self.ser.exclusive = True
             self.ser.timeout = _NAP
-        except (OSError, ValueError) as error:  # pyserial's are among them
+        except (OSError, ValueError) as error:  # includes the errors of pyserial
             raise GraphError(
                 f"bus {bus.port} cannot be opened: {error}; check bus.port, its rights, and that "
                 "no other program uses it"
             ) from None
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Begin to wait for the answer of a packet [bytes]."""
+        """Start the time-out for the answer to a packet of a length [bytes]."""
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1e3 * self._latency)
 
     def readPort(self, length: int) -> bytes:
-        """Bytes that have come, `length` at most."""
+        """Received bytes, at most `length`."""
         return self._responds(self.ser.read, length)
 
     def writePort(self, packet: list[int]) -> int:
@@ -61,7 +61,7 @@ class _Port(PortHandler):
         return self._responds(self.ser.write, packet)
 
     def clearPort(self) -> None:
-        """Forget what has come."""
+        """Discard received bytes."""
         self._responds(self.ser.reset_input_buffer)
 
     def _responds(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -72,24 +72,24 @@ class _Port(PortHandler):
 
 
 class ServoRobot:
-    """A robot of servos, with the face of `Simulation` that plant nodes need.
+    """A robot of servos, with the interface of `Simulation` that plant nodes need.
 
     The torque is off until the first `drive`.
 
     Args:
         wiring: Bus and servos.
-        robot: Robot that they drive.
+        robot: Robot driven by the servos.
 
     Attributes:
         robot: The robot.
-        fallen: None; servos do not feel a fall.
-        rejected: Commands that were not finite and so were not used.
-        fault: Why the robot must stop, "" if it need not; of the newest reading.
-        lost: Answers that did not come or were damaged.
-        clipped: Commands beyond the turn of a servo.
+        fallen: Always None: servos cannot detect a fall.
+        rejected: Number of commands refused because they were not finite.
+        fault: Reason of the newest reading to stop the robot, "" if there is none.
+        lost: Number of missing or damaged answers.
+        clipped: Number of commands beyond one turn of a servo.
 
     Raises:
-        GraphError: The port cannot be opened, or a servo does not answer or takes no setting.
+        GraphError: The port cannot be opened, or a servo does not answer or refuses a setting.
     """
 
     fallen = None
@@ -100,7 +100,7 @@ class ServoRobot:
         self._sign, self._zero, most, unit, per_ampere = np.array(
             [(s.sign, s.zero, s.current, s.current_unit, s.torque_per_ampere) for s in self._servos]
         ).T
-        self._torque_unit = self._sign * unit * per_ampere  # of one count of current [N·m]
+        self._torque_unit = self._sign * unit * per_ampere  # torque of one count of current [N·m]
         most = np.minimum(most, np.array(robot.effort) / per_ampere)
         self._max_tries = np.maximum(np.floor(most / unit), 1.0)  # counts of current
         drives = [robot.drives[j] for j in robot.joints]
@@ -127,7 +127,7 @@ class ServoRobot:
         return ()
 
     def ground_truth(self) -> GroundTruth:
-        """The base, which is bolted, so that its place is known."""
+        """State of the base, known because it is fixed."""
         place = np.array([0.0, 0.0, self.robot.height])
         return GroundTruth(0, 0.0, place, _LEVEL, np.zeros(3), np.zeros(3))
 
@@ -153,7 +153,7 @@ class ServoRobot:
             raise GraphError(f"{self._name(first)} takes settings but cannot be read")
 
     def _set(self, servo: int, register: Register, value: int, patience: float = _TRY) -> None:
-        """Write a register and see it acknowledged within a time [s]."""
+        """Write a register and wait for the acknowledgement, at most `patience` [s]."""
         write = {
             1: self._handler.write1ByteTxRx,
             2: self._handler.write2ByteTxRx,
@@ -181,14 +181,14 @@ class ServoRobot:
     # ---- each tick
 
     def measure(self, tick: int, t: float) -> RobotState:
-        """Read the servos; one that does not answer keeps what it said.
+        """Read the servos; a servo that does not answer keeps its last reading.
 
         Args:
             tick: Tick of the state.
             t: Time of the state [s].
 
         Returns:
-            The state; forces and attitude are those of a base at rest.
+            The state; forces and attitude are those of a fixed base at rest.
         """
         self.fault = ""
         register, port = p.PRESENT, self._port
@@ -211,7 +211,7 @@ class ServoRobot:
         return RobotState(tick, t, q, dq, tau, np.zeros((feet, 3)), _LEVEL, *rest)
 
     def _take(self, i: int, data: bytes, error: int) -> None:
-        """Take over the answer of one servo."""
+        """Store the answer of one servo."""
         start = p.PRESENT.address
         for row, register in enumerate((p.PRESENT_CURRENT, p.PRESENT_VELOCITY, p.PRESENT_POSITION)):
             at = register.address - start
@@ -230,11 +230,11 @@ class ServoRobot:
         return " and ".join(known) if result == COMM_SUCCESS and known else "a hardware error"
 
     def drive(self, q: np.ndarray, tau: np.ndarray | None = None) -> None:
-        """Send angles, and torques to the servos of torque drives; the torque is on then.
+        """Send angles, and torques to torque drives; enables the torque.
 
         Args:
-            q: Wanted joint positions [rad], (n,).
-            tau: Wanted torques [N·m], (n,); None is none.
+            q: Desired joint positions [rad], (n,).
+            tau: Desired torques [N·m], (n,); None for zero.
         """
         tau = np.zeros(len(q)) if tau is None else tau
         if not (np.isfinite(q).all() and np.isfinite(tau).all()):
@@ -250,7 +250,7 @@ class ServoRobot:
         self._send(p.GOAL_CURRENT, current, self._pure)
 
     def _enable(self) -> None:
-        """Torque on, at rest; servos whose watchdog has barked listen again."""
+        """Torque on, at rest; clears expired watchdogs."""
         self._on = True
         try:
             for servo, most, pure in zip(self._ids, self._max_tries, self._pure, strict=True):
@@ -263,12 +263,12 @@ class ServoRobot:
             self.fault = str(error)
 
     def limp(self) -> None:
-        """Torque off; said again at each call, since nobody acknowledges it."""
+        """Torque off; sent at every call, since it is not acknowledged."""
         self._on = False
         self._send(p.TORQUE_ENABLE, np.zeros(len(self._ids)), np.ones(len(self._ids), dtype=bool))
 
     def _send(self, register: Register, values: np.ndarray, which: np.ndarray) -> None:
-        """Sync write a value to some servos."""
+        """Sync write of values to some servos."""
         told: list[int] = []
         for servo, value in zip(np.array(self._ids)[which], values[which], strict=True):
             told += [int(servo), *int(value).to_bytes(register.size, "little", signed=True)]
@@ -280,12 +280,12 @@ class ServoRobot:
         """Torque off, then free the port; calling again does nothing."""
         if not self._port.is_open:
             return
-        with contextlib.suppress(GraphError):  # the bus may be gone
-            self.limp()  # all at once: a silent servo must not delay those after it
+        with contextlib.suppress(GraphError):  # the bus may be disconnected
+            self.limp()  # all at once, so that a silent servo does not delay others
         for servo in self._ids:
             for register in (p.TORQUE_ENABLE, p.BUS_WATCHDOG):
                 try:
                     self._set(servo, register, 0)
                 except GraphError:
-                    break  # the next one may still hear
+                    break  # the next servo may still receive it
         self._port.closePort()

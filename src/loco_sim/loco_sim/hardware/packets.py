@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Packets of Dynamixel protocol 2.0, as a servo reads and writes them, and the registers used.
+"""Packets of Dynamixel protocol 2.0 from the servo's side, and the registers used.
 
 A packet is a header, the number of the servo, a length, an instruction, parameters and a
-CRC-16. This is the servo's side; the driver's is the package `dynamixel-sdk`, written by others.
+CRC-16. The driver's side is the third-party package `dynamixel-sdk`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x82,
 BROADCAST = 0xFE
 ALERT = 0x80  # in the error of a status: the servo has a hardware error
 BAD_CRC, BAD_RANGE, BAD_ACCESS = 0x03, 0x04, 0x07  # errors of an instruction
-_LEAST, _MOST = 3, 1024  # instruction and CRC; bytes of a packet
+_LEAST, _MOST = 3, 1024  # smallest length (instruction and CRC); largest packet [bytes]
 
 
 class Register(NamedTuple):
-    """A value in the memory of a servo of the X series."""
+    """A register of an X-series servo."""
 
     address: int
     size: int  # [bytes]
@@ -29,10 +29,10 @@ OPERATING_MODE = Register(11, 1)  # 0 current, 5 position with a limit of curren
 CURRENT_LIMIT = Register(38, 2)
 TORQUE_ENABLE = Register(64, 1)
 HARDWARE_ERROR = Register(70, 1)
-BUS_WATCHDOG = Register(98, 1)  # [20 ms]; 255 once it has barked
+BUS_WATCHDOG = Register(98, 1)  # [20 ms]; 255 once it has expired
 GOAL_CURRENT = Register(102, 2)
 GOAL_POSITION = Register(116, 4)
-PRESENT = Register(126, 21)  # the next ones in one block
+PRESENT = Register(126, 21)  # the following registers in one block
 PRESENT_CURRENT = Register(126, 2)
 PRESENT_VELOCITY = Register(128, 4)
 PRESENT_POSITION = Register(132, 4)
@@ -49,12 +49,12 @@ CURRENT_MODE, POSITION_MODE = 0, 5
 
 
 class Packet(NamedTuple):
-    """An instruction to one servo or to all."""
+    """An instruction to one or all servos."""
 
     id: int
     instruction: int
     parameters: bytes
-    whole: bool = True  # the CRC is right
+    whole: bool = True  # whether the CRC is correct
 
 
 def crc16(data: bytes) -> int:
@@ -68,7 +68,7 @@ def crc16(data: bytes) -> int:
 
 
 def status(servo: int, error: int = 0, parameters: bytes = b"") -> bytes:
-    """Answer of a servo."""
+    """Status packet of a servo."""
     body = bytes([STATUS, error]) + parameters
     body = body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     head = HEADER + bytes([servo]) + (len(body) + 2).to_bytes(2, "little")
@@ -76,13 +76,13 @@ def status(servo: int, error: int = 0, parameters: bytes = b"") -> bytes:
 
 
 class Parser:
-    """Finds packets in a stream of bytes; what is none is skipped."""
+    """Extracts packets from a stream of bytes, skipping other bytes."""
 
     def __init__(self) -> None:
         self._bytes = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """The packets that these bytes complete."""
+        """The packets completed by these bytes."""
         self._bytes += data
         packets = []
         while (packet := self._next()) is not None:
@@ -92,7 +92,7 @@ class Parser:
     def _next(self) -> Packet | None:
         while True:
             begin = self._bytes.find(HEADER)
-            if begin < 0:  # the end may be the begin of a header
+            if begin < 0:  # the end may be the beginning of a header
                 self._bytes = self._bytes[-3:]
                 return None
             self._bytes = self._bytes[begin:]

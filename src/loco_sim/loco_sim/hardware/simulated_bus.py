@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bus of Dynamixel servos that are simulated, on a pseudo terminal, in real time.
+"""A simulated bus of Dynamixel servos on a pseudo terminal, in real time.
 
-Behind the protocol is the plant of the robot with the effects that are asked for, so that a
-driver, and whatever stands before it, can be tried without iron. Bytes take no time here, and
-heat comes only as a fault.
+The servos act on the simulated robot with the requested effects, so that a driver and its
+controllers can be tested without hardware. Transmission takes no time, and temperature rises only
+as a fault.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from . import packets as p
 from .packets import Packet, Register
 from .wiring import TURN, JointServo, Wiring
 
-_MEMORY = 256  # bytes of a servo
+_MEMORY = 256  # memory of a servo [bytes]
 _EEPROM = 64  # registers below are locked while the torque is on
 _CHECK_PERIOD = 0.005  # longest wait between two steps of the simulation [s]
-_LAG = 0.1  # a host that stood still for longer than this has lost that time [s]
+_LAG = 0.1  # a longer standstill of the host is not made up [s]
 _WARM, _HOT = 35, 85  # [degC]
 _MODEL = 1020  # XM430-W350
 _OVERHEATING = 0x04
@@ -55,7 +55,7 @@ class _Servo:
         return int.from_bytes(data, "little", signed=register.size > 1)
 
     def sense(self, q: float, dq: float, tau: float) -> None:
-        """Take over what the joint does [rad, rad/s, N·m]."""
+        """Store the state of the joint in the registers [rad, rad/s, N·m]."""
         w = self.wired
         self.put(p.PRESENT_POSITION, round(w.zero + w.sign * q / TURN))
         self.put(p.PRESENT_VELOCITY, round(w.sign * dq / p.VELOCITY_UNIT))
@@ -63,12 +63,12 @@ class _Servo:
 
     @property
     def goal(self) -> float:
-        """Angle of the joint that the goal position asks for [rad]."""
+        """Joint angle of the goal position [rad]."""
         return self.wired.sign * (self.get(p.GOAL_POSITION) - self.wired.zero) * TURN
 
     @property
     def torque(self) -> float:
-        """Torque of the joint that the goal current asks for [N·m]."""
+        """Joint torque of the goal current [N·m]."""
         w = self.wired
         return w.sign * self.get(p.GOAL_CURRENT) * w.current_unit * w.torque_per_ampere
 
@@ -80,14 +80,14 @@ class _Servo:
         if address >= p.GOAL_CURRENT.address and self.get(p.BUS_WATCHDOG) == 255:
             return p.BAD_RANGE
         if address == p.TORQUE_ENABLE.address and self.get(p.HARDWARE_ERROR) and data[0]:
-            return p.BAD_ACCESS  # a servo that shut down stays so until it is started anew
+            return p.BAD_ACCESS  # a servo that shut down stays off until restarted
         self.memory[address : address + len(data)] = data
         if self.get(p.TORQUE_ENABLE) and not on:
             self.put(p.GOAL_POSITION, self.get(p.PRESENT_POSITION))
         return 0
 
     def bark(self) -> None:
-        """The watchdog has heard nothing for too long: stay where the servo is."""
+        """Expire the watchdog: hold the present position."""
         self.put(p.BUS_WATCHDOG, 255)
         self.put(p.GOAL_POSITION, self.get(p.PRESENT_POSITION))
         if self.get(p.OPERATING_MODE) == p.CURRENT_MODE:
@@ -99,15 +99,15 @@ class SimulatedBus:
 
     Args:
         wiring: Servos of the robot.
-        robot: Robot that they drive.
+        robot: Robot driven by the servos.
         effects: Departures from the ideal robot, such as friction.
         seed: Seed of the effects and of the faults.
 
     Attributes:
         port: Path of the terminal, for a driver.
-        lost: Share of the packets to and from the servos that get lost, 0 to 1.
-        garbled: Share of the answers in which a byte is wrong, 0 to 1.
-        instructions: Packets that were received whole.
+        lost: Share of packets to and from the servos that are lost, 0 to 1.
+        garbled: Share of answers with a wrong byte, 0 to 1.
+        instructions: Number of complete packets received.
     """
 
     def __init__(self, wiring: Wiring, robot: Robot, effects: Sequence[Effect] = (), seed: int = 0):
@@ -125,12 +125,12 @@ class SimulatedBus:
         self.port = os.ttyname(self._slave)
 
     def silence(self, servo: int) -> None:
-        """Let a servo answer no more and do nothing more, as if its cable were out."""
+        """Disconnect a servo: no answers and no torque."""
         self._servos[servo].silent = True
         self._servos[servo].put(p.TORQUE_ENABLE, 0)
 
     def overheat(self, servo: int) -> None:
-        """Let a servo shut down because it is too hot."""
+        """Shut a servo down by an overheating error."""
         hot = self._servos[servo]
         hot.put(p.PRESENT_TEMPERATURE, _HOT)
         hot.put(p.HARDWARE_ERROR, _OVERHEATING)
@@ -147,12 +147,12 @@ class SimulatedBus:
         return self._sim.true_q
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Answer and simulate in real time until `ended` says so.
+        """Answer and simulate in real time until `ended` returns True.
 
         Args:
-            ended: Is asked every few milliseconds.
+            ended: Function called every few milliseconds.
         """
-        done = time.monotonic()  # until when it is simulated
+        done = time.monotonic()  # time up to which the robot is simulated
         while not ended():
             ready, _, _ = select.select([self._master], [], [], _CHECK_PERIOD)
             now = time.monotonic()
@@ -201,7 +201,7 @@ class SimulatedBus:
     # ---- the protocol
 
     def _answer(self, packet: Packet) -> bytes:
-        """Answers of all servos to one packet, as the line carries them."""
+        """Bytes of the answers of all servos to one packet."""
         if not packet.whole or self._rng.random() < self.lost:
             return b""
         self.instructions, self._heard = self.instructions + 1, time.monotonic()
@@ -252,5 +252,5 @@ class SimulatedBus:
 
 
 def _bytes(data: bytes) -> tuple[int, int]:
-    """Address and size with which the parameters of reading instructions begin."""
+    """Address and size at the beginning of the parameters of a read instruction."""
     return int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wiring files: they say which servo on which bus drives which joint.
+"""Wiring files: assignment of servos on a bus to joints.
 
-`loco run --hardware` takes one.
+A wiring file is the argument of `loco run --hardware`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..robot.equipment import matches
 from ..robot.robot import Robot
 from ..robot.servo import ImpedanceDrive
 
-COUNTS = 4096  # of one turn
+COUNTS = 4096  # counts per turn
 TURN = 2.0 * math.pi / COUNTS  # angle of a count [rad]
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 
 
 @dataclass(frozen=True)
 class BusParams(Params):
-    """A bus of Dynamixel servos, and when its driver gives up."""
+    """A bus of Dynamixel servos, and the time-outs of its driver."""
 
     port: str = parameter("/dev/ttyUSB0", "serial port of the bus")
     baud: int = parameter(1_000_000, "speed of the bus", "bit/s", 9600, 4_000_000)
@@ -65,7 +65,7 @@ class Wiring:
     """Bus and servos of a robot.
 
     Attributes:
-        bus: The bus.
+        bus: Parameters of the bus.
         servos: Servo of each joint, in the robot's order.
     """
 
@@ -75,16 +75,16 @@ class Wiring:
 
 @understood("whole wiring file")
 def load(path: str | Path, robot: Robot, port: str = "") -> Wiring:
-    """Read the servos of a robot.
+    """Wiring of a robot from a file.
 
     Args:
-        path: YAML file: `bus` and, by joint or pattern, `servos`; a later entry wins.
-        robot: Robot that they drive: its base is bolted and each of its joints has a drive.
+        path: YAML file: `bus` and, by joint or pattern, `servos`; later entries take precedence.
+        robot: Robot driven by the servos, with a fixed base and a drive on each joint.
         port: Port in place of the file's.
 
     Raises:
         LocoError: The file cannot be read, a value is out of its range, a joint has no servo or
-            two share one, or the robot needs what servos cannot give.
+            two share one, or the robot needs features that servos lack.
     """
     values = read_yaml(path, "wiring file")
     if not isinstance(values, dict) or set(values) - {"bus", "servos"} or "servos" not in values:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writers of the URDF files of HyQ and Tigrillo."""
+"""Generators of the URDF files of HyQ and Tigrillo."""

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the URDFs of HyQ and of one leg of it: frames, masses and limits in one short table.
+"""Generator of the URDFs of HyQ and of a single HyQ leg, from a table of frames, masses and limits.
 
 The leg geometry comes from `LegGeometry`, so kinematics and plant cannot
 disagree. Run ``python -m loco_sim.make_urdf.hyq`` after a change here; a test compares
 the file with what this module writes.
 Source: frames, masses and limits of DLS-Lab's hyq-description (Apache-2.0).
-Shapes are ours: boxes, cylinders and spheres stand for the meshes there. Only the
-trunk, the knees and the feet collide: a shank touches flat ground after them.
+Shapes: boxes, cylinders and spheres in place of the meshes there. Only the
+trunk, the knees and the feet collide: they touch flat ground before a shank does.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ALONG_X: Vector = (0.0, pi / 2, 0.0)  # turns a cylinder's axis from z to x
 EFFORT, SPEED, DAMPING = 150.0, 12.0, 0.1  # [N·m], [rad/s], [N·m·s/rad]
 KNEE_RADIUS = 0.038  # [m]
 
-# Left legs warm, right legs cool; colours that colour-blind readers can tell apart.
+# Warm colours for left legs, cool ones for right legs, distinguishable for the colour-blind.
 COLOURS = {
     "lf": (0.84, 0.26, 0.08),
     "rf": (0.05, 0.38, 0.68),
@@ -42,7 +42,7 @@ def write(geometry: LegGeometry | None = None) -> str:
 
 
 def write_leg(leg: str = LEGS[0], geometry: LegGeometry | None = None) -> str:
-    """Text of the URDF of the trunk with one leg, for a bench."""
+    """Text of the URDF of the trunk with one leg, for a test bench."""
     return _robot("hyq_leg", (leg,), geometry or LegGeometry())
 
 

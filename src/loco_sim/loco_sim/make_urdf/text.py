@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of a URDF, for the modules that write one."""
+"""Lines of URDF elements, for the generators of URDF files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def link(name: str, mass: float, com: Vector, inertia: tuple, shapes: list[str]) -> list[str]:
-    """A link of a mass [kg], with its inertia (xx, yy, zz, xy, xz, yz) about `com` [kg·m²]."""
+    """Lines of a link with mass [kg] and inertia (xx, yy, zz, xy, xz, yz) about `com` [kg·m²]."""
     names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     tensor = " ".join(f'{n}="{v + 0.0:.9g}"' for n, v in zip(names, inertia, strict=True))
     return [
@@ -41,6 +41,6 @@ def shape(tag: str, kind: str, size: tuple, xyz: Vector = ZERO, rpy: Vector = ZE
 
 
 def text(values: tuple) -> str:
-    """Numbers as an attribute."""
+    """Numbers as an attribute value."""
     return " ".join(f"{v + 0.0:.17g}" if v in (pi, pi / 2, -pi / 2) else f"{v + 0.0:.9g}"
                     for v in values)  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes ``assets/tigrillo/tigrillo.urdf``: sizes and masses of Tigrillo in one short table.
+"""Generator of ``assets/tigrillo/tigrillo.urdf`` from a table of sizes and masses.
 
 Frames follow REP-103: x forward, y left, z up; the base is at the underside of the
 body, between the hips. All joints turn about -y, so a positive hip swings the leg
@@ -21,7 +21,7 @@ from loco_control.names import LEGS, foot_name, joint_name
 from .text import ZERO, Vector, link, shape, text
 
 FEMUR, SHANK, TIBIA_TOP = 0.07, 0.055, 0.035  # hip-knee, knee-foot, knee-spring [m]
-RADIUS, FOOT_RADIUS = 0.004, 0.006  # of the rods and of the feet [m]
+RADIUS, FOOT_RADIUS = 0.004, 0.006  # radii of rods and feet [m]
 HIP_X, HIP_Y = {"f": 0.08, "h": -0.07}, {"f": 0.0745, "h": 0.0495}  # [m]
 HIP_Z = -0.033  # below the body [m]
 HIP_RANGE, KNEE_RANGE = (-pi / 2, pi / 2), (0.0, pi / 2 + 0.59)  # [rad]
@@ -30,7 +30,7 @@ FEMUR_MASS, TIBIA_MASS, FOOT_MASS = 0.020, 0.020, 0.003  # with spring and senso
 HALF_MASS = {"f": 0.712, "h": 0.238}  # body, battery, servos and legs [kg]
 BODY = {"f": (0.08, 0.14, 0.03), "h": (0.06, 0.09, 0.025)}  # boxes [m]
 NAMES = {"f": "front_body", "h": "hind_body"}
-PLATE_MASS = 1e-4  # an engine takes a base without mass for one that is bolted down [kg]
+PLATE_MASS = 1e-4  # engines treat a massless base as fixed to the world [kg]
 MOTOR = (0.036, 0.036, 0.0506)  # [m]
 
 COLOURS = {

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files of others, read within bounds."""
+"""Safe reading of mesh files."""

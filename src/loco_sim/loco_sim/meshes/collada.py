@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Triangles of a COLLADA file, with every loop bounded.
+"""Reader of the triangles of a COLLADA file, with bounded loops.
 
-Read are the geometries that the scene shows, moved by its nodes and scaled by the unit. Skins,
-lights, materials and the direction that is up are not looked at, as in PyBullet and RViz.
+It reads the geometries of the scene, transformed by its nodes and scaled by the unit. Skins,
+lights, materials and the up axis are ignored, as in PyBullet and RViz.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.reading import DEEPEST, shown
 
-# Corners (k, 3), indices of triangles (f, 3), and the object that each belongs to (f,).
+# Corners (k, 3), corner indices of triangles (f, 3), and the object number of each (f,).
 Shape = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-MOST_ELEMENTS = 1_000_000  # of the XML
-MOST_NODES = 10_000  # of the scene, with those that others repeat
-_LINES = ("lines", "linestrips")  # enclose nothing
+MOST_ELEMENTS = 1_000_000  # XML elements
+MOST_NODES = 10_000  # nodes of the scene, instances included
+_LINES = ("lines", "linestrips")  # have no faces
 _COUNTS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 
 
 def read(data: bytes, path: Path, most: int) -> Shape:
-    """All triangles that the scene shows [m].
+    """All triangles of the scene [m].
 
     Args:
         data: Contents of the file.
         path: Name of the file, for messages.
-        most: Limit of the count of triangles.
+        most: Largest number of triangles.
 
     Raises:
-        ParameterError: It is not COLLADA, lacks what it names, or is beyond a limit.
+        ParameterError: The file is not COLLADA, has a broken reference, or exceeds a limit.
     """
     file = _File(_parse(data, path), path, most)
     for scene in file.all("scene/instance_visual_scene"):
@@ -49,7 +49,7 @@ def _parse(data: bytes, path: Path) -> ET.Element:
     """Root of the XML, tags without name spaces.
 
     Raises:
-        ParameterError: It is not XML, has entities of its own, or too many or too deep elements.
+        ParameterError: The data is not XML, defines entities, or has too many or too deep elements.
     """
     depth = count = 0
     root = None
@@ -76,11 +76,11 @@ def _parse(data: bytes, path: Path) -> ET.Element:
 
 
 class _File:
-    """Elements of a file by name, and the triangles that have been met.
+    """Elements of a file by name, and the triangles collected so far.
 
     Attributes:
-        corners: Corners of each shown geometry, each (k, 3).
-        faces: Triangles of each, as indices into all corners, each (f, 3).
+        corners: Corners of each geometry of the scene, each (k, 3).
+        faces: Triangles of each geometry, as indices into all corners, each (f, 3).
     """
 
     def __init__(self, root: ET.Element, path: Path, most: int):
@@ -97,7 +97,7 @@ class _File:
         return self._root.findall(path)
 
     def unit(self) -> float:
-        """Length of its unit [m]."""
+        """Unit of length of the file [m]."""
         unit = self._root.find("asset/unit")
         length = 1.0 if unit is None else self._number(unit.get("meter", "1"))
         if not 0.0 < length < np.inf:
@@ -105,10 +105,10 @@ class _File:
         return length
 
     def named(self, url: str | None) -> ET.Element:
-        """Element that a reference such as ``#name`` names.
+        """Element with the id of a reference such as ``#name``.
 
         Raises:
-            ParameterError: No element has this name.
+            ParameterError: No element has this id.
         """
         element = self._named.get((url or "").removeprefix("#"))
         if element is None:
@@ -116,7 +116,7 @@ class _File:
         return element
 
     def show(self, node: ET.Element, place: np.ndarray, depth: int) -> None:
-        """Add the triangles of a node and of all below it, of frame `place`, (4, 4)."""
+        """Add the triangles of a node and its descendants, in the parent frame `place`, (4, 4)."""
         self._nodes += 1
         if self._nodes > MOST_NODES or depth > DEEPEST:
             raise self._wrong(
@@ -175,7 +175,7 @@ class _File:
         return self._geometries[url]
 
     def _primitive(self, element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
-        """Corners and triangles of one of the lists of faces of a geometry."""
+        """Corners and triangles of one face list (primitive) of a geometry."""
         if element.tag not in ("triangles", "polylist", "polygons"):
             raise self._wrong(f"<{element.tag}> is not read; export it with triangles")
         inputs = element.findall("input")
@@ -193,7 +193,7 @@ class _File:
         return corners[used], faces.reshape(-1, 3)
 
     def _rings(self, element: ET.Element, width: int, at: int) -> Iterator[np.ndarray]:
-        """Corners of faces of one number of corners, (count, number)."""
+        """Corner indices of faces, grouped by number of corners, (count, number) each."""
         lists = [self._numbers(p) for p in element.findall("p")]
         if element.tag == "polygons":
             lengths = np.array([len(p) // width for p in lists], int)
@@ -228,7 +228,7 @@ class _File:
             raise self._wrong("a geometry has no <float_array> of corners")
         accessor = vertices.find("technique_common/accessor")
         stride = 3 if accessor is None else self._whole(accessor.get("stride", "3"), 64)
-        if array not in self._arrays:  # a thousand lists of faces may name one source
+        if array not in self._arrays:  # cached: many face lists may reference one source
             self._arrays[array] = self._numbers(array)
         values = self._arrays[array]
         if stride < 3 or len(values) % stride:
@@ -260,7 +260,7 @@ def _has_faces(element: ET.Element) -> bool:
 
 
 def _fan(rings: np.ndarray) -> np.ndarray:
-    """Triangles of faces of n corners, (count, n): all of a face have its first corner."""
+    """Triangle fans of faces with n corners, (count, n): each fan starts at the first corner."""
     n = rings.shape[1]
     order = np.column_stack([np.zeros(n - 2, int), np.arange(1, n - 1), np.arange(2, n)])
     return rings[:, order].reshape(-1, 3)

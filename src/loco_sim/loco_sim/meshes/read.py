@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mesh files of others, read with bounds: STL, OBJ and COLLADA.
+"""Safe reading of mesh files with limits: STL, OBJ and COLLADA.
 
-The engines trust a mesh (an OBJ of 16 bytes ends PyBullet), so they are never given the file:
-it is read here, its size, counts, numbers and indices are checked, and an engine gets what this
-module has made of it. Only triangles are read; materials, pictures and other files that a mesh
-names are not looked at.
+The engines do not validate meshes (an OBJ of 16 bytes crashes PyBullet), so they never receive the
+original file: it is read here, its size, counts, numbers and indices are checked, and the engine
+receives a rewritten mesh. Only triangles are read; materials, textures and referenced files are
+ignored.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from . import collada
 
 log = logging.getLogger(__name__)
 
-MOST_BYTES = 64 * 2**20  # of a mesh file; the largest of the robots that we have met has 12 MiB
-MOST_FACES = 500_000  # triangles; MuJoCo itself takes 200,000 of an STL
+MOST_BYTES = 64 * 2**20  # of a mesh file; the largest mesh of known robots has 12 MiB
+MOST_FACES = 500_000  # triangles; MuJoCo itself accepts 200,000 in an STL
 MOST_LINE = 2**20  # bytes of a line of an OBJ
 MOST_GROUPS = 1_000  # objects of one OBJ, each a convex hull in PyBullet
-FARTHEST = 1e9  # size of a coordinate, as of all lengths of a URDF
+FARTHEST = 1e9  # largest absolute coordinate, as for all lengths of a URDF
 _SOLID = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
@@ -40,9 +40,9 @@ class Mesh(NamedTuple):
     """Triangles of a mesh file, in its own units.
 
     Attributes:
-        vertices: Corners, each once, (k, 3).
+        vertices: Unique corners, (k, 3).
         faces: Indices of the corners of each triangle, (f, 3).
-        groups: Number of the object of the file that a triangle belongs to, (f,).
+        groups: Object number of each triangle, (f,).
     """
 
     vertices: np.ndarray
@@ -62,7 +62,7 @@ def load(path: Path) -> Mesh:
         path: A file whose name ends in one of `READERS`.
 
     Raises:
-        LocoError: It is no such mesh, or beyond the limits of this module.
+        LocoError: The file is not a mesh of a supported format, or exceeds a limit of this module.
     """
     result = _read(path, _date(path))
     if isinstance(result, LocoError):
@@ -82,19 +82,19 @@ def mesh_points(path: Path) -> np.ndarray:
 
 
 def rewritten(path: Path) -> tuple[str, bytes]:
-    """A mesh file written anew for an engine: the end of its name, and its contents.
+    """A mesh file rewritten for an engine: file name extension, and contents.
 
-    It is an OBJ if it was one, whose objects PyBullet takes apart, else a binary STL.
+    The result is an OBJ for an OBJ, whose objects PyBullet separates, else a binary STL.
 
     Raises:
-        LocoError: The file is no such mesh, or beyond the limits of this module.
+        LocoError: The file is not a mesh of a supported format, or exceeds a limit of this module.
     """
     load(path)
     return _rewritten(path, _date(path))
 
 
 def _date(path: Path) -> int:
-    """Time at which a file was written [ns]: one that has changed is read again."""
+    """Modification time of a file [ns], to detect changes."""
     return path.stat().st_mtime_ns if path.is_file() else 0
 
 
@@ -135,13 +135,13 @@ def _parse(path: Path) -> Mesh:
     if reader is None:
         kinds = ", ".join(READERS)
         raise ParameterError(f"the mesh {path} is of kind {path.suffix!r}; read are {kinds}")
-    with np.errstate(all="ignore"):  # what becomes infinite is refused below
+    with np.errstate(all="ignore"):  # infinite values are refused below
         corners, faces, groups = reader(read_bytes(path, "mesh", MOST_BYTES), path)
     return _checked(np.asarray(corners, float), np.asarray(faces), np.asarray(groups), path)
 
 
 def _checked(corners: np.ndarray, faces: np.ndarray, groups: np.ndarray, path: Path) -> Mesh:
-    """The triangles with each corner once, after a look at all numbers."""
+    """Mesh with unique corners, after checking all numbers."""
     _check_count(len(faces), path)
     if len(faces) == 0:
         raise ParameterError(f"the mesh {path} has no faces")
@@ -152,8 +152,8 @@ def _checked(corners: np.ndarray, faces: np.ndarray, groups: np.ndarray, path: P
             f"of {len(corners)} corners"
         )
     used, faces = np.unique(faces, return_inverse=True)
-    corners = corners[used] + 0.0  # without -0.0
-    far = ~(np.abs(corners) <= FARTHEST)  # also of what is no number
+    corners = corners[used] + 0.0  # turns -0.0 into 0.0
+    far = ~(np.abs(corners) <= FARTHEST)  # True for NaN, too
     if far.any():
         raise ParameterError(
             f"the mesh {path}: a coordinate is {corners[far][0]:g}, must be a number of at most "
@@ -162,7 +162,7 @@ def _checked(corners: np.ndarray, faces: np.ndarray, groups: np.ndarray, path: P
     vertices, order = np.unique(corners, axis=0, return_inverse=True)
     faces = order.reshape(-1)[faces.reshape(-1, 3)]
     for array in (vertices, faces, groups):
-        array.flags.writeable = False  # they are kept, and shared
+        array.flags.writeable = False  # cached and shared
     return Mesh(vertices, faces, groups)
 
 
@@ -229,7 +229,7 @@ def _wavefront(data: bytes, path: Path) -> collada.Shape:
 
 
 def _index(word: bytes, count: int, path: Path) -> int:
-    """Index of a corner, from 0; OBJ counts from 1, or backwards from the last one."""
+    """Index of a corner from 0; OBJ counts from 1, or backwards from the last corner."""
     try:
         number = int(word.partition(b"/")[0])
     except ValueError:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes are given to an engine in a child process first, which may end in the place of ours.
+"""Trial of meshes in a child process, since a mesh may crash an engine.
 
-A mesh of right numbers can still be one that an engine's convex hull does not survive.
+A mesh with valid numbers can still crash an engine's convex hull computation.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from ..robot import robot as robots
 from ..world import world
 
 SECONDS = 60  # processor time of all meshes of a robot [s]
-MEMORY = 8 * 2**30  # of the child [bytes]
+MEMORY = 8 * 2**30  # memory limit of the child [bytes]
 STEPS = 3  # physics steps, on the ground
-TRIED = "LOCO_MESHES_TRIED"  # environment variable, so that workers need not try again
+TRIED = "LOCO_MESHES_TRIED"  # environment variable, so that workers do not repeat the trial
 _COMMAND = ("-m", "loco_sim.meshes.trial")
 _LINE = "mesh trial "
 _URDF = """<robot name="trial"><link name="base"/><link name="part"><inertial><mass value="1"/>
@@ -43,10 +43,10 @@ _ROBOT = {
 
 
 def check(robot: robots.Robot, engine: str) -> None:
-    """Refuse meshes of a robot on which an engine ends, does not end, or which it refuses.
+    """Refuse meshes of a robot on which an engine crashes or hangs, or which it refuses.
 
     Raises:
-        ParameterError: Names the file, and what the engine did.
+        ParameterError: An engine fails on a mesh; the message names the file and the failure.
     """
     parts = _meshes(robot)
     if not parts:
@@ -60,7 +60,7 @@ def check(robot: robots.Robot, engine: str) -> None:
 
 
 def _meshes(robot: robots.Robot) -> list[tuple[str, str]]:
-    """Files and scales of what can collide, each once."""
+    """Unique files and scales of collision meshes."""
     found = set()
     for mesh in ET.fromstring(robot.urdf).iterfind("link/collision/geometry/mesh"):
         path = mesh_path(mesh.get("filename", ""), robot.folder)
@@ -91,7 +91,7 @@ def _end(code: int) -> str:
 
 
 def main() -> None:
-    """Try the meshes that the first argument names, one by one, and say at which one we are."""
+    """Try the meshes listed in the first argument one by one, printing the current one."""
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 1))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -106,10 +106,10 @@ def main() -> None:
 
 
 def load(engine: str, path: str, scale: str) -> None:
-    """Build a robot of one mesh in an engine of this process, and step it.
+    """Build and step a robot with a single mesh in an engine in this process.
 
     Raises:
-        LocoError: The engine refuses it.
+        LocoError: The engine refuses the mesh.
     """
     with tempfile.TemporaryDirectory() as folder:
         urdf = _URDF.format(name=quoteattr(path), scale=quoteattr(scale))

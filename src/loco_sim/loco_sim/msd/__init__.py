@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mass-spring-damper networks: structure, kernels, and a simulation of one or of many."""
+"""Mass-spring-damper networks: structure, kernels, and simulation of one or many networks."""

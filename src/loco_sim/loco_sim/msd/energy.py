@@ -17,7 +17,7 @@ def kinetic_energy(network: Network, velocity: np.ndarray) -> np.ndarray:
 def potential_energy(
     network: Network, params: MsdParams, position: np.ndarray, factor: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    """Weight and springs [J] at positions (…, nodes, axes) [m].
+    """Potential energy of gravity and springs [J] at positions (…, nodes, axes) [m].
 
     A spring of eq. (4.3) holds k (e²/2 + beta e⁴ / (4 l_ref²)), e its stretch.
 
@@ -25,7 +25,7 @@ def potential_energy(
         network: Nodes and links.
         params: Gravity and nonlinearity.
         position: Positions of the nodes [m].
-        factor: Driven over rest length of the links, (…, links).
+        factor: Driven length / rest length of the links, (…, links).
     """
     height = position[..., -1] @ network.masses
     i, j = network.links.T
@@ -43,5 +43,5 @@ def momentum(network: Network, velocity: np.ndarray) -> np.ndarray:
 
 
 def centre_of_mass(network: Network, position: np.ndarray) -> np.ndarray:
-    """Of the nodes [m], (…, axes)."""
+    """Centre of mass of the nodes [m], (…, axes)."""
     return np.sum(network.masses[:, None] * position, axis=-2) / network.masses.sum()

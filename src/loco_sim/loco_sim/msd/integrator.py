@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels that advance mass-spring-damper networks: one alone, or blocks of a population.
+"""Integration kernels for mass-spring-damper networks: a single one, or blocks of a population.
 
-A block is `WIDTH` networks side by side, one per lane. In a network alone the lanes are
-neighbouring nodes, and links that join neighbours to neighbours (`runs`). Both take the
-same sums in the same order, so a network has the same bits in either. All that a block
-needs stays in the first-level cache for a whole run.
+A block is `WIDTH` networks side by side, one per SIMD lane. For a single network the lanes are
+neighbouring nodes, and links that join neighbours to neighbours (`runs`). Both compute the
+same sums in the same order, so their results are bit-identical. The data of a block stay in the
+first-level cache for a whole run.
 
 Step, from state x, v, a at t to t + h (velocity Verlet, thesis section 4.1.1):
 
@@ -21,11 +21,11 @@ from numba import njit
 
 from .lanes import bell, fma, get, inverse_length, next_word, put, put_span, span, where_negative
 
-# Arrays are lists of rows of lanes. `state` has 6 parts of dimension * nodes rows: position,
+# Arrays are lists of rows of lanes. `state` has 6 parts of (dimension * nodes) rows: position,
 # velocity, acceleration, force, reaction (force on the far ends of links) and the velocity
-# that dampers see.
+# used by the dampers.
 X, V, A, F, R, U = range(6)
-# `links`: 6 parts of one row per link, of each network its own.
+# `links`: 6 parts of one row per link, individual for each network.
 STIFFNESS, SWING, PHASE, SINE, COSINE, FACTOR = range(6)
 # `shape`: 3 parts of one row (or number) per link, the same for all networks; `masses`: mass
 # and its inverse per node.
@@ -37,17 +37,17 @@ STEP, GRAVITY, DRAG, JOLT_RATE, JOLT_SIZE = range(5)
 NODES, THREE, ALONG, AUTHOR, GROUND, GIVEN, NOISY, JOLT_HOLD = range(8)
 NO_GROUND, STICK, AUTHOR_GROUND = range(3)
 
-EXACT_EVERY = 512  # steps between exact sines; between them a rotation, right to 1e-13
-TINY = 1e-24  # [m²] keeps the direction of a link of no length finite
+EXACT_EVERY = 512  # steps between exact sines; in between a rotation recurrence, accurate to 1e-13
+TINY = 1e-24  # [m²] keeps the direction of a link of zero length finite
 
-# Without reference counts, which would cost more than the arithmetic. Nothing is allocated.
+# Without reference counting, which would cost more than the arithmetic. Nothing is allocated.
 inner = njit(cache=True, _nrt=False, forceinline=True)
 outer = njit(cache=True, _nrt=False, nogil=True)
 
 
 @inner
 def drift(masses, scales, choices, state):
-    """Move the nodes, hold those in the ground; leaves v + h a / 2, u, drag and weight."""
+    """Position update with ground contact; also computes v + h a / 2, u, drag and weight."""
     nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
     up = rows - nodes
     h, half_step, drag = scales[STEP], 0.5 * scales[STEP], -scales[DRAG]
@@ -64,7 +64,7 @@ def drift(masses, scales, choices, state):
             to = fma(h, fma(half_step, pull, speed), at)
             if ground:
                 stop = to if row < up else none
-                if not author:  # a node that lay on the ground has not moved along it either
+                if not author:  # a node in ground contact does not slide either
                     if row < up:
                         stop = where_negative(height * -1.0, to, at)
                     pull = where_negative(landed, none, pull)
@@ -84,7 +84,7 @@ def drift(masses, scales, choices, state):
 
 @inner
 def exact_sines(t, links, network):
-    """Sine and cosine of omega t + phase from their definition."""
+    """Exact sine and cosine of omega t + phase."""
     width, size = network.size // 4, links.size // 6
     omega, link = network.reshape(-1), links.reshape(-1)
     for k in range(size):
@@ -94,11 +94,11 @@ def exact_sines(t, links, network):
 
 @inner
 def driven(e, count, rest_length, turning, choices, links, network, words):
-    """Length that a link is driven to [m], eq. 4.7, with noise on the amplitude."""
+    """Driven length of a link [m], eq. 4.7, with amplitude noise."""
     if choices[GIVEN]:
         return get(links, FACTOR * count + e) * rest_length
     sine = get(links, SINE * count + e)
-    if turning:  # to this step, by the addition theorem
+    if turning:  # advance the phase to this step by the addition theorem
         cosine = get(links, COSINE * count + e)
         by_sine, by_cosine = get(network, TURN_SINE), get(network, TURN_COSINE)
         put(links, COSINE * count + e, fma(cosine, by_cosine, sine * by_sine * -1.0))
@@ -114,7 +114,7 @@ def driven(e, count, rest_length, turning, choices, links, network, words):
 
 @inner
 def tension(e, square, closing, turning, shape, choices, links, network, words):
-    """Pull of a link per length [N/m]: spring of eq. 4.3 and damper along the link of eq. 4.4."""
+    """Tension of a link per length [N/m]: spring of eq. 4.3 and damper of eq. 4.4."""
     count = links.shape[0] // 6
     inverse = inverse_length(square)
     rest_length = get(shape, REST * count + e)
@@ -132,7 +132,7 @@ def tension(e, square, closing, turning, shape, choices, links, network, words):
 def block_forces(first, other, turning, shape, choices, state, links, network, words):
     """Forces of all links on the nodes of a block of networks.
 
-    Nodes from last to first and links by their far ends: the order of `single_forces`.
+    Nodes from last to first and links by their far ends, in the same order as `single_forces`.
     """
     nodes, rows, count = first.size - 1, state.shape[0] // 6, links.shape[0] // 6
     side, up, f, r, u = nodes, rows - nodes, F * rows, R * rows, U * rows
@@ -172,8 +172,8 @@ def block_forces(first, other, turning, shape, choices, state, links, network, w
 def single_forces(near, far, turning, shape, choices, state, links, network, words):
     """Forces of all links on the nodes of one network, run by run.
 
-    Run e joins nodes near[e], near[e] + 1, … to far[e], far[e] + 1, …; what is missing to
-    `WIDTH` links has no stiffness and no damping.
+    Run e joins nodes near[e], near[e] + 1, … to far[e], far[e] + 1, …; links missing to
+    `WIDTH` have no stiffness and no damping.
     """
     count, values = links.shape[0] // 6, state.reshape(-1)
     size = values.size // 6
@@ -208,7 +208,7 @@ def single_forces(near, far, turning, shape, choices, state, links, network, wor
 
 @inner
 def jolt(masses, scales, choices, state, words, running, push):
-    """Impulse noise: now and then one node is pushed for a while, drawn for each network.
+    """Impulse noise: random pushes on single nodes, drawn for each network.
 
     A push begins in a step with probability `JOLT_RATE` and lasts `JOLT_HOLD` steps; its
     components are uniform within ± `JOLT_SIZE` times the mean absolute acceleration then.
@@ -216,7 +216,7 @@ def jolt(masses, scales, choices, state, words, running, push):
     width, dimension = words.size, 3 if choices[THREE] else 2
     nodes, size = choices[NODES], state.size // 6
     values, mass = state.reshape(-1), masses.reshape(-1)
-    stride = size // dimension  # of an axis; a network alone has room to spare
+    stride = size // dimension  # rows of one axis, including padding
     for w in range(width):
         word = next_word(words[w])
         if (word >> np.uint64(11)) * 2.0**-53 < scales[JOLT_RATE]:
@@ -242,7 +242,7 @@ def jolt(masses, scales, choices, state, words, running, push):
 
 @inner
 def kick(masses, scales, state):
-    """Acceleration from force, and the second half of the change of velocity."""
+    """Acceleration from force, and the second half of the velocity update."""
     nodes, rows, half_step = masses.shape[0] // 2, state.shape[0] // 6, 0.5 * scales[STEP]
     for i in range(nodes):
         light = get(masses, nodes + i)
@@ -254,7 +254,7 @@ def kick(masses, scales, state):
 
 @inner
 def forces(near, far, turning, shape, choices, state, links, network, words):
-    """Forces of all links: of a network alone, whose `shape` has lanes, or of a block."""
+    """Forces of all links of a single network, whose `shape` has lanes, or of a block."""
     if shape.ndim == 2:
         single_forces(near, far, turning, shape, choices, state, links, network, words)
     else:
@@ -266,7 +266,7 @@ def advance(
     tick, steps, every, near, far, shape, masses, scales, choices,
     state, links, network, words, jolt_words, running, push, samples,
 ):  # fmt: skip
-    """Run `steps` steps from step number `tick`; `samples` takes x, v, a each `every` steps."""
+    """Run `steps` steps from step number `tick`; `samples` receives x, v, a each `every` steps."""
     rows = 3 * (state.shape[0] // 6)
     for k in range(tick + 1, tick + steps + 1):
         drift(masses, scales, choices, state)
@@ -288,7 +288,7 @@ def advance_blocks(
     begin, end, tick, steps, every, near, far, shape, masses, scales, choices,
     state, links, network, words, jolt_words, running, push, samples,
 ):  # fmt: skip
-    """`advance` for the blocks begin … end - 1 of a population, one after the other."""
+    """`advance` for the blocks begin … end - 1 of a population, in sequence."""
     for b in range(begin, end):
         advance(
             tick, steps, every, near, far, shape, masses, scales, choices, state[b],
@@ -298,7 +298,7 @@ def advance_blocks(
 
 @outer
 def settle(near, far, shape, masses, scales, choices, state, links, network, words):
-    """Acceleration of the first instant; positions and velocities are left alone."""
+    """Initial acceleration; positions and velocities are not changed."""
     nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
     for row in range(rows):
         speed = get(state, V * rows + row)

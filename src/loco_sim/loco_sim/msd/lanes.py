@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Eight numbers at a time in numba, for kernels over a population or over links.
+"""SIMD vectors of eight doubles in numba, for kernels over a population or over links.
 
-LLVM does not vectorise a loop whose arrays might overlap, so the vector is a numba type of
-its own, with `get`, `put`, `fma`, `inverse_length` and ``+ - *``. Every operation is rounded
-as IEEE 754 says and no compiler flag lets any be reordered, so a sum has the same bits in
-whichever lane it is taken.
+LLVM does not vectorise loops over arrays that might overlap, so the vector is a separate numba
+type with `get`, `put`, `fma`, `inverse_length` and ``+ - *``. Every operation is rounded
+according to IEEE 754 and not reordered by the compiler, so a sum is bit-identical in every
+lane.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from numba.core import cgutils
 from numba.core.datamodel import models, register_default
 from numba.extending import intrinsic, overload
 
-WIDTH = 8  # doubles of one AVX-512 register; narrower processors take two or four turns
+WIDTH = 8  # doubles of one AVX-512 register; narrower processors need two or four operations
 
 DOUBLE, FLOAT, INT = ir.DoubleType(), ir.FloatType(), ir.IntType(64)
 
 
 class LanesType(types.Type):
-    """`WIDTH` doubles."""
+    """Type of a vector of `WIDTH` doubles."""
 
     def __init__(self):
         super().__init__(name=f"lanes{WIDTH}")
 
 
 class BitsType(types.Type):
-    """`WIDTH` words of 64 bits: states of random streams."""
+    """Type of a vector of `WIDTH` 64-bit words: states of random streams."""
 
     def __init__(self):
         super().__init__(name=f"bits{WIDTH}")
@@ -51,7 +51,7 @@ class _BitsModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(INT, WIDTH))
 
 
-# ---- LLVM text of the operations, for a scalar or a vector
+# ---- LLVM text of the operations, for scalars or vectors
 
 
 def _constant(kind, value):
@@ -61,7 +61,7 @@ def _constant(kind, value):
 
 
 def _like(kind, element):
-    """`element` as a type of the same width as `kind`."""
+    """The type `element`, as a vector if `kind` is one."""
     return ir.VectorType(element, kind.count) if isinstance(kind, ir.VectorType) else element
 
 
@@ -86,9 +86,9 @@ def _splat(builder, value):
 
 
 def _inverse_root(builder, x):
-    """1 / sqrt(x): a seed in single precision and one step of third order, right to an ulp.
+    """1 / sqrt(x): a single-precision estimate and one third-order iteration, accurate to an ulp.
 
-    Half the time of a square root and a division in double precision.
+    Takes half the time of a square root and a division in double precision.
     """
     kind = x.type
     single = builder.fptrunc(x, _like(kind, FLOAT))
@@ -109,7 +109,7 @@ def _next(builder, word):
 def _bell(builder, word):
     """Sum of the eight bytes of a word, shifted and scaled to mean 0 and variance 1.
 
-    A normal number but for its reach of 4.9 and an excess kurtosis of -0.15.
+    Approximately normal, limited to ±4.9, with an excess kurtosis of -0.15.
     """
     kind = word.type
     low = _constant(kind, 0x00FF00FF00FF00FF)
@@ -124,7 +124,7 @@ def _bell(builder, word):
     return builder.fmul(centred, _constant(number.type, (8 * (256**2 - 1) / 12) ** -0.5))
 
 
-# ---- the same as functions of numba
+# ---- the same operations as numba functions
 
 
 def _wide(context, builder, kind, value):
@@ -162,7 +162,7 @@ for _symbol, _method in ((operator.add, "fadd"), (operator.sub, "fsub"), (operat
 
 @intrinsic
 def fma(typing, a, b, c):
-    """A times b plus c, rounded once; for numbers or lanes, mixed."""
+    """Fused a b + c, rounded once, for numbers, vectors or both."""
     lanes = any(_is_lanes(k) for k in (a, b, c))
 
     def code(context, builder, signature, values):
@@ -178,7 +178,7 @@ def fma(typing, a, b, c):
 
 @intrinsic
 def inverse_length(typing, square):
-    """One over the square root of a number or of lanes, to an ulp."""
+    """Inverse square root of a number or vector, accurate to an ulp."""
 
     def code(context, builder, signature, values):
         return _inverse_root(builder, values[0])
@@ -188,7 +188,7 @@ def inverse_length(typing, square):
 
 @intrinsic
 def where_negative(typing, x, yes, no):
-    """`yes` where x < 0, else `no`; all three numbers or all lanes."""
+    """`yes` where x < 0, else `no`; all three are numbers or all vectors."""
 
     def code(context, builder, signature, values):
         x, yes, no = values
@@ -209,7 +209,7 @@ def next_word(typing, word):
 
 @intrinsic
 def bell(typing, word):
-    """Nearly normal number(s) of mean 0 and variance 1 from the state of a stream."""
+    """Approximately normal random number(s) of mean 0 and variance 1 from the state of a stream."""
 
     def code(context, builder, signature, values):
         return _bell(builder, values[0])
@@ -230,7 +230,7 @@ def _vector(array):
 
 @intrinsic
 def span(typing, array, first):
-    """`WIDTH` elements of a flat contiguous array, from element number `first`."""
+    """Vector of `WIDTH` elements of a flat contiguous array, from index `first`."""
 
     def code(context, builder, signature, values):
         pointer = _pointer(context, builder, signature.args[0], *values)
@@ -241,7 +241,7 @@ def span(typing, array, first):
 
 @intrinsic
 def put_span(typing, array, first, value):
-    """Write what `span` reads."""
+    """Write a vector to the elements that `span` reads."""
 
     def code(context, builder, signature, values):
         pointer = _pointer(context, builder, signature.args[0], values[0], values[1])
@@ -253,9 +253,9 @@ def put_span(typing, array, first, value):
 
 @intrinsic
 def get(typing, array, i):
-    """Row i of a contiguous (n, WIDTH) array as lanes, of an (n,) array as a number.
+    """Row i of a contiguous (n, WIDTH) array as a vector, of an (n,) array as a number.
 
-    Unlike ``array[i]`` it counts no reference and knows no index from the end.
+    Unlike ``array[i]`` it has no reference counting and no negative indices.
     """
     is_flat = array.ndim == 1
 
@@ -272,7 +272,7 @@ def get(typing, array, i):
 
 @intrinsic
 def put(typing, array, i, value):
-    """Write lanes to row i of a contiguous (n, WIDTH) array."""
+    """Write a vector to row i of a contiguous (n, WIDTH) array."""
 
     def code(context, builder, signature, values):
         first = builder.mul(values[1], ir.Constant(INT, WIDTH))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order in which the numbers of a network, or of a population, lie in the kernels' lanes."""
+"""Memory layout of the data of a network or a population in the kernels' lanes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from .network import Network
 
 
 class Alone:
-    """One network: lanes are neighbouring nodes, and links that join neighbours to neighbours.
+    """Layout of one network: lanes are neighbouring nodes, and links between neighbours.
 
-    Nodes are padded so that `WIDTH` of them can be read from any node on.
+    Nodes are padded so that `WIDTH` of them can be read from any index.
     """
 
     def __init__(self, network: Network):
@@ -31,18 +31,18 @@ class Alone:
         return self.links(values)
 
     def masses(self, masses: np.ndarray) -> np.ndarray:
-        """Mass and its inverse; a missing node has neither, so nothing moves it."""
+        """Masses and their inverses; both are 0 for padding nodes, which therefore never move."""
         padded = np.zeros((2, self.blocks * WIDTH))
         padded[0, : self.nodes], padded[1, : self.nodes] = masses, 1.0 / masses
         return padded.reshape(-1, WIDTH)
 
     def links(self, values: np.ndarray) -> np.ndarray:
-        """The same as `shape`, of values that each network has its own."""
+        """As `shape`, for values that are individual for each network."""
         rows = np.where(self.slots < 0, values.dtype.type(0), values[..., self.slots])
         return np.ascontiguousarray(rows.reshape(-1, WIDTH))
 
     def numbers(self, values: np.ndarray) -> np.ndarray:
-        """Numbers of the network as they are, (n,)."""
+        """Numbers of the network, unchanged, (n,)."""
         return np.array(values)
 
     def nodes_in(self, values: np.ndarray) -> np.ndarray:
@@ -52,13 +52,13 @@ class Alone:
         return padded.reshape(-1, WIDTH)
 
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
-        """The inverse of `nodes_in`, with the same axes in front of rows and nodes."""
+        """Inverse of `nodes_in`; leading axes are retained."""
         values = rows.reshape(*rows.shape[:-2], self.axes, self.blocks * WIDTH)
         return np.moveaxis(values[..., : self.nodes], -2, -1).copy()
 
 
 class Blocks:
-    """A population: lanes are networks. What is missing to a full block repeats the last one."""
+    """Layout of a population: lanes are networks; the last network is repeated to fill a block."""
 
     def __init__(self, network: Network, size: int):
         self.nodes, self.axes, self.size = network.nodes, network.dimension, size
@@ -69,7 +69,7 @@ class Blocks:
         self.who = np.minimum(np.arange(self.count * WIDTH), size - 1)
 
     def shape(self, values: np.ndarray) -> np.ndarray:
-        """Numbers of the links, the same for all networks, (parts * links,)."""
+        """Numbers of the links, equal for all networks, (parts * links,)."""
         return values.reshape(-1).copy()
 
     def masses(self, masses: np.ndarray) -> np.ndarray:
@@ -90,14 +90,14 @@ class Blocks:
         return self.numbers(np.swapaxes(values, 1, 2).reshape(self.size, -1))
 
     def nodes_out(self, rows: np.ndarray) -> np.ndarray:
-        """The inverse of `nodes_in`; axes between blocks and rows stay where they are."""
+        """Inverse of `nodes_in`; axes between blocks and rows are retained."""
         first = np.moveaxis(rows, -1, 1)  # (blocks, WIDTH, …, axes * nodes)
         values = first.reshape(-1, *first.shape[2:-1], self.axes, self.nodes)[: self.size]
         return np.swapaxes(values, -2, -1).copy()
 
 
 def _runs(links: np.ndarray) -> list[list[tuple[int, int]]]:
-    """Links in runs (i, j), (i + 1, j + 1), … of at most `WIDTH`, sorted by j - i and i."""
+    """Links grouped in runs (i, j), (i + 1, j + 1), … of at most `WIDTH`, sorted by j - i and i."""
     order = np.lexsort((links[:, 0], links[:, 1] - links[:, 0]))
     runs: list[list[tuple[int, int]]] = []
     for a, b in links[order]:

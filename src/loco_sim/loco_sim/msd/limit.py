@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The speed that the arithmetic of a step could have: its operations, nothing else, on full lanes.
+"""Lower bound of the time of a step: its arithmetic operations alone, on full SIMD lanes.
 
-Measured with operations that do not wait for each other and never touch memory. What a real
-step has on top are loads, stores and waiting.
+It is measured with independent operations without memory access. A real step also has loads,
+stores and latencies.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from .integrator import outer
 from .lanes import WIDTH, fma, get, inverse_length, put
 
 # Operations of `integrator` in two dimensions with dampers along the links; each addition,
-# product or fused pair counts as one. Those of `inverse_length` are in its own time.
+# product or fused pair counts as one. `inverse_length` is timed separately.
 PER_LINK = 30  # 4 differences, 4 of square and closing, 6 drive, 10 force, 6 sums
 PER_NODE = 2 * 11 + 2  # each axis: 5 drift, 2 ground, 1 drag, 3 kick; and the height
 
 
 @outer
 def _products(turns, values):
-    """Eight chains of fused multiply-adds, 8 per turn."""
+    """Eight independent chains of fused multiply-adds, 8 per iteration."""
     a, b, c, d = get(values, 0), get(values, 1), get(values, 2), get(values, 3)
     e, f, g, h = get(values, 4), get(values, 5), get(values, 6), get(values, 7)
     by, plus = get(values, 8), get(values, 9)
@@ -35,7 +35,7 @@ def _products(turns, values):
 
 @outer
 def _roots(turns, values):
-    """Eight chains of inverse lengths, 8 per turn."""
+    """Eight independent chains of inverse lengths, 8 per iteration."""
     a, b, c, d = get(values, 0), get(values, 1), get(values, 2), get(values, 3)
     e, f, g, h = get(values, 4), get(values, 5), get(values, 6), get(values, 7)
     for _ in range(turns):
@@ -46,7 +46,7 @@ def _roots(turns, values):
 
 @cache
 def operation_times() -> tuple[float, float]:
-    """Seconds per fused multiply-add and per inverse length, of one number in full lanes."""
+    """Time per fused multiply-add and per inverse length, for one number in full lanes [s]."""
     values = np.full((10, WIDTH), 0.5)
     best = [np.inf, np.inf]
     for _ in range(12):

@@ -15,19 +15,19 @@ from .params import MsdParams
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Nodes joined by links, checked; links are sorted by their ends, the lower one first.
+    """Validated network of nodes and links, sorted by their end nodes, the lower one first.
 
     Args:
-        positions: Positions of the nodes at first [m], (nodes, 2) as x, z or (nodes, 3) as x, y, z.
+        positions: Initial positions of the nodes [m], (nodes, 2) as x, z or (nodes, 3) as x, y, z.
         links: The two nodes of each link, (links, 2).
         masses: Masses of the nodes [kg], (nodes,) or one for all.
         stiffness: Stiffness of the springs [N/m], (links,) or one for all.
         damping: Coefficients of the dampers [N·s/m], (links,) or one for all.
-        rest: Lengths at which the springs are slack [m], (links,); None is as they are placed.
+        rest: Rest lengths of the springs [m], (links,); None for the initial distances.
 
     Raises:
-        ParameterError: Shapes do not fit, nodes are not connected, a link joins a node to
-            itself or has no length or is there twice, a mass is not positive, or a
+        ParameterError: Shapes do not fit, the network is not connected, a link joins a node to
+            itself, has zero length or is duplicated, a mass is not positive, or a
             stiffness or damping is negative.
     """
 
@@ -82,7 +82,7 @@ class Network:
 
     @property
     def dimension(self) -> int:
-        """2 or 3; the last axis points up."""
+        """Number of axes, 2 or 3; the last axis points up."""
         return self.positions.shape[1]
 
 
@@ -90,7 +90,7 @@ def chain(params: MsdParams | None = None) -> Network:
     """Network of section 4.1.1: nodes in a row, each joined to its nearest neighbours.
 
     Nodes 0, 2, 4 … lie on an arch, the others on the ground; in three dimensions they are
-    also spread sideways, left, middle, right in turn.
+    also spread sideways, alternating left, middle, right.
     """
     p = params or MsdParams()
     i = np.arange(p.nodes)
@@ -110,7 +110,7 @@ def _finite(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _each(name: str, values: np.ndarray | float, count: int) -> np.ndarray:
-    """One value for each of `count` things."""
+    """Array with one value per node or link, (count,)."""
     values = _finite(name, np.array(values, float))
     if values.ndim == 0:
         return np.full(count, float(values))
@@ -151,7 +151,7 @@ def _sorted_links(links: Sequence, nodes: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _check_connected(links: np.ndarray, nodes: int) -> None:
-    """Refuse a graph of several parts, naming a node that is not reached."""
+    """Refuse a graph that is not connected, naming an unreachable node."""
     group = np.arange(nodes)
     for _ in range(nodes):
         low = np.minimum(group[links[:, 0]], group[links[:, 1]])

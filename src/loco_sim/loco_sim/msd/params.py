@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constants of the networks under two presets: as the thesis writes, and as its code did."""
+"""Parameters of the networks, with two presets: the text of the thesis, and its code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from loco_control.params import Params, parameter
 
 @dataclass(frozen=True)
 class MsdParams(Params):
-    """A chain of masses and what acts on it. Defaults are the preset ``thesis``."""
+    """A chain of masses, its forces and its integration. Defaults are the preset ``thesis``."""
 
     nodes: int = parameter(20, "nodes, I", low=2, high=10000)
     connections: int = parameter(
@@ -57,7 +57,7 @@ class MsdParams(Params):
 
 @dataclass(frozen=True)
 class NoiseParams(Params):
-    """Disturbances of a network while its gait is searched."""
+    """Disturbances of a network during the optimisation of its gait."""
 
     actuation: float = parameter(
         0.0, "standard deviation of white noise on each relative amplitude, each step", low=0.0
@@ -73,10 +73,10 @@ class NoiseParams(Params):
 
 @dataclass(frozen=True)
 class Preset:
-    """One reading of the model."""
+    """One variant of the model."""
 
     params: MsdParams
-    noise: NoiseParams  # during an optimisation
+    noise: NoiseParams  # disturbances during an optimisation
     about: str
 
 

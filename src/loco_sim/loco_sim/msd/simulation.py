@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mass-spring-damper network that runs, alone or as a population in lanes."""
+"""Simulation of a mass-spring-damper network, or of a population of networks in SIMD lanes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Drive:
     """
 
     amplitude: np.ndarray  # a [-], (links,) or (networks, links)
-    phase: np.ndarray  # phi [rad], the same shape
+    phase: np.ndarray  # phi [rad], same shape
     frequency: np.ndarray | float = 1.0  # f [Hz], one number or (networks,)
-    stiffness: np.ndarray | None = None  # k [N/m], the same shape; None leaves the network's
+    stiffness: np.ndarray | None = None  # k [N/m], same shape; None for the network's
 
 
 class History(NamedTuple):
@@ -43,15 +43,15 @@ class History(NamedTuple):
 
 
 class MsdSimulation:
-    """Network, ground and actuation, advanced by fixed steps; keeps nothing of the past.
+    """Network, ground and actuation, integrated with fixed steps; motion is not recorded.
 
     Args:
         network: Nodes and links.
-        params: Gravity, drag, ground, integrator and step; its structure is not read.
-        drive: Actuation; None is passive. A drive of several networks makes a population,
+        params: Gravity, drag, ground, integrator and step; chain structure unused.
+        drive: Actuation; None for a passive network. A drive of several networks makes a population,
             and all arrays get an axis of networks in front.
         noise: Disturbances of the network.
-        seed: Seed of the noise; for a population one per network, or one to count up from.
+        seed: Seed of the noise; for a population one per network, or the first of a series.
         threads: Number of threads that share a population.
 
     Raises:
@@ -80,7 +80,7 @@ class MsdSimulation:
         self.replace(drive, seed)
 
     def replace(self, drive: Drive, seed: int | np.ndarray = 0) -> None:
-        """Take another drive of the same number of networks, and start again.
+        """Replace the drive by one for the same number of networks, and reset.
 
         Raises:
             ParameterError: As the constructor.
@@ -124,7 +124,7 @@ class MsdSimulation:
         self._masses = self._layout.masses(network.masses)
 
     def reset(self) -> None:
-        """Back to the first instant, at rest, with the same noise to come."""
+        """Reset to the initial state at rest, with the same noise."""
         self.tick, self._is_outdated = 0, False
         network, lead = self.network, self._lead
         one = np.ones_like(self.phase)
@@ -153,7 +153,7 @@ class MsdSimulation:
         self.place(zeros + network.positions, zeros)
 
     def place(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Put the nodes somewhere [m] with velocities [m/s], each (nodes, axes)."""
+        """Set positions [m] and velocities [m/s] of the nodes, each (nodes, axes)."""
         shape = (*self._lead, *self.network.positions.shape)
         parts = [
             self._layout.nodes_in(_reshape(name, values, shape))
@@ -173,7 +173,7 @@ class MsdSimulation:
             )  # fmt: skip
 
     def run(self, steps: int, every: int = 0) -> History | None:
-        """Advance `steps` steps; keep each `every`-th of them, or nothing.
+        """Advance `steps` steps; record every `every`-th step, or nothing for 0.
 
         Raises:
             ParameterError: `steps` is not a multiple of `every`.
@@ -192,7 +192,7 @@ class MsdSimulation:
         return History(t, *(np.ascontiguousarray(out[..., k, :, :]) for k in range(3)))
 
     def step(self, factor: np.ndarray | None = None) -> None:
-        """Advance one step; `factor` (links,) sets the driven lengths over the rest lengths."""
+        """Advance one step; `factor` (links,) sets the driven length / rest length."""
         if factor is not None:
             rows = self._layout.links(np.asarray(factor, float)[..., None, :])
             first = kernel.FACTOR * rows.shape[-2]
@@ -222,7 +222,7 @@ class MsdSimulation:
         self.tick += steps
 
     def _catch_up(self) -> None:
-        """Sines of the drive at this tick, after steps that were driven from outside."""
+        """Recompute the sines of the drive at this tick, after steps with external `factor`."""
         t = self.tick * self.params.step
         for block in range(len(self._links)) if self._lead else [...]:
             kernel.exact_sines(t, self._links[block], self._network[block])
@@ -238,17 +238,17 @@ class MsdSimulation:
 
     @property
     def position(self) -> np.ndarray:
-        """Of the nodes [m], (nodes, axes), the last axis up."""
+        """Positions of the nodes [m], (nodes, axes), the last axis up."""
         return self._part(kernel.X)
 
     @property
     def velocity(self) -> np.ndarray:
-        """Of the nodes [m/s], (nodes, axes)."""
+        """Velocities of the nodes [m/s], (nodes, axes)."""
         return self._part(kernel.V)
 
     @property
     def acceleration(self) -> np.ndarray:
-        """Of the nodes [m/s²], (nodes, axes)."""
+        """Accelerations of the nodes [m/s²], (nodes, axes)."""
         return self._part(kernel.A)
 
     def check_finite(self) -> None:
@@ -272,7 +272,7 @@ def _reshape(name: str, values: np.ndarray | float, shape: tuple[int, ...]) -> n
 
 
 def _streams(seed: np.ndarray, count: int) -> np.ndarray:
-    """First words of `count` random streams of each seed, (…, count); none is 0.
+    """Initial states of `count` random streams of each seed, (…, count), never 0.
 
     Splitmix64 of Steele, Lea and Flood (2014).
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The largest step with which the integration of a network does not blow up."""
+"""Largest stable integration step of a network."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def check_step(network: Network, params: MsdParams, stiffness: np.ndarray | None
     """Refuse a step that is too large for the stiffest, most damped motion of a network.
 
     Raises:
-        ParameterError: The step is above `largest_step`; the message says the limit.
+        ParameterError: The step is above `largest_step`; the message states the limit.
     """
     limit = largest_step(network, params, stiffness)
     if params.step > limit:
@@ -26,16 +26,16 @@ def check_step(network: Network, params: MsdParams, stiffness: np.ndarray | None
 
 
 def largest_step(network: Network, params: MsdParams, stiffness: np.ndarray | None = None) -> float:
-    """Largest stable step [s] of the linearised network, on the safe side.
+    """Conservative estimate of the largest stable step of the linearised network [s].
 
-    The fastest modes of springs and dampers are bounded by those of links that all pull
-    along one axis, whatever their directions are (the largest eigenvalue of the weighted
-    graph Laplacian over the masses). The bound is exact for a chain of links in line.
+    The fastest modes of springs and dampers are bounded by those of links that are all parallel
+    (the largest eigenvalue of the weighted graph Laplacian over the masses). The bound is exact
+    for a straight chain of links.
 
     Args:
         network: Nodes and links.
         params: Drag and integrator.
-        stiffness: k of the links [N/m] instead of the network's, such as the largest of a
+        stiffness: k of the links [N/m] in place of the network's, e.g. the maximum over a
             population.
     """
     k = network.stiffness if stiffness is None else stiffness
@@ -47,7 +47,7 @@ def largest_step(network: Network, params: MsdParams, stiffness: np.ndarray | No
 
 
 def _largest_eigenvalue(network: Network, weights: np.ndarray) -> float:
-    """Of the weighted Laplacian of the graph over the masses, by a few power iterations."""
+    """Largest eigenvalue of the weighted graph Laplacian over the masses, by power iterations."""
     i, j = network.links.T
     scale = 1.0 / np.sqrt(network.masses)
     x = np.cos(2.5 * np.arange(network.nodes)) + 0.01 * np.arange(network.nodes)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first robot folder from any URDF: what is in it is read, what is not is guessed and said."""
+"""Creation of a robot folder from a URDF; missing values are guessed and reported."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot as bodies behind moving joints: places, weights and inertia."""
+"""Kinematics and dynamics of a robot as a tree of bodies: poses, weights and inertia."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ class Body:
 
     Attributes:
         joints: Moving joints from the base outwards, (n,).
-        above: Joint before each joint, -1 is the base.
-        slides: Flag of each joint that slides, (n,) bool.
+        above: Index of the parent of each joint, -1 for the base.
+        slides: Whether each joint is prismatic, (n,) bool.
         low: Smallest position of each joint [rad or m], (n,); infinite without limits.
         high: Largest position of each joint [rad or m], (n,); infinite without limits.
         damping: Viscous damping of each joint [N·m·s/rad], (n,).
-        armature: Inertia of rotor and gear that each joint feels besides [kg·m²], (n,).
+        armature: Inertia of rotor and gear of each joint [kg·m²], (n,).
         stiffness: Stiffness of the spring of each joint [N·m/rad or N/m], (n,).
-        rest: Position at which that spring is slack [rad or m], (n,).
-        links: Names of the links of each body, by index.
+        rest: Rest position of that spring [rad or m], (n,).
+        links: Names of the links of each body, by index of the body.
         mass: Mass of each body [kg], (n + 1,), the base last.
     """
 
     def __init__(self, description: Description, rotors: Rotors | None = None):
-        """Read the tree.
+        """Build the tree from a description.
 
         Args:
             description: The robot.
             rotors: Rotors and springs of its joints.
 
         Raises:
-            ParameterError: A joint moves what has no inertia that a body can have.
+            ParameterError: The inertia behind a joint is physically impossible.
         """
         listed = tuple(description.joint_types())
         tree, order, frames = trees.build(description, listed)
@@ -81,19 +81,19 @@ class Body:
         return path[::-1]
 
     def path(self, k: int) -> list[int]:
-        """Joints from the base to body k, itself last."""
+        """Joints from the base to body k, joint k last."""
         return self._path[k] if k >= 0 else []
 
     def frame(self, link: str) -> trees.Frame:
-        """Place and rotation of a link in the frame of its body."""
+        """Position and rotation of a link in the frame of its body."""
         return self._frames[link]
 
     def ends(self) -> list[int]:
-        """Bodies on which no other hangs."""
+        """Bodies without children."""
         return [k for k in range(len(self.joints)) if k not in self.above]
 
     def nominal(self) -> np.ndarray:
-        """Zero where the range allows it, else the nearest position a tenth inside, (n,)."""
+        """Nominal positions, (n,): zero, or the nearest position a tenth of the range inside."""
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, 0.0)
         low = np.where(np.isfinite(self.low), self.low, -np.inf)
         inside = (low <= 0.0) & (self.high >= 0.0)
@@ -118,7 +118,7 @@ class Body:
         return turn, place
 
     def axes(self, turn: np.ndarray) -> np.ndarray:
-        """Direction of each joint's axis in the base frame, (n, 3); `turn` as of `forward`."""
+        """Direction of each joint's axis in the base frame, (n, 3); `turn` as in `forward`."""
         return np.einsum("kij,kj->ki", turn[:-1], self._axis)
 
     def centre(self, q: np.ndarray) -> np.ndarray:
@@ -142,16 +142,16 @@ class Body:
         return moved
 
     def weight_torque(self, q: np.ndarray, feet: list[int], points: np.ndarray) -> np.ndarray:
-        """Torque with which each joint carries the robot at rest, base level [N·m], (n,).
+        """Static torque of each joint for the robot at rest with a level base [N·m], (n,).
 
-        Springs are held as well.
+        It includes the torque that holds the spring of the joint.
 
-        The ground pushes upwards at `points` so that forces and moments balance, in the
-        sense of least squares; without feet the base is held.
+        Vertical ground forces at `points` balance forces and moments in the sense of least
+        squares; without feet the base is fixed.
 
         Args:
             q: Joint positions, (n,).
-            feet: Bodies that stand, m.
+            feet: Bodies in ground contact, m.
             points: Points of contact in the base frame [m], (m, 3).
         """
         frames = self.forward(q)
@@ -169,7 +169,7 @@ class Body:
         return tau
 
     def inertia(self, q: np.ndarray, bolted: bool) -> np.ndarray:
-        """Inertia that the joints feel [kg·m²], (n, n), the base free unless it is bolted."""
+        """Joint-space inertia [kg·m²], (n, n), with a free base unless it is bolted."""
         frames = self.forward(q)
         turn, place = frames
         n = len(self.joints)
@@ -194,7 +194,7 @@ class Body:
 
 
 def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre of mass and inertia of the links that are fixed to the root."""
+    """Mass, centre of mass and inertia of the links fixed to the root."""
     mass, com, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
     for link in description.elements("link"):
         frame, inertial = frames[link.get("name")], link.find("inertial")

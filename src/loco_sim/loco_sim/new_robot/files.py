@@ -29,22 +29,22 @@ from .posture import Posture
 from .supports import Support
 from .trial import Outcome
 
-RATE = 250.0  # of commands [Hz]
-TILT = 0.8  # beyond which a robot has fallen [rad]
-TALL = 0.2  # share of its size
-LOW = 0.5  # share of its height below which it has
+RATE = 250.0  # control rate [Hz]
+TILT = 0.8  # tilt beyond which a robot has fallen [rad]
+TALL = 0.2  # base height, as a share of the size, from which a low base means a fall
+LOW = 0.5  # share of the base height below which a robot has fallen
 READ, GUESSED, TRIED = "read", "guessed", "tried"
 
 
 @dataclass
 class Draft:
-    """A robot on its way from a URDF to a folder.
+    """Intermediate state of the conversion of a URDF to a robot folder.
 
     Attributes:
-        urdf: The file it comes from.
-        tidied: The mended URDF.
+        urdf: Path of the original file.
+        tidied: The repaired URDF.
         notes: Sentences for the user.
-        turned: Sentences about turns of the base frame.
+        turned: Sentences about rotations of the base frame.
         guessed_limits: Joints whose limits of effort or velocity are guessed.
         mimics: Joints that follow another one in the URDF.
         legs: Section ``legs`` of ``robot.yaml``.
@@ -71,34 +71,34 @@ class Draft:
         return self.urdf.resolve().parent
 
     def text(self) -> str:
-        """The URDF as it is now."""
+        """Text of the current URDF."""
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode")
 
     def description(self) -> Description:
-        """The URDF as it is now, to be asked."""
+        """Description of the current URDF."""
         return Description(self.text())
 
     def body(self) -> Body:
-        """Its tree."""
+        """Tree of bodies of the current URDF."""
         return Body(self.description(), self.tidied.rotors)
 
     @property
     def loose(self) -> set[str]:
-        """Joints that a spring holds and nothing drives."""
+        """Joints with a spring and without a drive."""
         return self.tidied.rotors.idle & set(self.tidied.rotors.springs)
 
     def all_notes(self) -> list[str]:
-        """Notes about mended faults, then those about decisions."""
+        """Notes about repaired faults, then those about decisions."""
         extra = [f"commands made from those of the joints that they mimic: {listed(self.mimics)}"]
         return [*self.tidied.notes, *(extra if self.mimics else []), *self.notes]
 
 
 class Folder:
-    """A robot folder that is not where it belongs yet.
+    """A robot folder in a temporary location.
 
     Attributes:
-        kept: It has been moved to its place.
+        kept: Whether it has been moved to its final location.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Folder:
         (self._place / "robot.yaml").write_text(self._yaml(), encoding="utf-8")
 
     def robot(self) -> robots.Robot:
-        """The robot; without legs for the gait generator if its legs are not of that kind."""
+        """The robot; without the section `legs` if the gait generator does not support its legs."""
         try:
             return robots.load(self._place)
         except ParameterError as error:
@@ -140,7 +140,7 @@ class Folder:
             return robots.load(self._place)
 
     def keep(self) -> None:
-        """Write the rest and move the folder to its place."""
+        """Write the remaining files and move the folder to its final location."""
         robot = self.robot()
         if not picture(robot, self._place / "picture.png"):
             self._draft.notes.append("no picture, as nothing of it has a shape, length or mass")
@@ -192,7 +192,7 @@ class Folder:
         return "\n".join(lines) + "\n"
 
     def _springs(self) -> list[str]:
-        """Lines about the springs of the file, of joints that still move."""
+        """Lines about the springs in the file, for joints that are not locked."""
         springs = self._draft.tidied.rotors.springs
         lines = [
             f"  {_name(name)}: {{kind: linear, stiffness: {stiffness:.6g}, rest: {rest:.6g}}}"
@@ -202,7 +202,7 @@ class Folder:
         return ["springs:  # read", *lines] if lines else []
 
     def _tall(self) -> bool:
-        """The base is so high that a robot whose base is half as high has fallen."""
+        """Whether the base is high enough for a low base to indicate a fall."""
         return self._height > TALL * self._draft.size
 
     def _experiment(self, robot: robots.Robot) -> str:
@@ -228,7 +228,7 @@ class Folder:
         )
 
     def rows(self, outcome: Outcome, posture: Posture | None) -> list[tuple[str, str, str]]:
-        """Rows of the table: a property, its value, its origin."""
+        """Rows of the report table: a property, its value, its origin."""
         draft, body, gains = self._draft, self._body, self._gains
         mass, wheels = body.mass.sum(), sum(s.wheel for s in self._found)
         slides = int(body.slides.sum())
@@ -283,7 +283,7 @@ class Folder:
 
 
 def _name(name: str) -> str:
-    """A name as YAML takes it: in quotes where it would be read as a number or worse."""
+    """A name as a YAML scalar, in quotes where YAML would not read it as text."""
     return yaml.safe_dump(name, default_flow_style=True, width=1000).split("\n")[0]
 
 
@@ -296,17 +296,17 @@ def written(
     draft: Draft, out: Path, body: Body, q: np.ndarray, gains: Gains, found: list[Support],
     height: float, amplitude: np.ndarray | None = None,
 ) -> Iterator[Folder]:  # fmt: skip
-    """A robot folder for a trial; it is gone afterwards unless it was kept.
+    """Context of a temporary robot folder for a trial; it is deleted at the end unless kept.
 
     Args:
         draft: The robot.
-        out: Final place of the folder.
+        out: Final location of the folder.
         body: Tree of the robot.
         q: Standing posture, (n,).
         gains: Gains of the drives.
-        found: Supports of the robot; none for a bolted one.
+        found: Supports of the robot; empty for a fixed base.
         height: Height of the base [m].
-        amplitude: Swing of each joint of a bolted robot, (n,).
+        amplitude: Swing amplitude of each joint of a fixed-base robot [rad or m], (n,).
     """
     above = next(p for p in out.resolve().parents if p.is_dir())
     place = Path(tempfile.mkdtemp(dir=above, prefix=f".{out.name}."))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of the legs: by the names of joints and links, or by their places."""
+"""Assignment of legs (front or hind, left or right) by joint and link names, or by position."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PLACES = dict(zip(LEGS, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
 
 
 def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | None:
-    """Rotation about z that brings what is named front to +x; None if it is there or unnamed.
+    """Rotation about z that turns limbs named front to +x; None if not needed or not named.
 
     Args:
         body: The robot.
@@ -38,7 +38,7 @@ def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | 
 
 
 def _said(body: Body, support: Support) -> tuple[int, int]:
-    """Place of a limb by the names of its joints and links."""
+    """Position of a limb by its joint and link names, as in `side_of`."""
     names = [body.joints[j] for j in support.chain]
     names += [link for j in support.chain for link in body.links[j]]
     said = [side_of(name) for name in names]
@@ -49,7 +49,7 @@ def _said(body: Body, support: Support) -> tuple[int, int]:
 
 
 def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dict[str, str]]:
-    """The section ``legs`` of a quadruped with three hinges a leg; empty for other robots."""
+    """The section ``legs`` of a quadruped with three hinges per leg; empty for other robots."""
     if len(found) != 4 or any(len(s.chain) != 3 or s.wheel for s in found):
         return {}
     if any(body.slides[j] for s in found for j in s.chain):

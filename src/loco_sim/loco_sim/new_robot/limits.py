@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effort and velocity limits of joints that name none, and swings that the efforts can hold."""
+"""Guessed effort and velocity limits of joints without limits, and feasible swing motions."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from ..robot.equipment import GRAVITY
 from .body import Body
 
-RESERVE = 5.0  # times the largest torque that holds the robot at rest
-SPEEDS_UP = 10.0  # acceleration that an effort is enough for [rad/s² or m/s²]
-TURNS_AT = 1.0  # speed against its damping that an effort is enough for [rad/s or m/s]
-POSES = 60  # drawn to find it
+RESERVE = 5.0  # effort limit / largest static torque
+SPEEDS_UP = 10.0  # acceleration that the effort must allow [rad/s² or m/s²]
+TURNS_AT = 1.0  # speed that the effort must allow against the damping [rad/s or m/s]
+POSES = 60  # number of random poses for the largest static torque
 PACE = 8.0  # joint velocity times sqrt(size / g) [-]
-SLIDES = 2.0  # velocity of a slide over sqrt(g size) [-]
-GRIP = 0.5  # of wheels: pull of all of them over the weight [-]
+SLIDES = 2.0  # velocity of a prismatic joint / sqrt(g size) [-]
+GRIP = 0.5  # traction of all wheels / weight [-]
 NO_FEET = np.zeros((0, 3))
-HOLDS = 0.6  # share of its effort that a swing may ask of a joint
-PLACES = 9  # over its range that a joint is tried at
-TURNS = 12  # joints that are moved at most, one after another
-SMALLEST = 8.0  # by which a swing is divided at most
+HOLDS = 0.6  # share of its effort limit that a swing may require of a joint
+PLACES = 9  # number of positions tried over the range of a joint
+TURNS = 12  # largest number of joints moved, in sequence
+SMALLEST = 8.0  # largest divisor of a swing
 
 
 def guess(
@@ -32,15 +32,15 @@ def guess(
     size: float,
     rng: np.random.Generator,
 ) -> list[str]:
-    """Write limits into the joints that have none; 0 counts as none.
+    """Set guessed limits of joints without limits; 0 counts as no limit.
 
     Args:
         root: Element of the robot, changed in place.
         body: Tree of the robot.
-        loads: Torque of each joint in the standing posture [N·m], (n,).
+        loads: Static torque of each joint in the standing posture [N·m], (n,).
         wheels: Radius of each wheel [m], by joint.
         size: Longest side of the robot [m].
-        rng: Draws poses.
+        rng: Random generator of poses.
 
     Returns:
         Names of the joints with a guessed limit.
@@ -71,11 +71,11 @@ def guess(
 
 
 def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.ndarray:
-    """Largest torque that a swing of all joints at once takes [N·m or N], (n,).
+    """Largest torque of each joint for a swing of all joints at once [N·m or N], (n,).
 
     Args:
         body: Tree of the robot.
-        q: Middle of the swing, (n,).
+        q: Centre of the swing [rad or m], (n,).
         amplitude: Swing of each joint [rad or m], (n,).
         pace: Angular frequency of the swing [rad/s].
     """
@@ -87,20 +87,20 @@ def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.n
 def held(
     body: Body, q: np.ndarray, amplitude: np.ndarray, effort: np.ndarray, pace: float
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """A swing that the efforts hold, the one that was given where they do.
+    """A swing within the effort limits, equal to the given one if that is feasible.
 
-    Joints are moved one by one, to where efforts are exceeded least: an arm that cannot hold itself
-    out hangs. A swing that is still too much is halved.
+    The centre is moved joint by joint to where the effort limits are exceeded least: an arm that
+    cannot hold itself horizontally hangs down. A swing that is still infeasible is halved.
 
     Args:
         body: Tree of the robot.
-        q: Middle of the swing, (n,).
+        q: Centre of the swing [rad or m], (n,).
         amplitude: Swing of each joint [rad or m], (n,).
         effort: Effort limits [N·m or N], (n,).
         pace: Angular frequency of the swing [rad/s].
 
     Returns:
-        Middle of the swing, (n,); its amplitude, (n,); sentences about what could not stay.
+        Centre of the swing, (n,); its amplitude, (n,); sentences about the changes.
     """
 
     def excess(at: np.ndarray) -> float:
@@ -110,7 +110,7 @@ def held(
     first, at = asked(body, q, amplitude, pace) / effort, q
     if (first <= HOLDS).all():
         return q, amplitude, []
-    low = np.maximum(body.low, -np.pi) + np.abs(amplitude)  # a turn more is the same posture
+    low = np.maximum(body.low, -np.pi) + np.abs(amplitude)  # a full turn more is the same posture
     high = np.minimum(body.high, np.pi) - np.abs(amplitude)
     for _ in range(TURNS):
         if excess(at) == 0.0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a URDF to a robot: read, guess, try in the engine, write.
+"""Conversion of a URDF to a robot folder: read, guess missing values, test in the engine, write.
 
 result = make(Path("a1.urdf"), Path("a1"))
 result.rows      # what was found and what was guessed
@@ -27,7 +27,7 @@ from .posture import LEVEL, Posture, Search
 from .supports import Probe, Support, probe, stands_at, supports
 
 HALF = 0.5**0.5
-UPWARDS = {  # orientation of the base, x y z w, that turns an axis of it upwards
+UPWARDS = {  # orientation of the base, x y z w, that turns the named axis upwards
     "z": (0.0, 0.0, 0.0, 1.0), "y": (HALF, 0.0, 0.0, HALF), "-y": (-HALF, 0.0, 0.0, HALF),
     "x": (0.0, -HALF, 0.0, HALF), "-x": (0.0, HALF, 0.0, HALF), "-z": (1.0, 0.0, 0.0, 0.0),
 }  # fmt: skip
@@ -36,22 +36,22 @@ ARMS = (
     "locked for the gait, which moves legs alone (to move them make them revolute in the URDF "
     "and take `legs` out of robot.yaml)"
 )
-SEED = 0  # of what is drawn: the same URDF gives the same robot
-SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a slide [m]
-SHARE = 0.2  # of its range that a joint swings to each side
-POSES = 200  # drawn to see how far down a bolted robot reaches
-ROOM = 0.1  # under what moves on a bolted robot [m]
+SEED = 0  # seed of random draws: the same URDF gives the same robot
+SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a prismatic joint [m]
+SHARE = 0.2  # share of its range that a joint swings to each side
+POSES = 200  # random poses for the lowest reach of a fixed-base robot
+ROOM = 0.1  # clearance below the moving links of a fixed-base robot [m]
 
 
 @dataclass
 class Result:
-    """A robot folder and the reasons for its contents.
+    """A new robot folder with a report on its contents.
 
     Attributes:
         folder: The robot's folder.
         rows: Rows of a table: a property, its value, its origin.
-        notes: Sentences about mended faults and about what was not possible.
-        stands: The robot stands on its feet; otherwise it is bolted and swings.
+        notes: Sentences about repaired faults and about failed steps.
+        stands: Whether the robot stands on its feet; otherwise the base is fixed and joints swing.
     """
 
     folder: Path
@@ -97,7 +97,7 @@ def _refuse(urdf: Path, draft: Draft, bolted: bool) -> None:
         raise ParameterError(f"{urdf}: {found[0]}{more}")
 
 
-# ---- robots that stand
+# ---- standing robots
 
 
 def _floating(
@@ -138,9 +138,9 @@ def _floating(
 def _arms_locked(
     draft: Draft, found: list[Support], posture: Posture, size: float, rng: np.random.Generator
 ) -> tuple[list[Support], Posture, float] | None:
-    """Supports, posture and size of a quadruped once all but its legs is locked.
+    """Supports, posture and size of a quadruped after locking all joints except those of its legs.
 
-    The gait moves legs alone; other robots are returned as they are.
+    The gait moves only legs; other robots are returned unchanged.
     """
     body = draft.body()
     named = legs.section(body, found, posture)
@@ -175,7 +175,7 @@ def _posture(
 
 
 def _upwards(first: Probe, q: np.ndarray, rng: np.random.Generator) -> tuple[str, list[Support]]:
-    """Axis of the base that points up, and what the robot stands on then."""
+    """Axis of the base that points up, and the supports in that orientation."""
     found = supports(first, q, rng)
     if stands_at(first, q) or _enough(found, 3):
         return "z", found if _enough(found, 2) else []
@@ -190,7 +190,7 @@ def _upwards(first: Probe, q: np.ndarray, rng: np.random.Generator) -> tuple[str
 
 
 def _enough(found: list[Support], count: int) -> bool:
-    """Three points of support will do, two if they are feet behind three joints each."""
+    """Whether supports suffice: three points, or two feet with three joints each."""
     return len(found) >= max(count, 3) or (
         len(found) == 2 == count and all(len(s.chain) > 2 and not s.wheel for s in found)
     )
@@ -200,7 +200,7 @@ def _try(
     draft: Draft, out: Path, found: list[Support], posture: Posture, size: float,
     rng: np.random.Generator,
 ) -> Result | None:  # fmt: skip
-    """Write the robot with the first gains that hold it; None if none do."""
+    """Write the robot with the first gains that pass the trial; None if none do."""
     body, draft.size = draft.body(), size
     wheels = [s.chain[-1] for s in found if s.wheel]
     bodies = [s.body for s in found]
@@ -221,7 +221,7 @@ def _try(
     return None
 
 
-# ---- robots that are bolted
+# ---- robots with fixed base
 
 
 def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
@@ -252,20 +252,20 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
 
 
 def _middle(body: Body) -> np.ndarray:
-    """Zero, or the nearest position a quarter of the range inside, (n,)."""
+    """Centre of the swing, (n,): zero, or the nearest position a quarter of the range inside."""
     limited = np.isfinite(body.high - body.low)
     room = np.where(limited, 0.25 * (body.high - body.low), 0.0)
     return np.clip(0.0, body.low + room, body.high - room)
 
 
 def _swing(body: Body, q: np.ndarray) -> np.ndarray:
-    """Swing of each joint [rad or m], (n,), inside its range."""
+    """Swing amplitude of each joint within its range [rad or m], (n,)."""
     span = np.where(np.isfinite(body.high - body.low), body.high - body.low, np.inf)
     return np.minimum(np.where(body.slides, SWING[1], SWING[0]), SHARE * span)
 
 
 def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> None:
-    """Joints that follow another in the URDF swing along with it."""
+    """Let joints with ``<mimic>`` swing with the joint that they follow, in place."""
     for name, (leader, factor, offset) in draft.description().mimics().items():
         if name not in body.joints or leader not in body.joints:
             continue
@@ -277,10 +277,10 @@ def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> No
 
 
 def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
-    """Height at which a bolted robot touches nothing, wherever it swings [m].
+    """Base height at which a fixed-base robot cannot touch the ground in any pose [m].
 
-    A bound that counts all lengths behind a hinge in full, so that such robots can be
-    simulated without the engine; drawn poses for meshes of unknown size.
+    It is a bound from the lengths of all links (`tree.clearance`), so that the robot can be
+    simulated without the engine; from random poses if the size of a mesh is unknown.
     """
     lowest = clearance(draft.description(), 0.0, draft.folder)
     with probe(draft.text(), draft.folder) as final:

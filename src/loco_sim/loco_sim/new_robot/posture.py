@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A posture in which a robot stands: feet level, knees bent, the mass over the feet."""
+"""Search for a standing posture: feet level, knees bent, centre of mass over the feet."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from scipy.spatial import ConvexHull, QhullError
 from .body import Body
 from .supports import Probe, Support
 
-STRETCH = (0.8, 0.7, 0.9, 0.6, 0.95, 0.5)  # of a leg between hip and foot, tried in turn [-]
-LEVEL = 0.004  # feet may differ in height by this share of the robot's size
-STARTS = 4  # of them to descend from
-DRAWS = 300  # postures drawn to start from
+STRETCH = (0.8, 0.7, 0.9, 0.6, 0.95, 0.5)  # hip-foot distance / leg length, tried in turn [-]
+LEVEL = 0.004  # largest height difference of feet, share of the robot's size
+STARTS = 4  # number of postures from which a descent starts
+DRAWS = 300  # number of random postures from which starts are chosen
 SOLE = 0.01  # points this close above the lowest one touch the ground, share of the size
-CENTRED = 0.02  # the mass may be this far from the middle of the feet, share of the size
+CENTRED = 0.02  # largest distance of centre of mass and centre of the feet, share of the size
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class Posture:
     Attributes:
         q: Joint positions [rad or m], (n,).
         height: Height of the base over the ground [m].
-        soles: Per support the points that touch the ground, base frame [m], (k, 3) each.
+        soles: Contact points of each support, base frame [m], (k, 3) each.
         margin: Distance of the centre of mass to the border of the polygon of the feet
             [m]; negative outside.
-        stretch: Distance of hip and foot over the largest [-]; 1 without legs.
+        stretch: Hip-foot distance / its maximum [-]; 1 without legs.
         uneven: Largest difference in height between feet [m].
     """
 
@@ -48,13 +48,13 @@ class Posture:
 
 
 class Search:
-    """Finds a posture for the legs of a robot; wheels stay as they are.
+    """Search for a posture of the legs of a robot; wheels are not moved.
 
     Args:
         probe: The robot.
         supports: Feet and wheels of the robot.
         q: Positions of all other joints, (n,).
-        rng: Draws the postures to start from.
+        rng: Random generator of initial postures.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Search:
         ]  # fmt: skip
 
     def find(self) -> Posture:
-        """The first posture whose feet are level, or the most level one."""
+        """The first posture with level feet, or the most level one."""
         if not self._legs:
             return self._posture(self._q0, 1.0)
         draws, found = self._draw(), []
@@ -93,7 +93,7 @@ class Search:
         return min(found, key=lambda p: (p.margin <= 0.0, p.uneven))
 
     def _draw(self) -> list[np.ndarray]:
-        """Postures over the ranges of the legs' joints, the one of rest first."""
+        """Random postures within the ranges of the leg joints, the nominal one first."""
         own = [j for chain in self._chains for j in chain]
         low = np.maximum(np.where(np.isfinite(self._body.low), self._body.low, -2.5), -3.0)[own]
         high = np.minimum(np.where(np.isfinite(self._body.high), self._body.high, 2.5), 3.0)[own]
@@ -105,7 +105,7 @@ class Search:
         return draws
 
     def _centred(self, stretch: float, draws: list[np.ndarray]) -> Posture:
-        """Posture whose feet are moved along until the mass is over their middle."""
+        """Posture with the feet shifted until the centre of mass is over their centre."""
         lengths = [s.depth + hip[2] for s, hip in zip(self._legs, self._hips, strict=True)]
         ground = max(
             hip[2] - stretch * reach for hip, reach in zip(self._hips, lengths, strict=True)
@@ -128,7 +128,7 @@ class Search:
         return sorted(draws, key=lambda q: self._cost(q, i, goal, reach))[:STARTS]
 
     def _solve(self, i: int, goal: np.ndarray, reach: float, starts: list) -> np.ndarray:
-        """Joint positions of leg i, the best of what several postures lead to."""
+        """Joint positions of leg i, best result of descents from several postures."""
         chain = list(self._chains[i])
         pose = starts[0].copy()
 
@@ -145,7 +145,7 @@ class Search:
         return min(found, key=lambda end: end.fun).x
 
     def _cost(self, q: np.ndarray, i: int, goal: np.ndarray, reach: float) -> float:
-        """Distance of leg i from its goal and from a posture that looks at ease."""
+        """Cost of leg i: distance of the foot from its goal, and penalty of unnatural postures."""
         body, support, chain = self._body, self._legs[i], self._chains[i]
         found = self._probe.by_body(q)
         foot = np.array(found[support.body][0])
@@ -156,12 +156,12 @@ class Search:
         room = 0.05 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         beyond = np.maximum(0.0, np.maximum(lower + room - x, x - upper + room))
         cost += 1e3 * float(beyond @ beyond)
-        for k in chain[:-1]:  # knees and hips stay off the ground
+        for k in chain[:-1]:  # knees and hips must be above the ground
             if k in found:
                 cost += 1e3 * max(0.0, (goal[2] + 0.05 * reach - found[k][0][2]) / reach) ** 2
         turn, place = body.forward(q)
         knee = (place[chain[-1]] - self._hips[i]) / reach
-        cost += 0.3 * knee[0] + 3.0 * knee[1] ** 2  # knees behind the hips, in their plane
+        cost += 0.3 * knee[0] + 3.0 * knee[1] ** 2  # prefer knees behind the hips, in their plane
         cost += 0.02 * float(np.sum((x - self._q0[list(chain)]) ** 2))
         if self._level_feet:
             tilt = turn[support.body] @ self._upright[support.body].T - np.eye(3)
@@ -190,7 +190,7 @@ def _bent(support: Support) -> tuple[int, ...]:
 
 
 def inside(points: np.ndarray, point: np.ndarray) -> float:
-    """Distance of a point to the border of the polygon around others, negative outside [m].
+    """Distance of a point to the border of the convex hull of others, negative outside [m].
 
     Args:
         points: Corners, (k, 2).
@@ -198,6 +198,6 @@ def inside(points: np.ndarray, point: np.ndarray) -> float:
     """
     try:
         hull = ConvexHull(points)
-    except (QhullError, ValueError):  # fewer than three points, or all on a line
+    except (QhullError, ValueError):  # fewer than three points, or all on one line
         return -float(np.min(np.linalg.norm(points - point, axis=1)))
     return -float(np.max(hull.equations[:, :2] @ point + hull.equations[:, 2]))

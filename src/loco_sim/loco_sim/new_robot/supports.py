@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feet and wheels: the ends of limbs that reach below everything else."""
+"""Detection of feet and wheels: the ends of limbs that reach lowest."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from ..robot.robot import Robot
 from ..world.world import World, make_world
 from .body import BASE, Body
 
-UNIT = {"ixx": "1", "iyy": "1", "izz": "1"}  # inertia of a link that has none [kg·m²]
-ALOFT = 100.0  # where poses are tried, so that nothing reaches the ground [m]
-SAMPLES = 400  # poses drawn to see how deep each end reaches
-SAME_DEPTH = 0.12  # ends that reach this close to the deepest stand too, share of its depth
-ROUND = 0.03  # a wheel's lowest point stays as high when it turns, share of its radius
-LEVEL = 0.02  # what is this close to the lowest point touches the ground, share of the size
+UNIT = {"ixx": "1", "iyy": "1", "izz": "1"}  # inertia given to massless links [kg·m²]
+ALOFT = 100.0  # base height for trying poses without ground contact [m]
+SAMPLES = 400  # number of random poses for the depth that each end reaches
+SAME_DEPTH = 0.12  # tolerance to the deepest end within which ends are supports, share of its depth
+ROUND = 0.03  # height variation of a turning wheel's lowest point, share of its radius
+LEVEL = 0.02  # points this close to the lowest one touch the ground, share of the size
 
 
 @dataclass(frozen=True)
 class Support:
-    """One thing that a robot stands on.
+    """A foot or wheel that a robot stands on.
 
     Attributes:
         body: Body that touches the ground.
         link: Link of that body with the lowest point.
-        chain: Joints that move it and no other end, from the base outwards.
-        wheel: It is a wheel, whose joint is the last of the chain.
+        chain: Joints that move this end and no other, from the base outwards.
+        wheel: Whether it is a wheel, whose joint is the last of the chain.
         depth: Largest reach below the base [m], positive.
     """
 
@@ -50,7 +50,7 @@ class Support:
 
 @dataclass
 class Probe:
-    """A robot in the engine, put into poses and asked where its links are.
+    """A robot in the engine, used to compute link positions at given poses.
 
     Attributes:
         body: Tree of the robot.
@@ -69,12 +69,12 @@ class Probe:
         self._index = {link: k for k, links in self.body.links.items() for link in links}
 
     def lowest(self, q: np.ndarray) -> dict[str, Triple]:
-        """Lowest point of each link that collides, from the base's origin, axes of the world."""
+        """Lowest point of each collision link relative to the base's origin, world axes [m]."""
         self.world.pose((0.0, 0.0, ALOFT), self.up, q)
         return {link: (x, y, z - ALOFT) for link, (x, y, z) in self.world.lowest_points().items()}
 
     def by_body(self, q: np.ndarray) -> dict[int, tuple[Triple, str]]:
-        """Lowest point of each body that collides, and the link that has it."""
+        """Lowest point of each body with collision shapes [m], and its link."""
         found: dict[int, tuple[Triple, str]] = {}
         for link, point in self.lowest(q).items():
             k = self._index[link]
@@ -92,7 +92,7 @@ class Probe:
 
 @contextmanager
 def probe(urdf: str, folder: Path) -> Iterator[Probe]:
-    """A robot of a URDF in an engine of its own, free of gravity's consequences."""
+    """Context of a robot from a URDF in a separate engine, for kinematics only."""
     description = Description(urdf)
     body = Body(description)
     elements = {link.get("name"): link for link in description.elements("link")}
@@ -108,7 +108,7 @@ def probe(urdf: str, folder: Path) -> Iterator[Probe]:
 
 
 def _weighed(urdf: str) -> str:
-    """URDF in which no link is without mass: poses ask for none, but MuJoCo refuses such bodies."""
+    """URDF with a mass on every link, as MuJoCo requires; poses do not depend on it."""
     description = Description(urdf)
     for link in description.elements("link"):
         if description.mass_of(link.get("name", "")) == 0.0:
@@ -133,8 +133,8 @@ def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Supp
 
     Args:
         probe: The robot.
-        q: Joint positions to start from, (n,).
-        rng: Draws the poses.
+        q: Initial joint positions, (n,).
+        rng: Random generator of poses.
     """
     body = probe.body
     chains = {end: _own(body, end) for end in body.ends()}
@@ -164,15 +164,15 @@ def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Supp
 
 
 def _deepest(body: Body, deep: dict[int, float], floor: float) -> list[int]:
-    """Ends that reach about as deep as the deepest, arms not counted.
+    """Ends that reach about as deep as the deepest one, except arms.
 
-    An arm is a limb that alone reaches deeper than all others, or one among three limbs or more
-    that are all alike but for it.
+    An arm is the only limb that reaches deeper than all others, or the only one of three or more
+    limbs that differs from the others.
 
     Args:
         body: The robot.
         deep: Depth of each end below the base [m], negative.
-        floor: Height of what does not move [m], at most 0.
+        floor: Height of the lowest fixed part [m], at most 0.
     """
     limb, rest = {end: body.path(end)[0] for end in deep}, dict(deep)
     while True:
@@ -189,7 +189,7 @@ def _deepest(body: Body, deep: dict[int, float], floor: float) -> list[int]:
 
 
 def _own(body: Body, end: int) -> tuple[int, ...]:
-    """Joints that move an end and no other end."""
+    """Joints that move only the given end."""
     others = {j for e in body.ends() if e != end for j in body.path(e)}
     return tuple(j for j in body.path(end) if j not in others)
 
@@ -212,7 +212,7 @@ def _is_wheel(probe: Probe, q: np.ndarray, end: int) -> bool:
 
 
 def stands_at(probe: Probe, q: np.ndarray) -> bool:
-    """The lowest points at q are ends of limbs only, at least two, about below the mass."""
+    """Whether the lowest points at q are at least two limb ends, around the centre of mass."""
     found = probe.by_body(q)
     if not found:
         return False
@@ -237,7 +237,7 @@ SIDES = {
 
 
 def side_of(name: str) -> tuple[int, int]:
-    """Place of a limb by its name: front 1 or hind -1, left 1 or right -1; 0 unsaid."""
+    """Position of a limb by its name: front 1 or hind -1, left 1 or right -1; 0 if not named."""
     words = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
     for word in words:
         if word in SIDES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does the robot stand, or swing? Tried in the engine before anybody is told that it does."""
+"""Trial of a new robot in the engine: standing, or swinging for a fixed base."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from ..geometry import roll_pitch, rotation_matrix
 from ..plant.simulation import Simulation
 from ..robot import robot as robots
 
-DURATION = 2.0  # of a trial [s]
+DURATION = 2.0  # duration of a trial [s]
 QUIET = 0.5  # at its end the robot must be at rest for this time [s]
-FLAT = 0.2  # of a robot whose base is lower, this share of its size counts for its height
-SINKS = 0.15  # share of its height that the base may sink
-TILTS = 0.15  # [rad]
-GIVES = 0.25  # that a joint may give way [rad or m]
-MOVES = 0.01  # height by which the base may move at the end, share of its height
-FOLLOWS = 0.5  # share of a swing that may be missed, rms
-SWING = 0.5  # swings per second [Hz]
+FLAT = 0.2  # minimum base height used for the tolerances, share of the size
+SINKS = 0.15  # largest sinking of the base, share of its height
+TILTS = 0.15  # largest tilt [rad]
+GIVES = 0.25  # largest deflection of a joint [rad or m]
+MOVES = 0.01  # largest height change of the base at the end, share of its height
+FOLLOWS = 0.5  # largest RMS tracking error, share of the swing
+SWING = 0.5  # frequency of the swing [Hz]
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Outcome:
     """The result of a trial.
 
     Attributes:
-        fault: Why it failed, "" if it did not.
-        sank: Way that the base sank [m].
-        gave: Largest error of a joint, of its swing as rms [rad or m].
-        load: Largest share of its effort limit that a joint used [-].
+        fault: Reason of a failure, "" if the trial passed.
+        sank: Distance that the base sank [m].
+        gave: Largest position error of a joint, RMS for a swing [rad or m].
+        load: Largest joint torque / effort limit [-].
     """
 
     fault: str
@@ -86,8 +86,8 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
     """Swing all joints about the standing posture for `DURATION`.
 
     Args:
-        robot: A robot with a bolted base.
-        amplitude: Swing of each joint [rad or m], (n,).
+        robot: A robot with a fixed base.
+        amplitude: Swing amplitude of each joint [rad or m], (n,).
     """
     w, missed, load = 2.0 * np.pi * SWING, [], 0.0
     try:
@@ -105,7 +105,7 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
     except LocoError as error:
         return Outcome(str(error))
     rms, size = np.sqrt(np.mean(np.square(missed), axis=0)), np.abs(amplitude)
-    rms = np.where(np.isin(np.arange(len(rms)), robot.driven), rms, 0.0)  # others hang free
+    rms = np.where(np.isin(np.arange(len(rms)), robot.driven), rms, 0.0)  # driven joints only
     worst = int(np.argmax(rms / np.maximum(size, 1e-9)))
     if rms[worst] > FOLLOWS * size[worst]:
         name = robot.joints[worst]
