@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages link to files and headings that are there, and the index of docs/ names every page."""
+"""Pages have working links and at most 250 lines, and the index of docs/ names every page."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+PRINTED = "<!-- printed by"  # in the head of a page that is made from the code
+MAX_LINES = 250  # of a page that is written by hand
+LONGER = {"robots.md": 281}  # lines; may only become fewer
 
 
 def links(text: str) -> list[str]:
@@ -44,3 +47,10 @@ def test_links_lead_somewhere(page):
 def test_the_index_names_every_page():
     index = {target.partition("#")[0] for target in links((ROOT / "docs/index.md").read_text())}
     assert index == {page.name for page in (ROOT / "docs").glob("*.md")} - {"index.md"}
+
+
+def test_no_written_page_is_long():
+    written = {p.name: p.read_text() for p in (ROOT / "docs").glob("*.md")}
+    lines = {n: t.count("\n") for n, t in written.items() if PRINTED not in t[:500]}
+    assert len(lines) > 30
+    assert {name: n for name, n in lines.items() if n > LONGER.get(name, MAX_LINES)} == {}
