@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Harnesses that test and measure loco itself; no run of a user needs them."""
+"""Developer tools that test and measure loco itself; not part of the installed packages."""

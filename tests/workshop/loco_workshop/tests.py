@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco test`: the tests of the clone."""
+"""`loco test`: run the tests of the clone."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import sys
 
 from loco_bringup.cli.clone import root
 
-# `loco test` alone: everything, two at a time, with coverage of the nodes' processes too.
-# The slowest are listed, so that what makes a run long is seen in each.
+# `loco test` without arguments: all tests, two workers, with coverage including node processes.
+# The slowest tests are listed in each run.
 ALL_TESTS = ["-q", "-n", "2", "--dist", "loadgroup", "--durations=40", "--durations-min=3",
              "--cov", "--cov-report=term:skip-covered", "--cov-fail-under=90"]  # fmt: skip
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Networks of masses and springs in plain NumPy: the reference of tests and benches."""
+"""Mass-spring networks in plain NumPy: the reference for tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ class TextbookSimulation:
         self.position = network.positions.copy()
         self.velocity = np.zeros_like(self.position)
         self.acceleration = np.zeros_like(self.position)
-        self.incidence = np.zeros((network.nodes, network.count))  # +1 at the near end of a link
+        self.incidence = np.zeros((network.nodes, network.count))  # +1 at the first node of a link
         self.incidence[network.links[:, 0], np.arange(network.count)] = 1.0
         self.incidence[network.links[:, 1], np.arange(network.count)] = -1.0
         if params.integrator == "verlet":
             self.acceleration = self.forces(self.velocity) / network.masses[:, None]
 
     def forces(self, velocity: np.ndarray) -> np.ndarray:
-        """On the nodes [N], (nodes, axes), eqs. (4.2) to (4.7), for a velocity of the nodes."""
+        """Forces on the nodes [N], (nodes, axes), eqs. (4.2) to (4.7), for node velocities."""
         n, p, d = self.network, self.params, self.drive
         near, far = n.links.T
         span = self.position[far] - self.position[near]
@@ -48,7 +48,7 @@ class TextbookSimulation:
         return force
 
     def step(self) -> None:
-        """One step of velocity Verlet with ground."""
+        """Advance one step of velocity Verlet with ground contact."""
         h, ground = self.params.step, self.params.ground
         moved = self.position + h * self.velocity + 0.5 * h * h * self.acceleration
         if ground != "none":

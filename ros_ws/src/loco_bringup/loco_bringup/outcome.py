@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run of an experiment, by nodes or without: its progress, its end, and what its bag says of it."""
+"""Progress, outcome and bag metadata of a run, with or without ROS nodes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from loco_learning.runs.experiment import Experiment
 
 from . import __version__
 
-STEP = "physics_step"  # key of a bag's metadata: step of the plant [s]
-KEPT = 1000  # events that a supervisor keeps: a run of hours has more
+STEP = "physics_step"  # key of a bag's metadata: physics step of the plant [s]
+KEPT = 1000  # largest number of events that a supervisor retains
 VERSIONS = ("ros-rclpy", "pybullet", "mujoco", "numpy", "scipy", "numba", "mcap")
 
 
@@ -32,14 +32,14 @@ class Progress:
     sim_time: float = 0.0
     duration: float = 0.0
     real_time_factor: float = 0.0
-    pids: dict[str, int] = field(default_factory=dict)  # of the processes, by name
-    # The newest, when heard [s], what.
+    pids: dict[str, int] = field(default_factory=dict)  # of the processes by name
+    # Newest event: time of arrival [s], text.
     events: deque[tuple[float, Any]] = field(default_factory=lambda: deque(maxlen=KEPT))
 
 
 @dataclass
 class Outcome:
-    """The end of a run."""
+    """Result of a run."""
 
     folder: Path
     text: str = ""
@@ -49,12 +49,12 @@ class Outcome:
     dropped: int = 0
     exit_codes: dict[str, int] = field(default_factory=dict)
     restarts: dict[str, int] = field(default_factory=dict)
-    timing: dict[str, float] = field(default_factory=dict)  # clock realtime: of the plant's report
-    granted: list[str] = field(default_factory=list)  # and refused by the kernel
+    timing: dict[str, float] = field(default_factory=dict)  # plant's report (clock realtime)
+    granted: list[str] = field(default_factory=list)  # kernel settings, granted or refused
 
     @property
     def exit_code(self) -> int:
-        """0 done, 3 fell, 130 interrupted."""
+        """0 if done, 3 if the robot fell, 130 if interrupted."""
         return 130 if self.interrupted else 3 if self.fallen else 0
 
 
@@ -62,7 +62,7 @@ def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
     """New bag folder named after the experiment and the time.
 
     Raises:
-        ParameterError: The name of the experiment would lead out of `root`.
+        ParameterError: The name of the experiment leads to a folder outside `root`.
     """
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     return within(root, f"{experiment.name}_{stamp}", "name of an experiment")
@@ -75,7 +75,7 @@ def check_new(folder: Path) -> None:
 
 
 def remove_bag(folder: Path) -> None:
-    """Delete the recording of a run that never began; its logs and parameters stay."""
+    """Delete the recording of a run that never began; its logs and parameters are kept."""
     for path in (*Path(folder).glob("*.mcap"), Path(folder) / "metadata.yaml"):
         path.unlink(missing_ok=True)
 
@@ -103,7 +103,7 @@ def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
 
 
 def processor() -> str:
-    """Name, family and model: the last bits of sums and of tanh depend on the processor."""
+    """Name, family and model of the processor, on which the last bits of sums and tanh depend."""
     about: dict[str, str] = {}
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text().splitlines():

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""JSON Schemas of the YAML files that people write, from the classes that read them.
+"""JSON Schemas of the YAML files, generated from the classes that read them.
 
-Editors complete and check by them: a first line ``# yaml-language-server: $schema=FILE`` in a
-file, or a table of files and schemas in the editor's settings. A schema knows keys, types, ranges
-and choices. Whether a joint, link or file is there, and what several values say together, only
-loco itself can tell.
+Editors use them for completion and checks: through a first line
+``# yaml-language-server: $schema=FILE`` in a file, or a table of files and schemas in the
+editor's settings. A schema covers keys, types, ranges and choices. Only loco itself checks
+whether a joint, link or file exists, and whether several values are consistent.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ def schema(kind: str) -> Schema:
 
 
 def of_params(cls: type, **others: Schema) -> Schema:
-    """Schema of a mapping that becomes a parameter class, as `loco_control.params` reads it.
+    """Schema of a mapping that `loco_control.params` reads as a parameter class.
 
     Args:
         cls: A class of parameters; nested ones become nested mappings.
-        others: Schemas of keys that the class does not read itself, or reads differently.
+        others: Schemas of keys that the class does not read, or reads differently.
     """
     hints = typing.get_type_hints(cls)
     keys = {f.name: _of_field(f, hints[f.name]) for f in dataclasses.fields(cls)}
@@ -109,7 +109,7 @@ def _of_scalar(default: Any, meta: Mapping[str, Any]) -> Schema:
 
 
 def _endless(default: Any) -> bool:
-    """JSON has no infinity."""
+    """Whether a default is infinite, which JSON cannot represent."""
     return isinstance(default, float) and math.isinf(default)
 
 
@@ -134,7 +134,7 @@ def _nullable(*several: Schema) -> Schema:
 
 
 def _by_name(each: Schema, what: str) -> Schema:
-    """Schema of a mapping from names or fnmatch patterns."""
+    """Schema of a mapping whose keys are names or fnmatch patterns."""
     return {**MAPPING, "description": f"by {what}, or pattern", "additionalProperties": each}
 
 
@@ -143,7 +143,7 @@ def _one_or_list(each: Schema) -> Schema:
 
 
 def _effects() -> Schema:
-    """A list of effects, each told apart by its name."""
+    """Schema of a list of effects, distinguished by their names."""
     kinds = [
         {**of_params(cls, name={"const": name}), "required": ["name"]}
         for name, cls in sorted(EFFECTS.items())
@@ -154,7 +154,7 @@ def _effects() -> Schema:
 
 
 def _experiment() -> Schema:
-    """Of a robot, or of a network of masses and springs."""
+    """Schema of an experiment with a robot or with a mass-spring network."""
     base = {**TEXT, "description": "name or path of the experiment that this one changes"}
     gait = {**TEXT, "description": "name or path of a gait file"}
     target = of_params(CpgParams, gait=gait)
@@ -197,7 +197,7 @@ def _robot() -> Schema:
 
 
 def _drive() -> Schema:
-    """A later entry adds to an earlier one, so that each may say a part."""
+    """Schema of a drive entry; all keys are optional, since entries are merged."""
     kinds = [of_params(cls, kind={"const": kind}) for kind, cls in DRIVES.items()]
     return {"anyOf": kinds, "properties": {"kind": {"enum": list(DRIVES)}}}
 
@@ -259,7 +259,7 @@ def _study() -> Schema:
 
 
 def _mapping_file() -> Schema:
-    number = {"type": ["number", "string"]}  # 4096/2pi is one, too
+    number = {"type": ["number", "string"]}  # 4096/2pi is valid too
     texts = dict.fromkeys((*mapping.SOURCES, *mapping.PLACES, "unit"), TEXT)
     column = _mapping(
         {

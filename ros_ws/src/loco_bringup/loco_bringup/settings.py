@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values that are typed as ``KEY=VALUE``."""
+"""Parser of command-line values ``KEY=VALUE``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def overrides(
     engine: str | None = None,
     duration: float | None = None,
 ) -> dict[str, Any]:
-    """Values of an experiment by dotted name, as ``--set`` and the options of these names give."""
+    """Values of an experiment by dotted name, from ``--set`` and the options with these names."""
     values = values_of("--set", pairs, "gait.speed=0.3")
     given = {"seed": seed, "sim.engine": engine, "duration": duration}
     return joined({key: value for key, value in given.items() if value is not None}, values)
@@ -25,11 +25,11 @@ def joined(given: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Values of options and of ``--set`` together.
 
     Args:
-        given: Values by name that options of their own give.
-        values: Values by name that ``--set`` gives.
+        given: Values by name from dedicated options.
+        values: Values by name from ``--set``.
 
     Raises:
-        ParameterError: Both give one.
+        ParameterError: Both set the same value.
     """
     for key in sorted(given.keys() & values.keys()):
         raise ParameterError(
@@ -43,9 +43,9 @@ def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:
     """Values by name from ``KEY=VALUE`` texts; the value is YAML.
 
     Args:
-        option: Name of the command-line option, for messages.
+        option: Name of the command-line option, for error messages.
         pairs: The texts.
-        example: A valid text, for messages.
+        example: A valid text, for error messages.
 
     Raises:
         ParameterError: A text is not ``KEY=VALUE``, or a key is given twice.

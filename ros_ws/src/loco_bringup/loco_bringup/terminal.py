@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output of every command: the console, progress bars and tables."""
+"""Terminal output of all commands: console, progress bars, tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ console = Console(highlight=False, soft_wrap=True)
 
 
 def bar(*columns: str) -> Progress:
-    """Progress bar on stderr; plain and silent when that is not a terminal."""
+    """Progress bar on stderr; disabled if stderr is not a terminal."""
     texts = [TextColumn(column) for column in columns]
     return Progress(
         TextColumn("{task.description}"),
@@ -27,7 +27,7 @@ def bar(*columns: str) -> Progress:
 
 
 def table(title: str, columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-    """Table of texts without lines; long cells are folded."""
+    """Table of texts without borders; long cells are wrapped."""
     t = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for column in columns:
         t.add_column(column, overflow="fold")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The blind battery: how often `loco gap` names a hidden effect."""
+"""The blind battery: a benchmark of how often `loco gap` names a hidden effect."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of the blind battery as bags: what a robot would record, and nothing else.
+"""Write cases of the blind battery as bags with only the signals that a robot would record.
 
-The truth is written to a folder of its own, which `loco gap` never opens.
+The ground truth is written to a separate folder, which `loco gap` never opens.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from .physics.plant import Reading
 
 BAGS, TRUTH, RESULTS = "bags", "truth", "results"
 TIMES = "times.csv"  # the only file of a battery that differs from run to run
-NEXT = "next"  # bag of the experiment that an ambiguous verdict proposed
+NEXT = "next"  # bag of the experiment proposed by an ambiguous verdict
 
 
 def write(folder: Path, case: Case, robot: str = "") -> None:
-    """Write the bags of a filled case and its truth; a case that is there already stays.
+    """Write the bags of a filled case and its ground truth; an existing case is kept.
 
     Args:
         folder: Folder of the battery.
         case: The case.
-        robot: Name or file that the workflow knows a walking robot by.
+        robot: Name or file of a walking robot for the workflow.
     """
     if ready(folder, case.name):
         return
@@ -48,16 +48,16 @@ def write(folder: Path, case: Case, robot: str = "") -> None:
     else:
         for name, reading in cases.readings(case).items():
             write_bag(place / name, reading, case.robot)
-    write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # last: it is complete
+    write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # written last
 
 
 def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) -> None:
-    """Bag of one experiment more with the robot of a case.
+    """Write the bag of one further experiment with the robot of a case.
 
     Args:
         folder: Folder of the battery.
         name: Name of the case.
-        moved: Positions and velocities that the driven joints are told, (T, m) each.
+        moved: Commanded positions and velocities of the driven joints, (T, m) each.
     """
     case = cases.from_truth(truth(folder, name))
     bag = folder / BAGS / name / NEXT
@@ -66,42 +66,42 @@ def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) ->
 
 
 def ready(folder: Path, name: str) -> bool:
-    """Whether bags and truth of a case are there."""
+    """Whether bags and ground truth of a case exist."""
     return (folder / TRUTH / f"{name}.json").is_file() and (folder / BAGS / name).is_dir()
 
 
 def truth(folder: Path, name: str) -> dict[str, Any]:
-    """The hidden effects of a case that is `ready`."""
+    """Hidden effects of a case that is `ready`."""
     return json.loads((folder / TRUTH / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def keep(folder: Path, result: dict[str, Any]) -> None:
-    """Write what was said of a case."""
+    """Write the result of a case."""
     write_json(folder / RESULTS / f"{result['case']}.json", result)
 
 
 def result(folder: Path, name: str) -> dict[str, Any] | None:
-    """The result of a case, None if there is none yet."""
+    """Result of a case; None if there is none yet."""
     path = folder / RESULTS / f"{name}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
 
 def note_time(folder: Path, case: str, what: str, wall: float, cpu: float) -> None:
-    """Append the time that a part of a case took.
+    """Append the duration of a part of a case.
 
     Args:
         folder: Folder of the battery.
         case: Name of the case.
         what: The part: search, followed, settings or baselines.
-        wall: Time [s].
-        cpu: Processor time [s].
+        wall: Wall time [s].
+        cpu: CPU time [s].
     """
     with open(folder / TIMES, "a", encoding="utf-8") as file:
         file.write(f"{case},{what},{wall:.2f},{cpu:.2f}\n")
 
 
 def times(folder: Path, what: str) -> list[float]:
-    """Times [s] that a part took, of all cases that were run."""
+    """Durations [s] of a part, of all cases that were run."""
     path = folder / TIMES
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     cells = [line.split(",") for line in lines]
@@ -109,10 +109,10 @@ def times(folder: Path, what: str) -> list[float]:
 
 
 def write_bag(folder: Path, reading: Reading, robot: str) -> None:
-    """One record as a bag of standard messages with the robot's own stamps.
+    """Write one record as a bag of standard messages with the robot's own stamps.
 
     Raises:
-        BagError: There is no room for all of it.
+        BagError: The disk is full.
     """
     fields, values = ["position"], [reading.q]
     if reading.tau is not None:
@@ -132,7 +132,7 @@ def write_bag(folder: Path, reading: Reading, robot: str) -> None:
             writer.write(f"/{name}", codec.pack(t, *columns), round(t * 1e9))
     finally:
         writer.close()
-    if writer.failed:  # what fits is a whole bag, but of a shorter record
+    if writer.failed:  # the bag is valid, but the record is truncated
         raise BagError(f"the bag {folder} is not complete: {writer.failed}")
 
 
@@ -144,5 +144,5 @@ def _messages(rows: tuple, reading: Reading) -> Iterator[tuple]:
 
 
 def write_json(path: Path, values: dict[str, Any]) -> None:
-    """Write a file at once or not at all."""
+    """Write a JSON file; after an error no incomplete file remains."""
     write_whole(path, json.dumps(values, indent=1, sort_keys=True) + "\n")

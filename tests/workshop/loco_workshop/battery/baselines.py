@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other ways to explain a gap, on the same records and in the same unit.
+"""Baseline methods for explaining a gap, on the same records and in the same unit.
 
-- everything: all usual parameters at once by least squares, as PACE does per joint (armature,
-  viscous and dry friction, offset, one delay), with torque constant and stiffness beside them.
-- sparse: the torque that the robot needed beyond the model's, regressed on a library of terms
-  of position and velocity with thresholding, as SINDy does.
-- cma: the model's own parameters by CMA-ES (thesis chapter 5: masses, stiffness, damping).
-- sysid: the system identification that comes with MuJoCo, with all its parameters at once.
+- everything: all usual parameters jointly by least squares, as PACE does per joint (armature,
+  viscous and dry friction, offset, one delay), plus torque constant and stiffness.
+- sparse: the difference of required and modelled torque, regressed on a library of terms
+  of position and velocity with thresholding, as in SINDy.
+- cma: the parameters of the model by CMA-ES (thesis chapter 5: masses, stiffness, damping).
+- sysid: the system identification tool of MuJoCo, with all its parameters jointly.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ PER_JOINT = (
     "added_stiffness", "stiffness_error",
 )  # fmt: skip
 WHOLE = ("command_delay",)
-ROUNDS, STEP, LOSS = 6, 0.3, 3.0  # of least squares: Jacobians, differences; robust scale
-EVALUATIONS, SPREAD = 100, 0.25  # of CMA-ES, and its first step in logarithms
+ROUNDS, STEP, LOSS = 6, 0.3, 3.0  # number of Jacobians, difference step, robust scale
+EVALUATIONS, SPREAD = 100, 0.25  # CMA-ES: evaluations, initial step of the logarithms
 
 
 def run(
@@ -50,10 +50,10 @@ def run(
     """Run baselines.
 
     Args:
-        names: Names of baselines, from `METHODS`.
+        names: Names of the baselines, from `METHODS`.
         model: Initial model.
         records: Records to fit.
-        held_out: Records to judge on.
+        held_out: Held-out records.
         seed: Seed of CMA-ES.
 
     Returns:
@@ -73,7 +73,7 @@ def run(
 
 
 def everything(case: Case, model: Model, seed: int) -> tuple[list, float]:
-    """All usual parameters at once."""
+    """Baseline `everything`: all usual parameters jointly."""
     robot = model.make_robot()
     offered = hypotheses.offer(robot, case.signals, _no_hints(robot))
     parts = [
@@ -89,7 +89,7 @@ def everything(case: Case, model: Model, seed: int) -> tuple[list, float]:
 
 
 def least_squares(fun: Any, z: np.ndarray, bounds: tuple) -> np.ndarray:
-    """Levenberg-Marquardt inside bounds, a new Jacobian each round."""
+    """Levenberg-Marquardt with bounds and a new Jacobian in each iteration."""
     r = fun(z)
     cost, damping = float(r @ r), 1e-2
     for _ in range(ROUNDS):
@@ -113,9 +113,9 @@ def least_squares(fun: Any, z: np.ndarray, bounds: tuple) -> np.ndarray:
 
 
 def terms(case: Case, model: Model, seed: int) -> tuple[list, float]:
-    """Sparse terms of the torque residual, put back into the model as effects.
+    """Baseline `sparse`: sparse terms of the torque residual, added to the model as effects.
 
-    Smoother and threshold are those that fit best, none of the terms is a choice as well.
+    Smoothing and threshold are those with the best fit; the result may have no terms.
     """
     records = [case.records[i] for i in case.fitted]
     options = [[]] + [
@@ -129,7 +129,7 @@ def terms(case: Case, model: Model, seed: int) -> tuple[list, float]:
 
 
 def calibration(case: Case, model: Model, seed: int) -> tuple[dict, float]:
-    """Masses, stiffness and damping by CMA-ES."""
+    """Baseline `cma`: masses, stiffness and damping by CMA-ES."""
     nominal = parameters(model)
     names = list(nominal)
 
@@ -146,7 +146,7 @@ def calibration(case: Case, model: Model, seed: int) -> tuple[dict, float]:
                "bounds": [-1.5, 1.5]}  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if len(names) == 1:  # CMA-ES wants two numbers
+        if len(names) == 1:  # CMA-ES needs two parameters
             x = [min(np.linspace(-0.7, 0.7, 41), key=lambda v: loss(np.array([v])))]
         else:
             strategy = cma.CMAEvolutionStrategy(np.zeros(len(names)), SPREAD, options)
@@ -161,7 +161,7 @@ METHODS = {
 
 
 def parameters(model: Model) -> dict[str, float]:
-    """Nominal values that a calibration moves, by dotted name; legs share theirs."""
+    """Nominal values of the calibrated parameters, by dotted name; legs share parameters."""
     robot = model.make_robot()
     text, ranges = Description(robot.urdf), {}
     shared = len(robot.joints) > 4
@@ -180,12 +180,12 @@ def parameters(model: Model) -> dict[str, float]:
 
 
 def _pattern(name: str, shared: bool) -> str:
-    """The same part of every leg."""
+    """Name pattern of the same part in every leg."""
     return f"*_{name.split('_', 1)[1]}" if shared and "_" in name else name
 
 
 def _judged(case: Case, specs: Sequence[Mapping[str, Any]], overrides: dict) -> float:
-    """Whitened rms on the records that judge."""
+    """Whitened rms on the held-out records."""
     return case.judged(case.whitened(specs, overrides)).rms
 
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap battery`: hidden effects in robots made by other code; how often the name is right.
+"""`loco gap battery`: benchmark of `loco gap` on robots with hidden effects.
 
-OUT/bags/case_0000/fit_chirp …   what the workflow sees
-OUT/truth/case_0000.json         what is hidden, for the score alone
-OUT/results/case_0000.json       what the workflow said
+The robots are simulated by code that the workflow does not use. Files:
+
+OUT/bags/case_0000/fit_chirp …   input of the workflow
+OUT/truth/case_0000.json         hidden effects, used only for the score
+OUT/results/case_0000.json       output of the workflow
 OUT/score.json, .md, .html       the score
 """
 
@@ -24,15 +26,15 @@ from .ground.walkers import WALKERS
 from .trial import OTHERS, make, unfinished, work
 
 SETTINGS = "battery.json"
-SYSID = "sysid"  # the baseline that needs packages of its own
+SYSID = "sysid"  # the baseline with additional dependencies
 
 
 def check(a: argparse.Namespace) -> None:
-    """Check the options, and fill in all baselines if none are named.
+    """Check the options; if no baselines are named, set all.
 
     Raises:
-        ParameterError: A number is not above 0, there is no such baseline, or it is for robots
-            that are held and one walks.
+        ParameterError: A number is not above 0, there is no such baseline, or a baseline for robots
+            with a fixed base is requested for a walking robot.
         MissingPackageError: A baseline needs a package that is not installed.
     """
     for what in ("cases", "workers", "limit"):
@@ -58,18 +60,18 @@ def check(a: argparse.Namespace) -> None:
 def run(
     a: argparse.Namespace, folder: Path, tell: Callable[[int, str, str], Any]
 ) -> list[dict[str, Any]]:
-    """Work on the cases that have no result yet, or that failed the last time.
+    """Run the cases that have no result yet or that failed the last time.
 
     Args:
         a: Options.
         folder: Folder of the battery.
-        tell: Called with the number of cases done, the last one and what was said of it.
+        tell: Called with the number of completed cases, the last case and its result.
 
     Returns:
         Results of all cases, in their order.
 
     Raises:
-        ParameterError: The folder holds a battery of other settings.
+        ParameterError: The folder holds a battery with other settings.
     """
     planned = cases.plan(a.cases, a.seed, a.robots, a.effects)
     _settle(a, folder)
@@ -91,7 +93,7 @@ def run(
             if a.bags_only:
                 tell(done, case.name, reason or "made")
                 continue
-            if reason:  # not kept: a full disk or the end of memory says nothing of the case
+            if reason:  # not saved: a full disk or lack of memory is no result of the case
                 result = bags.result(folder, case.name) or {
                     "case": case.name, "verdict": "error", "names": [], "terms": [],
                     "error": reason,
@@ -102,7 +104,7 @@ def run(
 
 
 def _settle(a: argparse.Namespace, folder: Path) -> None:
-    """Keep what the cases depend on; refuse a folder of another battery."""
+    """Write the settings that the cases depend on; refuse a folder of another battery."""
     mine = {"format": 1, "seed": a.seed, "robots": a.robots, "effects": a.effects}
     path = folder / SETTINGS
     if path.is_file():

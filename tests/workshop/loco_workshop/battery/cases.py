@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of a battery: which robot, what is hidden in it, how large. Drawn from one seed.
+"""Random cases of a battery (robot, hidden effects, sizes), drawn from one seed.
 
-The first cases of a battery are the same however many are asked for.
+The first cases of a battery do not depend on the number of cases.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from .physics import conditions, excitation, hidden, kinds, machines, plant
 from .physics.conditions import Condition
 from .physics.hidden import Hidden
 
-# Of twenty cases: two nulls, three outsiders, three pairs, twelve single effects.
+# Of twenty cases: two without effect (null), three outsiders (effects that are not in the
+# registry), three pairs, twelve single effects.
 ORDER = (
     ("single", "medium"), ("single", "large"), ("null", ""), ("single", "small"),
     ("outsider", "large"), ("single", "large"), ("pair", "large"), ("single", "medium"),
@@ -30,23 +31,23 @@ ORDER = (
     ("pair", "medium"), ("single", "large"), ("null", ""), ("single", "small"),
     ("single", "medium"), ("outsider", "large"), ("pair", "large"), ("single", "large"),
 )  # fmt: skip
-TRIES = 40  # effects that are drawn until one shows as much as it should
+TRIES = 40  # largest number of draws until an effect has the requested visibility
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case; what is hidden is in `effects`, empty before `fill`.
+    """One case; its hidden effects are in `effects`, which `fill` sets.
 
     Attributes:
-        name: Says nothing about what is hidden.
-        robot: Machine.
+        name: Name without information on the hidden effects.
+        robot: Name of the machine.
         kind: null, single, pair or outsider.
         size: small, medium, large, or empty for a null.
         seed: Seed of everything in the case.
-        wanted: Effects to begin with, the rest of the deck follows.
+        wanted: Effects to try first, before the other candidates.
         effects: Hidden effects.
-        shows: Visibility of each effect alone (`sizes.visibility`).
-        condition: Difference between robot and model, and the way it was recorded.
+        shows: Visibility of each effect by itself (`sizes.visibility`).
+        condition: Difference between robot and model, and recording faults.
     """
 
     name: str
@@ -63,13 +64,13 @@ class Case:
 def plan(
     count: int, seed: int, robots: Sequence[str] = (), effects: Sequence[str] = ()
 ) -> list[Case]:
-    """Cases of a battery, not filled in yet.
+    """Cases of a battery, without hidden effects yet (see `fill`).
 
     Args:
         count: Number of cases.
         seed: Seed of the battery.
         robots: Machines and walkers; all machines by default.
-        effects: Only these single effects, names or patterns; then there are no other cases.
+        effects: Names or patterns; if given, all cases are single effects among these.
 
     Raises:
         NameUnknownError: There is no such robot or effect.
@@ -84,7 +85,7 @@ def plan(
     order = [o for o in ORDER if not effects or o[0] == "single"]
     rng = np.random.default_rng([seed, 6])
     decks: dict[str, list[str]] = {}
-    turns = {what: order.index(what) for what in order}  # each kind goes through all robots
+    turns = {what: order.index(what) for what in order}  # each kind cycles through all robots
     planned = []
     for i in range(count):
         kind, size = what = order[i % len(order)]
@@ -106,7 +107,7 @@ def plan(
 
 
 def _pool(robot: str, kind: str, effects: Sequence[str] = ()) -> list[str]:
-    """Effects that a robot may hide; patterns choose among those of single ones."""
+    """Candidate effects for a robot; patterns select among single effects."""
     all_kinds = ground if robot in walkers.WALKERS else kinds
     if kind == "outsider":
         return list(all_kinds.OUTSIDERS)
@@ -114,9 +115,9 @@ def _pool(robot: str, kind: str, effects: Sequence[str] = ()) -> list[str]:
 
 
 def fill(case: Case, effects: Sequence[str] = ()) -> Case:
-    """Draw what is hidden in a case, as large as its size asks for.
+    """Draw the hidden effects of a case, with the visibility of its size class.
 
-    An effect that cannot show that much on the robot gives way to another one.
+    An effect that cannot reach this visibility on the robot is replaced by another one.
 
     Args:
         case: Case from `plan`.
@@ -144,7 +145,7 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
 
 
 def _walking(case: Case, deck: Sequence[str], rng: np.random.Generator) -> Case:
-    """A case on the ground: the first of the deck, of different families."""
+    """Fill a case of a walking robot with the first effects of different families."""
     chosen: dict[str, str] = {}
     for name in deck if case.kind != "null" else ():
         chosen.setdefault(ground.family(name), name)
@@ -155,7 +156,7 @@ def _walking(case: Case, deck: Sequence[str], rng: np.random.Generator) -> Case:
 
 
 def readings(case: Case) -> dict[str, plant.Reading]:
-    """Recordings of the robot of a filled case, by the name of the record."""
+    """Recordings of the robot of a filled case, by name of the record."""
     machine = conditions.machine_of(machines.get(case.robot), case.condition, case.seed)
     result = {}
     for kind in excitation.RECORDS:
@@ -167,12 +168,12 @@ def readings(case: Case) -> dict[str, plant.Reading]:
 
 
 def further(case: Case, name: str, moved: tuple[np.ndarray, np.ndarray]) -> plant.Reading:
-    """Recording of the robot of a filled case in one experiment more.
+    """Recording of the robot of a filled case in one further experiment.
 
     Args:
         case: Case of the robot.
-        name: Name of the record; keys the noise.
-        moved: Positions and velocities that the driven joints are told, (T, m) each.
+        name: Name of the record, part of the seed of the noise.
+        moved: Commanded positions and velocities of the driven joints, (T, m) each.
     """
     machine = conditions.machine_of(machines.get(case.robot), case.condition, case.seed)
     whole = plant.record(machine, case.effects, moved, case.seed, name)
@@ -180,7 +181,7 @@ def further(case: Case, name: str, moved: tuple[np.ndarray, np.ndarray]) -> plan
 
 
 def truth(case: Case) -> dict[str, Any]:
-    """Plain values of a filled case, for a file that the workflow never sees."""
+    """Values of a filled case for the truth file, which the workflow never reads."""
     return {
         "name": case.name, "robot": case.robot, "kind": case.kind, "size": case.size,
         "seed": case.seed, "effects": [hidden.to_dict(e) for e in case.effects],
@@ -189,7 +190,7 @@ def truth(case: Case) -> dict[str, Any]:
 
 
 def from_truth(values: dict[str, Any]) -> Case:
-    """The case of values that `truth` wrote."""
+    """Case from the values written by `truth`."""
     effects = tuple(hidden.from_dict(e) for e in values["effects"])
     keys = ("name", "robot", "kind", "size", "seed")
     how = Condition(**values.get("condition", {}))

@@ -99,7 +99,7 @@ def page(
 
 
 def _numbers(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
-    """A table of numbers, whose first column names them."""
+    """A table of numbers with names in the first column."""
     return html.table(head, rows, range(1, len(head)))
 
 
@@ -149,7 +149,7 @@ def errors(rows: Sequence[Mapping[str, Any]]) -> Chart:
 
 
 def _matrix(table: Mapping[str, Mapping[str, int]]) -> Markup:
-    """Confusion matrix, true names first and verdicts without a name last."""
+    """Confusion matrix; the last columns are verdicts without a name."""
     names = {name for line in table.values() for name in line}
     order = [n for n in table if n in names]
     order += sorted(names - set(order) - set(score.UNNAMED))
@@ -161,7 +161,7 @@ def _matrix(table: Mapping[str, Mapping[str, int]]) -> Markup:
 
 
 def _cell(true: str, name: str, count: int) -> tuple[str, str]:
-    """Text and mark of a cell of the matrix."""
+    """Text and CSS class of a cell of the matrix."""
     if not count:
         return "", ""
     right = name.split(" and ")[0] == true or (true == "nothing" and name == "no gap")
@@ -177,7 +177,7 @@ def _case(r: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _mark(r: Mapping[str, Any]) -> str:
-    """Good, wrong or undecided."""
+    """CSS class of a result: good, wrong or undecided."""
     if r["kind"] == "null":
         return "good" if r["verdict"] == "no gap" else "bad" if r["named"] else "so"
     if r["kind"] == "outsider":

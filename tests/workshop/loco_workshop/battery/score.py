@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The share of right verdicts: a row per case, then figures over rows.
+"""Score of a battery: a row per case, then statistics over rows.
 
-A single effect is right when it alone is named. Where data cannot tell two effects apart
-even in principle (`twins`), naming both as ambiguous is right, and naming one is not.
+A verdict on a single effect is correct if exactly this effect is named. If two effects are
+indistinguishable even in principle (`twins`), the verdict "ambiguous" with both is correct,
+and naming one of them is not.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from .ground import walkers
 from .physics import machines
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
-LEVEL = {"com_offset", "slope"}  # of one joint: gravity, or the mass that it pulls, is turned
-LATE = frozenset({"command_delay", "sensor_latency"})  # late stamps are what these say
-SURE = (NAMED, MORE)  # a name that is given counts, whether or not more is missing beside it
+LEVEL = {"com_offset", "slope"}  # for one joint both rotate the gravity torque
+LATE = frozenset({"command_delay", "sensor_latency"})  # effects of late stamps
+SURE = (NAMED, MORE)  # verdicts with a name, complete or not
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
 OFF, EXACT = "model a little off", "model exact"
 BASELINES = {
@@ -33,10 +34,10 @@ BASELINES = {
 
 
 def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of a case.
+    """Row of the score for a case.
 
     Args:
-        truth: Hidden effects, as `cases.truth` writes them.
+        truth: Hidden effects, in the format of `cases.truth`.
         result: Parts of gap.json.
     """
     true = sorted({e["effect"] for e in truth["effects"]})
@@ -54,7 +55,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     twins = twins_of(truth["robot"])
     twin = next((sorted(t) for t in twins if set(true) <= t), None) if true else None
     if true == ["sensor_latency"] and _machine(truth["robot"]).torque_noise:
-        twin = None  # its torques come in time
+        twin = None  # torque readings are not delayed, so the two can be distinguished
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
     cells["named"] = verdict in SURE and bool(names or not result.get("names"))
     cells["top1"] = bool(true) and verdict in SURE and names == true
@@ -93,32 +94,32 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def followed(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Rows as they are after the experiments that ambiguous verdicts proposed; none if none ran."""
+    """Rows after the experiments proposed by ambiguous verdicts; empty if none ran."""
     return [r["then"] or r for r in rows] if any(r["then"] for r in rows) else []
 
 
 def _groups(result: Mapping[str, Any]) -> list[list[str]]:
-    """Sets of effects that the workflow cannot tell apart."""
+    """Sets of effects that the workflow cannot distinguish."""
     groups = [[str(name).split(" ")[0] for name in g] for g in result.get("ambiguous", [])]
     return groups or ([list(result["names"])] if result.get("names") else [])
 
 
 def twins_of(robot: str) -> list[set[str]]:
-    """Sets of effects that no data of a robot can tell apart."""
+    """Sets of effects that no data of a robot can distinguish."""
     return [*TWINS, LEVEL] if len(_machine(robot).joints) == 1 else list(TWINS)
 
 
 def _both(
     true: Sequence[str], said: Sequence[str], result: Mapping[str, Any], twins: Sequence[set[str]]
 ) -> bool:
-    """All is named, but for twins that are told as such."""
+    """Whether all effects are named, where twins may be reported as ambiguous."""
     groups = [set(group) for group in _groups(result)]
     groups_named = {name for group in groups for name in group if name in true}
     return all(group in twins for group in groups) and {*said, *groups_named} == set(true)
 
 
 def _options(result: Mapping[str, Any]) -> list[str]:
-    """Effects in the order in which the workflow believes in them, each once."""
+    """Effects by decreasing rank in the result of the workflow, without duplicates."""
     ordered = list(result.get("names", []))
     for group in result.get("ambiguous", []):
         ordered += [str(name).split(" ")[0] for name in group]
@@ -131,7 +132,7 @@ def _options(result: Mapping[str, Any]) -> list[str]:
 def _found(
     truth: Mapping[str, Any], result: Mapping[str, Any]
 ) -> tuple[bool | None, list[dict[str, Any]]]:
-    """Whether all true effects that were named are where they are, and how large they seem."""
+    """Whether all correctly named effects have the correct place, and errors of their sizes."""
     terms = {t["effect"]: t for t in result.get("terms", []) if t["verdict"] == "named"}
     if result["verdict"] not in SURE:
         return None, []
@@ -154,7 +155,7 @@ def _machine(robot: str) -> Any:
 
 
 def same_place(machine: Any, true: str, said: str) -> bool:
-    """Whether two places are the same joints, or the same link."""
+    """Whether two places denote the same joints or the same link."""
     parts = (*machine.joints, *machine.links)
 
     def members(place: str) -> list[str]:
@@ -165,7 +166,7 @@ def same_place(machine: Any, true: str, said: str) -> bool:
 
 
 def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray] | None:
-    """Value and interval of a strength, NaN without one; the parts of a vector side by side."""
+    """Value and interval of a strength, NaN without interval; components of a vector in order."""
     labels = [k for k in sorted(parameters) if k == name or k.startswith(f"{name}.")]
     if not labels:
         return None
@@ -174,7 +175,7 @@ def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray]
 
 
 def _error(effect: Mapping[str, Any], said: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Relative error; parts of a vector that the data do not determine do not count."""
+    """Relative error of a strength, without components that the data do not determine."""
     true = np.atleast_1d(np.asarray(effect["params"][effect["strength"]], float))
     known = np.isfinite(said["low"]) & np.isfinite(said["high"])
     if len(true) == len(known) and known.any():
@@ -196,14 +197,14 @@ def _gap(result: Mapping[str, Any]) -> tuple[float | None, float | None, float |
 
 
 def reducible(before: float | None, after: float | None) -> float | None:
-    """Share of the gap above the floor that is closed; None where there was next to none."""
+    """Closed share of the gap above the noise floor; None if the gap was negligible."""
     if before is None or after is None or before**2 - 1.0 < 0.1:
         return None
     return float(1.0 - (after**2 - 1.0) / (before**2 - 1.0))
 
 
 def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Figures over all rows: acceptance, by robot, by size, and baselines."""
+    """Statistics over all rows: acceptance, by robot, by size, and baselines."""
     singles = [r for r in rows if r["kind"] == "single"]
     larger = [r for r in singles if r["size"] in ("medium", "large")]
     pairs = [r for r in rows if r["kind"] == "pair"]
@@ -252,12 +253,12 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _false(r: Mapping[str, Any]) -> bool:
-    """A name was given that is not hidden."""
+    """Whether an effect was named that is not hidden in the robot."""
     return r["named"] and not set(r["said"]) <= set(r["true"])
 
 
 def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares of right verdicts among single effects."""
+    """Shares of correct verdicts among single effects."""
     return {
         "cases": len(rows),
         "top-1": share(r["top1"] for r in rows),
@@ -272,9 +273,9 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def held_out(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Held-out error in floors: of the model as it came, the workflow, and the baselines.
+    """Held-out error in noise floors: of the initial model, the workflow, and the baselines.
 
-    Over cases with something hidden for which all of them have a figure.
+    Computed over cases with hidden effects for which all of them have a value.
     """
     names = [n for n in BASELINES if any(n in r["baselines"] for r in rows)]
     both = [
@@ -304,9 +305,9 @@ def _spread(after: Sequence[float], rows: Sequence[Mapping[str, Any]]) -> dict[s
 
 
 def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
-    """Counts of the names and verdicts that each hidden effect (`nothing` for nulls) got.
+    """Counts of named effects and verdicts by hidden effect (`nothing` if none is hidden).
 
-    Cases of several names count as the true one with others, or as the first wrong name.
+    A case with several names counts as the true one with others, or as the first wrong name.
     """
     table: dict[str, dict[str, int]] = {}
     for r in rows:
@@ -319,7 +320,7 @@ def confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
 
 
 def said(r: Mapping[str, Any]) -> str:
-    """Verdict of a row in one word."""
+    """Verdict of a row as short text."""
     if r["verdict"] not in SURE or not r["said"]:
         return r["verdict"]
     if set(r["true"]) & set(r["said"]):
@@ -328,12 +329,12 @@ def said(r: Mapping[str, Any]) -> str:
 
 
 def share(flags: Iterable[Any]) -> float | None:
-    """Share of true flags, None of no flags."""
+    """Share of true flags; None without flags."""
     flags_known = [bool(f) for f in flags]
     return sum(flags_known) / len(flags_known) if flags_known else None
 
 
 def median(values: Iterable[float]) -> float | None:
-    """Median, None of no values."""
+    """Median; None without values."""
     numbers = [float(v) for v in values if v is not None]
     return float(np.median(numbers)) if numbers else None

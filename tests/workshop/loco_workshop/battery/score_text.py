@@ -12,7 +12,7 @@ RATES = (
 )  # fmt: skip
 AFTER = "after the experiment it proposes"
 THEN = ("next experiment", "then")
-WANTED = (  # figure, where it stands, what is asked for
+WANTED = (  # name of the figure, its key, requirement
     ("top-1 name, single effects, medium and large", ("singles medium and large", "top-1"),
      ">= 90 %"),
     ("the same, or both of two that no data can tell apart",
@@ -50,11 +50,11 @@ WANTED = (  # figure, where it stands, what is asked for
 def acceptance(
     figures: Mapping[str, Any], later: Mapping[str, Any] | None = None
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of figure, value, value after the next experiment, what is asked for.
+    """Head and rows of a table: figure, value, value after the next experiment, requirement.
 
     Args:
-        figures: Figures over the bags that all cases have.
-        later: Figures with the experiments that ambiguous verdicts proposed.
+        figures: Statistics from the initial bags of all cases.
+        later: Statistics after the experiments proposed by ambiguous verdicts.
     """
     rows = []
     for text, path, target in WANTED:
@@ -71,7 +71,7 @@ def markdown(
     title: str,
     later: Mapping[str, Any] | None = None,
 ) -> str:
-    """The whole score."""
+    """The score as Markdown text."""
     count = f"{figures['cases']} cases, {figures['errors']} of them ended by an error"
     parts = [f"# {title}", f"{count}."]
     parts.append(table(*acceptance(figures, later)))
@@ -122,7 +122,7 @@ def case(r: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def then(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Cells of the experiment that was run next, and what was said then."""
+    """Cells with the proposed experiment and the verdict after it, per row."""
     pairs = [(r["experiment"], r["then"]) for r in rows]
     return [(name, ", ".join(r["said"]) or r["verdict"]) if r else ("", "") for name, r in pairs]
 
@@ -134,12 +134,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def percent(value: float | None) -> str:
-    """Share in percent; less than one has a decimal."""
+    """Share in percent, with one decimal below one percent."""
     if value is None:
         return "–"
     return f"{100.0 * value:.{1 if 0.0 < value < 0.01 else 0}f} %"
 
 
 def number(value: float | None) -> str:
-    """Three digits."""
+    """A number with three digits."""
     return "–" if value is None else f"{value:.3g}"

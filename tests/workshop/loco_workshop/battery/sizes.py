@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strengths at which a hidden effect is small, medium or large.
+"""Strengths at which a hidden effect is small, medium or large.
 
-Size is what shows: the largest deviation of any sensor from the machine without the effect,
-rms over all records, in units of what sensors and integration alone leave. What masses, inertias
-and motors can make that are off by as little as nobody knows them does not count: a robot with a
-payload of one percent and one that is a percent heavier are one robot.
+The size is defined by visibility: the largest rms deviation of any sensor over all records from
+the machine without the effect, in units of the noise floor of sensors and integration. The part
+that uncertain masses, inertias and motors can explain is subtracted: a payload of one percent
+cannot be distinguished from links that are one percent heavier.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from .physics.machines import Machine
 
 TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
 TOLERANCE, TRIES = 0.25, 7
-CHANCE = 2.5  # floors that integration alone may change
-SEEN = 0.75  # share of the target that a size must reach to count
-DEVIATION = (0.02, 0.04, 0.02, 0.02)  # of masses, inertias, motors, and of the speed of a servo's
-MOST, ROUNDS = 2.5, 4  # deviations at most; rounds in which values that do as much are sought
+CHANCE = 2.5  # largest change due to the integration step [floors]
+SEEN = 0.75  # smallest accepted share of the target
+DEVIATION = (0.02, 0.04, 0.02, 0.02)  # standard deviation of mass, inertia, motor, servo speed
+MOST, ROUNDS = 2.5, 4  # bound [standard deviations]; iterations of the fit
 
 
 @lru_cache(maxsize=8)
 def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """Readings without anything hidden, (T, C) per fit record, and their floor, (C,)."""
+    """Readings without hidden effects, (T, C) per fit record, and their noise floor, (C,)."""
     machine = _quick(robot)
     bare, gap, count = [], 0.0, 0
     for kind in excitation.FIT:
@@ -45,7 +45,7 @@ def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray
 
 
 def _quick(robot: str) -> Machine:
-    """The machine at fewer steps: sizes need not be exact."""
+    """The machine with fewer integration steps, since sizes need not be exact."""
     machine = machines.get(robot)
     return machine.with_steps(machine.quick or machine.steps // 2)
 
@@ -56,10 +56,10 @@ def columns(reading: plant.Reading) -> np.ndarray:
 
 
 def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
-    """Whitened rms of the sensor that shows most, 1 for nothing; inf if it diverges.
+    """Largest whitened rms over the sensors; 1 if the effect is invisible, inf if it diverges.
 
     Args:
-        robot: Machine.
+        robot: Name of the machine.
         effects: Hidden effects.
         seed: Seed of the excitation.
     """
@@ -74,7 +74,7 @@ def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
         bounds = (-MOST - by, MOST - by)
         more = lsq_linear(factor.T, np.linalg.solve(factor, side), bounds).x
         by = by + more
-        if machine.servo:  # what rounds its encoder is no straight line
+        if machine.servo:  # an encoder's rounding is nonlinear
             like = _moved(_off(machine, by), (), robot, seed)
         else:
             like = like + (known @ more).reshape(moved.shape)
@@ -83,7 +83,10 @@ def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
 
 
 def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -> np.ndarray | None:
-    """Change of all records by effects or another machine [floors], (T, C); None if it diverges."""
+    """Change of all records due to effects or another machine [floors], (T, C).
+
+    None if the simulation diverges.
+    """
     bare, floor = reference(robot, seed)
     rows = []
     for kind, base in zip(excitation.FIT, bare, strict=True):
@@ -97,9 +100,11 @@ def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -
 
 @lru_cache(maxsize=2)
 def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Effects of each mass, inertia and motor per deviation [floors], (T C, K).
+    """Sensitivities to the uncertain parameters: masses, inertias, motors.
 
-    Beside them stands the Cholesky factor of their Gram matrix with the priors, (K, K).
+    Returns:
+        The change of the readings per standard deviation of each parameter [floors], (T C, K), and
+        the Cholesky factor of their Gram matrix plus the prior (identity), (K, K).
     """
     machine = _quick(robot)
     count = len(machine.joints) * (len(DEVIATION) if machine.servo else len(DEVIATION) - 1)
@@ -109,7 +114,7 @@ def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _off(machine: Machine, by: np.ndarray) -> Machine:
-    """The machine with masses, inertias, motors (and speeds of servos) off by deviations."""
+    """The machine with parameters changed by multiples `by` of their standard deviations."""
     shares = by.reshape(-1, len(machine.joints))
     return conditions.altered(
         machine, *(1.0 + shares * np.array(DEVIATION[: len(shares)])[:, None])
@@ -119,9 +124,9 @@ def _off(machine: Machine, by: np.ndarray) -> Machine:
 def sized(
     name: str, robot: str, size: str, rng: np.random.Generator, seed: int
 ) -> tuple[Hidden, float] | None:
-    """A random effect that shows as much as its size says, and how much it shows.
+    """A random effect with the visibility of a size class, and its visibility.
 
-    None if it has no place on the robot, or never shows that much within its bounds.
+    None if it has no place on the robot, or does not reach this visibility within its bounds.
     """
     drawn = kinds.draw(name, machines.get(robot), rng)
     if drawn is None:
@@ -149,10 +154,10 @@ def sized(
 
 
 def chance(robot: str, effect: Hidden, seed: int) -> float:
-    """Change of the readings by the step of integration alone [floors].
+    """Change of the readings due to the integration step [floors].
 
-    Sticking and hunting may grow differences of rounding until they are seen; then no model
-    can be judged on the record.
+    Stick-slip and hunting can amplify rounding differences until they are visible; then the record
+    cannot be used to evaluate a model.
     """
     machine = _quick(robot)
     _, floor = reference(robot, seed)
@@ -166,7 +171,7 @@ def chance(robot: str, effect: Hidden, seed: int) -> float:
 
 
 def rounded(effect: Hidden) -> Hidden:
-    """Four digits of every parameter, so that a truth file is read easily."""
+    """The effect with parameters rounded to four digits, for a readable truth file."""
     return Hidden(
         effect.effect, effect.place, effect.strength,
         {key: _short(value) for key, value in effect.params.items()},

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sparse regression of the torque residual on a library of terms (baseline after SINDy).
 
-The robot's equations of motion, at smoothed measured positions, velocities and accelerations,
-give the torque that was needed; the drives' laws give the one that was there. The difference
-is regressed, joint by joint, on terms that the registry has effects for.
+Inverse dynamics at smoothed measured positions, velocities and accelerations gives the required
+torque; the laws of the drives give the applied torque. The difference is regressed, joint by
+joint, on terms that correspond to effects of the registry.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .physics import machines, slots
 from .physics.engine import Engine
 from .physics.machines import Machine
 
-WINDOWS = (0.08, 0.16)  # of the smoother [s]
-THRESHOLDS, ROUNDS = (0.05, 0.15, 0.4), 10  # shares of the residual's rms below which a term goes
-TERMS = (  # effect, parameter, whether it may be below 0
+WINDOWS = (0.08, 0.16)  # smoothing windows [s]
+THRESHOLDS, ROUNDS = (0.05, 0.15, 0.4), 10  # smallest share of the residual's rms of a term
+TERMS = (  # effect, parameter, whether it may be negative
     ("coulomb_friction", "torque", False),
     ("viscous_friction", "damping", False),
     ("added_stiffness", "stiffness", True),
@@ -33,13 +33,13 @@ TERMS = (  # effect, parameter, whether it may be below 0
 def discover(
     robot: str, records: Sequence[Record], window: float, threshold: float
 ) -> list[dict[str, Any]]:
-    """Effects that the regression finds, as in an experiment's list.
+    """Effects found by the regression, in the format of experiments.
 
     Args:
         robot: Robot of the battery.
         records: Records to fit.
-        window: Window of the smoother [s].
-        threshold: Share of the residual's rms below which a term goes.
+        window: Smoothing window [s].
+        threshold: Share of the residual's rms below which a term is removed.
     """
     machine = machines.get(robot)
     blocks = [_signals(machine, record, window) for record in records]
@@ -63,12 +63,12 @@ def _legal(effect: str, value: float) -> float:
 
 
 def thresholded(library: np.ndarray, missing: np.ndarray, threshold: float) -> np.ndarray:
-    """Least squares in which terms that matter little go, round by round (STLSQ), (P,).
+    """Coefficients of sequentially thresholded least squares (STLSQ), (P,).
 
     Args:
-        library: Terms, (N, P); the torque of each is minus its coefficient times it.
-        missing: Torque that the model lacks [N·m], (N,).
-        threshold: Smallest share that keeps a term, as `discover` takes it.
+        library: Terms, (N, P); the torque of a term is minus its coefficient times its column.
+        missing: Torque residual [N·m], (N,).
+        threshold: Share of the residual's rms below which a term is removed.
     """
     size = np.sqrt(np.mean(np.square(library), axis=0)) + 1e-12
     level = threshold * float(np.sqrt(np.mean(np.square(missing))))
@@ -87,14 +87,14 @@ def thresholded(library: np.ndarray, missing: np.ndarray, threshold: float) -> n
 
 
 def _library(block: dict[str, np.ndarray], j: int, rest: float) -> np.ndarray:
-    """Columns of `TERMS` with the sign that their effects have."""
+    """Columns of `TERMS`, with the signs of their effects."""
     q, v = block["q"][:, j], block["v"][:, j]
     side = np.tanh(v / (0.05 * np.max(np.abs(v)) + 1e-9))
     return -np.stack((side, v, q - rest, (q - rest) ** 3), axis=1)
 
 
 def _signals(machine: Machine, record: Record, smooth: float) -> dict[str, np.ndarray]:
-    """Smoothed motion, torque of the drives, and what the model lacks; (T, n) each."""
+    """Smoothed motion, torque of the drives, and torque residual, (T, n) each."""
     columns = [record.joints.index(name) for name in machine.joints]
     q = bridged(record.signals["q"][:, columns])
     window = max(5, int(smooth / record.dt) | 1)
@@ -111,7 +111,7 @@ def _signals(machine: Machine, record: Record, smooth: float) -> dict[str, np.nd
 
 
 def _drive(machine: Machine, record: Record, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Torque that the drives' laws give for what was measured [N·m], (T, n)."""
+    """Torque of the drives computed from the measured motion [N·m], (T, n)."""
     tau, rows = np.zeros_like(q), machine.drives
     command, speed = np.zeros_like(q), np.zeros_like(q)
     for c, j in enumerate(machine.joints.index(name) for name in record.driven):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's own system identification, ``mujoco.sysid``, given all the parameters that it has.
+"""Baseline with MuJoCo's system identification, ``mujoco.sysid``, and all its parameters.
 
-It identifies the model as `loco export-model --to mjcf` writes it, with gears that are rigid, from
-the same records: armature, damping and dry friction of each joint, both gains and the zero of
-each drive, mass and centre of each body that moves, bias and gain of each encoder, one delay.
+It identifies the model exported by `loco export-model --to mjcf` with rigid gears from the same
+records: armature, damping and dry friction of each joint, both gains and the zero position of
+each drive, mass and centre of mass of each moving body, bias and gain of each encoder, one delay.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from loco_sim.export.mjcf import mjcf
 from loco_sim.export.portable import RIGID, portable
 from loco_sim.plant.model import Model
 
-ITERATIONS, EVALUATIONS = (5, 20), 1000  # of its least squares, and simulations that these may cost
-RATE = 4000.0  # physics steps in a second, at least: where its error is small beside most gaps [Hz]
-INSIDE = 0.01  # share of a range by which values that begin on a bound are moved away from it
-FACTOR, RANGE, ZERO = 4.0, 0.2, 0.3  # bounds of gains and masses; of encoders; of zeros and centres
+ITERATIONS, EVALUATIONS = (5, 20), 1000  # of its least squares, and largest number of simulations
+RATE = 4000.0  # smallest rate of physics steps [Hz]; its error is below most gaps
+INSIDE = 0.01  # distance of initial values from a bound, as share of the range
+FACTOR, RANGE, ZERO = 4.0, 0.2, 0.3  # bounds: gains and masses; encoders; zeros and centres
 LATEST = 0.02  # longest delay [s]
 SENSORS = {"q": "mjSENS_JOINTPOS", "tau": "mjSENS_JOINTACTFRC"}
 
 
 def installed() -> bool:
-    """Whether what it needs is installed: without, it is an empty module."""
+    """Whether its required packages are installed."""
     return hasattr(mujoco_sysid, "build_residual_fn")
 
 
 def require() -> None:
-    """Raise `MissingPackageError` where one of the packages that it needs is not installed."""
+    """Raise `MissingPackageError` if a required package is not installed."""
     if not installed():
         raise MissingPackageError(
             "the baseline sysid needs packages that are not installed; they come with "
@@ -49,12 +49,12 @@ def require() -> None:
 
 
 def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]], float]:
-    """Values that it finds, and the whitened rms that they leave on the records that judge.
+    """Identified parameter values, and the whitened rms of their residuals on held-out records.
 
     Args:
-        case: Records that are fitted and that judge, with their floors.
-        model: Model as it came.
-        seed: Unused, as nothing is drawn.
+        case: Records to fit and held-out records, with their noise floors.
+        model: Initial model.
+        seed: Unused, since the method is deterministic.
     """
     task = _Task(case, model)
     found = task.identified()
@@ -63,7 +63,7 @@ def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]
 
 
 class _Task:
-    """The model, the records and the parameters, as ``mujoco.sysid`` takes them."""
+    """Model, records and parameters in the format of ``mujoco.sysid``."""
 
     def __init__(self, case: Case, model: Model):
         require()
@@ -78,7 +78,7 @@ class _Task:
         self.model = self.spec.compile()
 
     def _spec(self, text: str) -> Any:
-        """The exported file with a sensor for each channel, none of which has errors yet."""
+        """The exported model with an ideal sensor for each channel."""
         spec = mujoco.MjSpec.from_string(text)
         spec.option.timestep = self.dt / self.steps
         for channel in self.channels:
@@ -90,7 +90,7 @@ class _Task:
         return spec
 
     def identified(self) -> Any:
-        """All parameters at the values that fit best."""
+        """All parameters at the values of the best fit."""
         weights = 1.0 / self.case.floor[self.columns]
         residual = mujoco_sysid.build_residual_fn(
             models_sequences=[self._sequence(i) for i in self.case.fitted],
@@ -119,7 +119,7 @@ class _Task:
         return left
 
     def _sequence(self, i: int) -> Any:
-        """A record: where it begins, its commands, and what was measured."""
+        """A record as initial state, commands and measurements."""
         measured = self.case.forward.measured[i][:, self.columns]
         measured = np.where(self.case.fit_rows[i][:, None], measured, np.nan)
         times = self.dt * np.arange(len(measured))
@@ -129,7 +129,7 @@ class _Task:
         )
 
     def _control(self, i: int) -> Any:
-        """Commands in each physics step, held between samples, or straight where they are so."""
+        """Commands at each physics step, held or linearly interpolated between samples."""
         told = running.orders(self.case.records[i], self.made.robot)
         table = replay.commands(self.made, told)
         rows = np.arange(len(table) * self.steps)
@@ -140,7 +140,7 @@ class _Task:
         return mujoco_sysid.TimeSeries(rows * self.dt / self.steps, values)
 
     def _start(self, i: int) -> np.ndarray:
-        """State in which a record begins."""
+        """Initial state of a record."""
         robot = self.made.robot
         q, dq = replay.begins(self.case.records[i], robot, self.case.forward, i)
         data = mujoco.MjData(self.model)
@@ -153,9 +153,10 @@ class _Task:
         return state
 
     def _read(self, found: Any, sensed: np.ndarray) -> np.ndarray:
-        """Readings of sensors with errors at each sample, (T, C).
+        """Sensor readings with the sensors' errors at each sample, (T, C).
 
-        A row of theirs is that before its physics step; torques are means since the last sample.
+        A row of `sensed` is the state before its physics step; torques are means since the last
+        sample.
         """
         rows = np.arange(0, len(sensed), self.steps)
         times = rows - found["delay"].value[0] / self.model.opt.timestep
@@ -180,7 +181,7 @@ class _Task:
         return residual
 
     def _parameters(self) -> Any:
-        """All that it can change, at the values of the model."""
+        """All identifiable parameters, at the values of the model."""
         Parameter, found = mujoco_sysid.Parameter, mujoco_sysid.ParameterDict()  # noqa: N806
         found.add(Parameter("delay", 0.0, 0.0, LATEST))
         for joint in self.made.joints:
@@ -218,7 +219,7 @@ class _Task:
         return float(self.model.dof_damping[self.model.joint(joint).dofadr[0]])
 
     def _moved(self) -> list[str]:
-        """Bodies with a mass behind a joint."""
+        """Names of the bodies with mass that a joint moves."""
         weld, mass = self.model.body_weldid, self.model.body_mass
         return [self.model.body(i).name for i in range(1, self.model.nbody)
                 if weld[i] and mass[i] > 0.0]  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap battery` at the terminal: progress with the time left, then the score."""
+"""Terminal output of `loco gap battery`: progress with remaining time, then the score."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .page import write_score
 
 
 def show_battery(a: argparse.Namespace) -> int:
-    """`loco gap battery`: with a progress bar, then the score; returns the exit code."""
+    """Run `loco gap battery` with a progress bar and print the score; returns the exit code."""
     gap_battery.check(a)
     folder = a.out or Path("results") / f"gap_battery_{a.seed}"
     check_writable(folder)

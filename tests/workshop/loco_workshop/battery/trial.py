@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One case of the blind battery: make its bags, run the workflow on them, keep the verdict."""
+"""One case of the blind battery: write its bags, run the workflow on them, save the verdict."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from .score import SURE
 KEPT = ("verdict", "names", "terms", "rivals", "ambiguous", "gap", "next")
 HELD = "hold_out"
 WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
-# The first is that of every search.
+# The first value is the default of every search.
 OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[1:]
-OTHER = 6  # key of the stream that draws among them
+OTHER = 6  # seed key of the random choice among them
 
 
 def work(
@@ -49,15 +49,16 @@ def work(
     follow: bool = False,
     settings: int = 0,
 ) -> dict:
-    """Do what is missing of a case: make it, run the workflow, run baselines; keep the result.
+    """Run the missing parts of a case (bags, workflow, baselines) and save the result.
 
     Args:
         folder: Folder of the battery.
         case: Case from `cases.plan`.
         effects: Patterns that single effects match.
         baselines: Names of the baselines to run.
-        follow: Whether an ambiguous verdict gets the experiment that it proposes.
-        settings: Number of other settings under which a name is asked again.
+        follow: Whether to simulate the experiment that an ambiguous verdict proposes, and to search
+            again with it.
+        settings: Number of other settings under which a search with a named effect is repeated.
     """
     make(folder, case, effects)
     place = folder / bags.BAGS / case.name
@@ -85,7 +86,7 @@ def work(
 
 
 def make(folder: Path, case: Case, effects: tuple[str, ...]) -> None:
-    """Bags and truth of a case; arguments as of `work`."""
+    """Write bags and ground truth of a case; arguments as for `work`."""
     if not bags.ready(folder, case.name):
         robot = model_of(case.robot).robot if case.robot in walkers.WALKERS else ""
         bags.write(folder, cases.fill(case, effects), robot)
@@ -106,20 +107,20 @@ def unfinished(
     follow: bool = False,
     settings: int = 0,
 ) -> bool:
-    """Something of a case is still to be done; arguments as of `work`."""
+    """Whether parts of a case are missing; arguments as for `work`."""
     if result is None or lacking(result, baselines) or (follow and unfollowed(result)):
         return True
     return bool(unasked(result, case.seed, settings))
 
 
 def unfollowed(result: dict[str, Any]) -> bool:
-    """A verdict is ambiguous, proposes an experiment, and that was not run."""
+    """Whether a verdict is ambiguous and proposes an experiment that was not run."""
     ambiguous = result["verdict"] == "ambiguous" and bool(result.get("next"))
     return ambiguous and "followed" not in result
 
 
 def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
-    """Other settings under which a name is still to be asked: window, judging record, accuracy."""
+    """Settings (window, held-out record, accuracy) under which the search is not repeated yet."""
     if result["verdict"] not in SURE or not result["names"]:
         return []
     drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]
@@ -127,7 +128,7 @@ def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, 
 
 
 def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float]) -> dict[str, Any]:
-    """Setting, verdict and names of a search under it; other arguments as of `examined`."""
+    """Setting, verdict and names of a search with it; other arguments as for `examined`."""
     window, judge, accuracy = setting
     params = GapParams(seed=seed, window=window, accuracy=accuracy)
     found = _found(*read(place, robot, (HELD,), judge), params)
@@ -136,7 +137,7 @@ def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float])
 
 
 def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]:
-    """Result of the workflow with the experiment that it proposed."""
+    """Result of the workflow with its proposed experiment."""
     name = result["next"][0]["experiment"]
     place = folder / bags.BAGS / case.name
     moved = motion(model_of(case.robot), name, machines.get(case.robot).rate)
@@ -145,7 +146,7 @@ def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]
 
 
 def motion(model: Any, name: str, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Commanded positions and velocities of an experiment of the pool, (T, m) each.
+    """Commanded positions and velocities of a proposed experiment, (T, m) each.
 
     Args:
         model: Model of the robot without hidden effects.
@@ -161,7 +162,7 @@ def motion(model: Any, name: str, rate: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Result of the workflow on the bags in a folder; it sees nothing else.
+    """Result of the workflow on the bags in a folder, without any other input.
 
     Args:
         place: Folder with fit_* and hold_out bags.
@@ -173,7 +174,7 @@ def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> 
 
 
 def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, Any]:
-    """Parts of `gap.json` that a battery keeps of a search; an error is a verdict."""
+    """Parts of `gap.json` that a battery stores; an error becomes a verdict."""
     try:
         found = workflow.find(model, fit, held, params)
         return {key: found[key] for key in KEPT if key in found}
@@ -183,7 +184,7 @@ def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, An
 
 @contextlib.contextmanager
 def _timed(folder: Path, case: str, what: str) -> Iterator[None]:
-    """Write down the time that the block takes: in results it would differ from run to run."""
+    """Log the duration of the block, in a separate file since it differs from run to run."""
     began, spent = time.perf_counter(), time.process_time()
     yield
     wall, cpu = time.perf_counter() - began, time.process_time() - spent
@@ -191,12 +192,12 @@ def _timed(folder: Path, case: str, what: str) -> Iterator[None]:
 
 
 def compared(place: Path, robot: str, seed: int, names: tuple[str, ...]) -> dict[str, Any]:
-    """Results of baselines on the same bags; arguments as of `examined`."""
+    """Results of baselines on the same bags; arguments as for `examined`."""
     return baselines.run(names, *read(place, robot), seed)
 
 
 def model_of(robot: str) -> Any:
-    """Model of a robot as it should be, with how it is held."""
+    """Nominal model of a robot, including how its base is held."""
     if robot in walkers.WALKERS:
         return Model(trots.robot_of(walkers.get(robot), _folder()))
     machine = machines.get(robot)
@@ -206,16 +207,16 @@ def model_of(robot: str) -> Any:
 
 @cache
 def _folder() -> Path:
-    """Folder for robots that loco does not have, as long as this process lives."""
+    """Temporary folder of this process for robots that loco lacks."""
     folder = Path(tempfile.mkdtemp(prefix="loco_battery_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
 def _foreign(machine: Machine) -> Path:
-    """File of a robot as `loco robot new` would write it, with the gains of the machine.
+    """Robot file in the format of `loco robot new`, with the gains of the machine.
 
-    Shapes are left out of its URDF: it hangs in the air and touches nothing.
+    Its URDF has no shapes, since the robot is fixed in the air and has no contacts.
     """
     path = _folder() / f"{machine.name}.yaml"
     if not path.is_file():
@@ -242,13 +243,13 @@ def _foreign(machine: Machine) -> Path:
 def read(
     place: Path, robot: str, more: tuple[str, ...] = (), judge: str = HELD
 ) -> tuple[Any, list, list]:
-    """Model of a robot as it should be, records to fit and records to judge on.
+    """Nominal model of a robot, records to fit and held-out records.
 
     Args:
         place: Folder with fit_* and hold_out bags.
         robot: Name of the robot.
         more: Names of further bags to fit.
-        judge: Name of the bag to judge on, which is not fitted.
+        judge: Name of the held-out bag.
     """
     model = model_of(robot)
     machine = model.make_robot()

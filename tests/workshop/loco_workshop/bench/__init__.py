@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench`: speed beside named baselines."""
+"""`loco bench`: speed compared with named baselines."""

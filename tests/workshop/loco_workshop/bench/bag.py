@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench bag`: messages of constant layout from a bag into NumPy arrays, and back."""
+"""`loco bench bag`: speed of reading and writing messages of constant layout."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from loco_control.ros.messages.topics import topic
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 
 MESSAGES = 60_000
-_OTHERS = 3_000  # messages for the readers that take long
+_OTHERS = 3_000  # number of messages for slow readers
 _KINDS = {"robot_state": RobotState, "motion_command": MotionCommand, "trunk_torque": TrunkTorque}
 _FIELD = {"robot_state": "q", "motion_command": "q", "trunk_torque": "tau"}
 
 
 def bench_bag() -> list[dict[str, Any]]:
-    """Messages per second of processor time, from a packed bag on disk to an array of joints."""
+    """Messages per second of CPU time, from a compressed bag on disk to an array of joints."""
     with tempfile.TemporaryDirectory() as folder:
         long = write_bag(Path(folder) / "long", MESSAGES)
         short = write_bag(Path(folder) / "short", _OTHERS)
@@ -44,7 +44,7 @@ def bench_bag() -> list[dict[str, Any]]:
 
 
 def write_bag(folder: Path, count: int) -> Path:
-    """A bag of control topics with numbers that do not compress by themselves."""
+    """Write a bag of control topics with numbers that are hardly compressible."""
     rng = np.random.default_rng(0)
     writer = BagWriter(folder)
     packs = {name: Converter(kind).pack for name, kind in _KINDS.items()}
@@ -62,7 +62,7 @@ def write_bag(folder: Path, count: int) -> Path:
 
 
 def _rate(way: Callable[[Path, str], np.ndarray], path: Path, name: str, count: int) -> int:
-    """Messages per second of processor time (all threads), best of ten."""
+    """Messages per second of CPU time (all threads), best of ten."""
     best = float("inf")
     for _ in range(10):
         began = time.process_time()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A loop that only wakes at its deadlines: what the machine allows, without ROS.
+"""Lateness of a loop that only wakes at its deadlines: the limit of the machine, without ROS.
 
 ``python -m loco_workshop.bench.bare_loop SECONDS RATE JSON`` prints JSON; its last
 argument holds `RealtimeParams`.
@@ -37,7 +37,7 @@ def measure(seconds: float, rate: float, requests: RealtimeParams) -> dict[str, 
 
 
 def main() -> None:
-    """Measure as the command line says."""
+    """Measure with the options of the command line and print JSON."""
     seconds, rate, requests = sys.argv[1:]
     params = from_dict(RealtimeParams, json.loads(requests), "realtime")
     sys.stdout.write(json.dumps(measure(float(seconds), float(rate), params)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench`: speeds as ratios against named baselines, measured in the same run."""
+"""`loco bench`: speeds as ratios to named baselines, measured in the same run."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def show_bench(a: argparse.Namespace) -> int:
 
 
 def lines(rows: Rows, width: int = 80) -> list[str]:
-    """Lines of a table that is no wider than a terminal.
+    """Lines of a table that fits the width of a terminal.
 
-    Where rows of columns are too wide they become columns of rows; where those are, too, each row
-    is a paragraph, of which the longest texts may go on.
+    If the table is too wide, it is transposed; if that is too wide too, each row becomes a
+    paragraph, in which only long texts exceed the width.
 
     Args:
         rows: Values by column, the same columns in each.
@@ -83,7 +83,7 @@ def lines(rows: Rows, width: int = 80) -> list[str]:
 
 
 def _aligned(table: list[list[str]]) -> list[str]:
-    """Lines of a table: texts of the first column to the left, all others to the right."""
+    """Lines of a table with the first column left-aligned and the others right-aligned."""
     wide = [max(map(len, column)) for column in zip(*table, strict=True)]
     rows = [[row[0].ljust(wide[0]), *map(str.rjust, row[1:], wide[1:])] for row in table]
     return ["  ".join(row).rstrip() for row in rows]
@@ -94,7 +94,7 @@ def _text(value: Any) -> str:
 
 
 def rls_rows() -> Rows:
-    """One FORCE step: ours, textbook NumPy, BLAS and the memory limit."""
+    """Time of one FORCE step: loco, textbook NumPy, BLAS and the memory limit."""
     return [
         {
             "neurons": r.neurons,
@@ -109,7 +109,7 @@ def rls_rows() -> Rows:
 
 
 def bench_graph(name: str = "hyq_trot_reflex") -> Rows:
-    """Real-time factor without ROS, composed and in processes, and where a tick goes."""
+    """Real-time factor without ROS, composed and in processes, and the time per stage of a tick."""
     experiment = load(name)
     stages, total = _rollout_stages(experiment)
     rows = [_graph_row("rollout, no ROS", total, stages, experiment, total)]
@@ -124,10 +124,10 @@ def bench_graph(name: str = "hyq_trot_reflex") -> Rows:
 def _graph_row(
     name: str, tick: float, stages: dict[str, float], experiment: Any, rollout: float
 ) -> dict[str, Any]:
-    """Shares of a tick; what physics, control and network do not take is messaging.
+    """Shares of a tick; the rest after physics, control and network is messaging.
 
     Args:
-        name: Layout.
+        name: Name of the layout.
         tick: Time of a tick [µs].
         stages: Times of the stages without ROS [µs].
         experiment: The experiment.
@@ -169,7 +169,7 @@ def _rollout_stages(experiment: Any) -> tuple[dict[str, float], float]:
 
 
 def bench_messages() -> Rows:
-    """One message to bytes and back: our codec beside rclpy's serialiser."""
+    """Time to serialise and deserialise one message: loco's codec and rclpy's serialiser."""
     zeros = [0.0] * len(JOINTS)
     templates = (RobotState(), JointState(name=list(JOINTS), position=zeros, velocity=zeros))
     rows = []
@@ -198,7 +198,7 @@ def bench_messages() -> Rows:
 
 
 def _best_of(ways: dict[str, Callable[[], Any]], repeats: int = 20, calls: int = 500) -> dict:
-    """Fastest time of each way [µs], measured in turns."""
+    """Fastest time of each function [µs], measured alternately."""
     best = dict.fromkeys(ways, float("inf"))
     for _ in range(repeats):
         for name, way in ways.items():
@@ -210,7 +210,7 @@ def _best_of(ways: dict[str, Callable[[], Any]], repeats: int = 20, calls: int =
 
 
 def population_rows() -> Rows:
-    """Population engine: a plain loop, the engine alone, two workers."""
+    """Speed of the population engine: a plain loop, the engine alone, two workers."""
     return [
         {
             "evaluation": r.problem,
@@ -224,7 +224,7 @@ def population_rows() -> Rows:
     ]
 
 
-# Title, what the ratios are against, and the bench.
+# Title, baseline of the ratios, and function of each benchmark.
 BENCHES: dict[str, tuple[str, str, Callable[..., Rows]]] = {
     "rls": ("FORCE step, 16 outputs [µs]", "memory limit", rls_rows),
     "graph": ("Lockstep with recorder, network and RLS", "rollout", bench_graph),

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench bolted`: a bolted robot without the engine, beside the same robot with it.
+"""`loco bench bolted`: speed of a fixed-base robot with and without the physics engine.
 
-Both run the same commands with the same drives, springs and physics steps. In the time of ours
-is what each run needs once (effects, tree, sensors), spread over 4 s, as `loco gap` pays it.
-A search changes little from run to run: `one joint` is a run in which the commands of one joint
-are others than before, so that other limbs are known.
+Both run the same commands with the same drives, springs and physics steps. The time without the
+engine includes the set-up of each run (effects, tree, sensors), spread over 4 s, as in `loco gap`.
+A search changes little between runs: `one joint` is a run in which only the commands of one joint
+differ from the previous run, so that the results of other limbs are cached.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SECONDS, TURNS = 4.0, 3
 
 
 def bench_bolted() -> list[dict[str, Any]]:
-    """Time of a physics step, with and without dry friction, best of some turns."""
+    """Time of a physics step, with and without dry friction, best of several repetitions."""
     return [
         _row(name, overrides, listed)
         for name, overrides in ROBOTS.items()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench damage`: a bag cut off and hit by flipped bits, and what comes back of it."""
+"""`loco bench damage`: recovery of bags after truncation and flipped bits."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from loco_control.exceptions import LocoError
 from loco_control.ros.messages.topics import topic
 
 TRUNCATIONS, FLIPS = 300, 1000
-_CHUNK = 8 * 1024  # small, so that there are many
+_CHUNK = 8 * 1024  # chunk size [bytes], small for many chunks
 
 
 def bench_damage(truncations: int = TRUNCATIONS, flips: int = FLIPS, seed: int = 0) -> list[dict]:
-    """Cut a bag at random bytes, flip random bytes of it; read and recover each.
+    """Truncate a bag at random bytes, flip random bits; read and recover each damaged copy.
 
     Returns:
-        A row per kind of damage; ``chunks missed``, ``wrong data`` and ``tracebacks``
-        have to be zero.
+        One row per kind of damage; ``chunks missed``, ``wrong data`` and ``tracebacks``
+        must be zero.
     """
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -56,7 +56,7 @@ _COLUMNS = (
 
 
 def sample(folder: Path, ticks: int = 500) -> Path:
-    """A bag of many small chunks, with messages of two topics and an attachment."""
+    """Write a bag of many small chunks, with messages of two topics and an attachment."""
     rng = np.random.default_rng(1)
     writer = BagWriter(folder, {"experiment": "sample"}, _CHUNK)
     names = ("robot_state", "trunk_torque")
@@ -72,7 +72,7 @@ def sample(folder: Path, ticks: int = 500) -> Path:
 
 
 class _Trial:
-    """Runs damaged copies of a bag through reader and recovery, and counts."""
+    """Test of reader and recovery on damaged copies of a bag, with counts."""
 
     def __init__(self, whole: Path, folder: Path):
         bag = Bag(whole)
@@ -89,7 +89,7 @@ class _Trial:
         self.slowest: dict[str, float] = {}
 
     def run(self, kind: str, data: bytes, spared: Any) -> None:
-        """One damaged file; ``spared(start, stop)`` says whether a chunk is unhurt."""
+        """Test one damaged file; ``spared(start, stop)`` is true for an undamaged chunk."""
         tally = self.tallies.setdefault(kind, Counter())
         tally["files"] += 1
         self._file.write_bytes(data)
@@ -103,7 +103,7 @@ class _Trial:
         self.slowest[kind] = max(spent, self.slowest.get(kind, 0.0))
 
     def _read(self, tally: Counter) -> None:
-        """A damaged file either reads as it was, or says that it is damaged."""
+        """Check that a damaged file is either read correctly or reported as damaged."""
         try:
             tally["wrong data"] += _messages(Bag(self._file)) != self._messages
         except LocoError:
@@ -129,7 +129,7 @@ class _Trial:
 
 
 def _messages(bag: Bag) -> Counter:
-    """Fingerprints of all messages."""
+    """Hashes of all messages with their counts."""
     order = Order(bag, list(bag.topics))
     return Counter(_print(name, round((bag.start + t) * 1e9), data) for t, name, data in order)
 

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench effects`: what effects cost, in shares of a physics step.
+"""`loco bench effects`: cost of effects, as shares of a physics step.
 
-A step is one physics step of the bare robot that moves its legs in place: drive, engine
-and joint states, with a share of the sensing at the end of its control period.
+A step is one physics step of the robot without effects, moving its legs in place: drive, engine
+and joint states, and a share of the sensing at the end of the control period.
 
-* off: every effect that applies is listed, none is switched on.
-* on, calls: time in hooks and kernels, with what passes numbers to and from them, called
-  again and again without the engine in between: the least they can cost.
-* on, whole step: time of the whole step with all effects on over that of the bare one.
-  In it is what the engine itself does more: brakes, soft contacts, a joint in the trunk.
+* off: all applicable effects are listed, none is switched on.
+* on, calls: time in hooks and kernels including their data transfer, called repeatedly
+  without the engine: the lower bound of their cost.
+* on, whole step: time of the whole step with all effects on, relative to the bare step.
+  It includes additional work of the engine: brakes, soft contacts, a joint in the trunk.
 
-Bare and other plants run in turns, block by block; medians of ratios are told, so that
-other work on the machine does not count.
+Bare and other plants run alternately, block by block; the results are medians of ratios, so
+that other load on the machine has little influence.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BLOCK, BLOCKS = 10, 60  # control periods per block, blocks
 
 
 class Bench:
-    """A robot that moves its legs in place, with effects."""
+    """A robot with effects that moves its legs in place."""
 
     def __init__(self, robot: str, listed: list[dict[str, Any]]):
         self.robot = robots.load(robot)
@@ -44,7 +44,7 @@ class Bench:
         self._tick = 0
 
     def block(self) -> float:
-        """Time of a physics step, mean over a block [µs]."""
+        """Mean time of a physics step over a block [µs]."""
         began = time.perf_counter()
         for _ in range(BLOCK):
             k = self._tick % len(self._q)
@@ -58,7 +58,7 @@ class Bench:
 
 
 def weak(name: str) -> dict[str, Any]:
-    """The effect at a strength at which the robot goes on as before."""
+    """The effect at a strength that hardly changes the motion of the robot."""
     identity = effects.EFFECTS[name].identity
     values: dict[str, Any] = {"channel": "tau"} if name == "sensor_stuck" else {}
     for key in identity.strengths:
@@ -70,7 +70,7 @@ def weak(name: str) -> dict[str, Any]:
 
 
 def bench_effects() -> list[dict[str, Any]]:
-    """Cost of effects that are off, and of all that apply at once."""
+    """Cost of all applicable effects, switched off and switched on."""
     rows = []
     for robot in ROBOTS:
         names = effects.applicable(robots.load(robot))
@@ -98,13 +98,13 @@ def bench_effects() -> list[dict[str, Any]]:
 
 
 def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
-    """Least time of all effects in a step, and of the bare step [µs]."""
+    """Smallest time of all effects in a step, and of the bare step [µs]."""
     per_tick = round(on.dt / on.physics_dt)
     joints, state = on.loop._joints, bare.reset()
     plain = _least(lambda: bare._drive.torque(*bare.loop._joints))
 
     def affected() -> None:
-        on._world._frames.clear()  # as a step of the engine does
+        on._world._frames.clear()  # as in a step of the engine
         on.loop._affected_torque(*joints)
 
     torque = _least(affected) - plain
@@ -115,7 +115,7 @@ def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
 
 
 def _least(call: Any, calls: int = 50, repeats: int = 60) -> float:
-    """Least mean time of a call [µs]."""
+    """Smallest mean time of a call [µs]."""
     best = float("inf")
     for _ in range(repeats):
         began = time.perf_counter()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench engines`: PyBullet and MuJoCo side by side.
+"""`loco bench engines`: comparison of PyBullet and MuJoCo.
 
-Bolted robots swing along commands on both, with readings that are 1 mrad noisy, and `loco gap`
-says how far from them the compiled loop without an engine is: 1 floor where they agree. Then the
-same runs on the ground, and the time of a physics step in the air and of a tick of a rollout.
+Fixed-base robots follow commands on both engines, with 1 mrad noise on the readings. `loco gap`
+measures the error of the compiled loop without an engine; 1 noise floor means agreement. Further
+rows: the same runs on the ground, the time of a physics step in the air and of a rollout's tick.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from loco_sim.world.world import make_world
 Rows = list[dict[str, Any]]
 BOLTED = {"servo_pendulum": {}, "linear_axis": {}, "hyq_leg": {},
           "tigrillo": {"fixed_base": True, "height": 1.0}}  # fmt: skip
-NOISE, SECONDS = 0.001, 6.0  # of readings [rad or m]; length of a recording
+NOISE, SECONDS = 0.001, 6.0  # noise of readings [rad or m]; length of a recording [s]
 RUNS = {
     "chapter8_rse": {},
     "hyq_trot_open": {"learner.train": 30.0},
@@ -61,7 +61,7 @@ def bench_engines() -> Rows:
 def floors(name: str, engine: str) -> float:
     """Error of the loop without an engine as a model of one [noise floors].
 
-    It is 1 if the two differ by nothing but the noise of the readings, which is one floor.
+    It is 1 if the two differ only by the noise of the readings, which is one floor.
 
     Args:
         name: Robot of `BOLTED`.
@@ -87,11 +87,11 @@ def floors(name: str, engine: str) -> float:
 
 
 def on_ground(name: str, values: dict[str, Any]) -> Rows:
-    """Time that an experiment stands, its speed and its turn on each engine.
+    """Time until a fall, speed and turn of an experiment on each engine.
 
     Args:
         name: Name of the experiment.
-        values: Values in place of its own, by dotted name.
+        values: Values that replace those of the experiment, by dotted name.
     """
     logs = {e: rollout(load(name, {**values, "sim.engine": e})) for e in ENGINES}
     last = {engine: list(metrics.table(log).values())[-1] for engine, log in logs.items()}
@@ -102,7 +102,7 @@ def on_ground(name: str, values: dict[str, Any]) -> Rows:
 
 
 def _times() -> Rows:
-    """Least times in turns [µs]."""
+    """Smallest times of alternating measurements [µs]."""
     hyq = robots.load("hyq")
     worlds = {e: make_world(hyq, hyq.sim.replace(engine=e), 0.001) for e in ENGINES}
     loops = {e: build(load("hyq_trot_reflex", {"sim.engine": e})) for e in ENGINES}

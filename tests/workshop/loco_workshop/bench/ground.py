@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench ground`: robots on the ground in the compiled loop around MuJoCo's C step.
+"""`loco bench ground`: speed of the compiled loop around MuJoCo's C step, on the ground.
 
-The same commands, drives and effects run three ways: with PyBullet step by step, in the compiled
-loop, readings included, and as the engine's own step alone with torques that stay as they are.
-Two more rows are whole ticks of a rollout, with network and learning.
+The same commands, drives and effects run in three variants: step by step with PyBullet, in the
+compiled loop including readings, and only the engine's step with constant torques.
+Two more rows are complete ticks of a rollout, with network and learning.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ CASES = {"hyq, drives": ("hyq", []), "hyq, two effects": ("hyq", TWO),
          "tigrillo, two effects": ("tigrillo", TWO)}  # fmt: skip
 ROLLOUT = "hyq_trot_reflex"
 SECONDS, TURNS = 2.0, 5
-ALONE = 0.1  # the engine alone: no longer, as nobody holds the robot [s]
+ALONE = 0.1  # engine alone: short, since the robot is not controlled [s]
 TICKS, WARM = 500, 250
 
 
 def bench_ground() -> list[dict[str, Any]]:
-    """Least time of a physics step, and of a tick of the rollout [µs].
+    """Smallest time of a physics step, and of a tick of the rollout [µs].
 
     Raises:
         ParameterError: An engine is not installed.
@@ -68,7 +68,7 @@ def _steps(name: str, robot: str, listed: list[dict[str, Any]]) -> dict[str, Any
 
 
 def _moving(name: str, engine: str, listed: list[dict[str, Any]]) -> tuple[Simulation, Any]:
-    """A plant, and commands that move each driven joint a little."""
+    """A plant, and commands with small motions of each driven joint."""
     robot: Robot = robots.load(name, {"sim.engine": engine})
     if robot.sensors:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))

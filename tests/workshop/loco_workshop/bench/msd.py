@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench msd`: networks beside textbook NumPy, the author's simulator and the processor."""
+"""`loco bench msd`: mass-spring networks compared with NumPy, the author's code, the CPU limit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from loco_sim.msd.simulation import Drive, MsdSimulation
 
 from ..textbook import TextbookSimulation
 
-AUTHOR = 73.7e-6  # [s] a step of 20 nodes and 54 springs of the author's code, one core of 2026
+AUTHOR = 73.7e-6  # [s] per step of 20 nodes and 54 springs, author's code, one core of 2026
 AGREE = 1e-9  # [m]
 SIZES = (5, 10, 20, 50, 100, 200)
 POPULATIONS = (1, 8, 100, 1000)
@@ -29,17 +29,17 @@ def bench_msd(
     threads: tuple[int, ...] = (1, 2),
     seconds: float = 0.08,
 ) -> list[dict[str, Any]]:
-    """Time of a step of one network and of each of a population, best of several turns.
+    """Time per step of a single network and of each network in a population, best of several.
 
-    Columns: ns per step of one network; million such steps per second; how many times less
-    than textbook NumPy here, and than the author's simulator as published; how many times more
-    than its bare arithmetic would take on as many threads.
+    Columns: time per step of one network [ns]; million steps per second; speed-up over textbook
+    NumPy on this machine, and over the published time of the author's simulator; ratio to the time
+    of the bare arithmetic on the same number of threads.
 
     Args:
         sizes: Numbers of nodes.
-        populations: Networks at once; 1 is one alone.
+        populations: Numbers of networks simulated together; 1 for a single one.
         threads: Numbers of threads for populations of more than one block.
-        seconds: Length of a turn.
+        seconds: Duration of a measurement [s].
 
     Raises:
         DivergedError: A trajectory differs from the textbook's by more than 1e-9 m.
@@ -82,7 +82,7 @@ def _rows(nodes: int, populations: tuple[int, ...], threads: tuple[int, ...], se
 
 
 def largest_difference(network: Network, params: MsdParams, drive: Drive) -> float:
-    """Between our trajectory and the textbook's over 2 s on the ground [m]."""
+    """Largest difference of loco's and the textbook's trajectory over 2 s on the ground [m]."""
     ours, textbook = (
         kind(network, params, drive=drive) for kind in (MsdSimulation, TextbookSimulation)
     )
@@ -101,9 +101,10 @@ def _drive(network: Network, size: int | None) -> Drive:
 
 
 def _best(calls: dict[Any, Callable[[int], Any]], seconds: float, turns: int = 6) -> dict:
-    """Least time per step of each way [s], measured in turns.
+    """Smallest time per step of each function [s], measured alternately.
 
-    One thread is timed by its own clock, so that other processes count less; two by the wall.
+    One thread is timed by its CPU clock, to reduce the influence of other processes; two threads
+    by wall time.
     """
     clocks = {
         key: time.perf_counter if key != "textbook" and key[1] > 1 else time.thread_time

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cost of the population engine beside a plain loop, and the gain of two workers."""
+"""Cost of the population engine compared with a plain loop, and gain of two workers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POPULATION = 20
 
 
 class Busy:
-    """Keeps a processor busy for a time [s] and scores a parabola; for measurements."""
+    """Test problem: a parabola whose evaluation occupies a CPU for a given time [s]."""
 
     names = tuple("abcdefg")
     low, high, start = np.zeros(7), np.ones(7), np.full(7, 0.5)
@@ -32,7 +32,7 @@ class Busy:
         return {"busy": self.seconds}
 
     def __call__(self, x: np.ndarray) -> Score:
-        """Score of x (7,)."""
+        """Score of parameters x, (7,)."""
         end = time.process_time() + self.seconds
         while time.process_time() < end:
             pass
@@ -44,9 +44,9 @@ class BenchRow:
     """Evaluations per second of a plain loop and of the engine."""
 
     problem: str
-    loop: float  # a plain loop [1/s]
-    here: float  # the engine in this process, with its record on disk [1/s]
-    two: float  # the engine with two workers, after the first generation [1/s]
+    loop: float  # plain loop [1/s]
+    here: float  # engine in this process, with its record on disk [1/s]
+    two: float  # engine with two workers, after the first generation [1/s]
 
     @property
     def overhead(self) -> float:
@@ -60,7 +60,7 @@ class BenchRow:
 
 
 def bench_population(rollouts: int = 60, seconds: float = 5.0) -> list[BenchRow]:
-    """Measure an evaluation of no cost, one of 20 ms, and rollouts of Tigrillo.
+    """Measure an evaluation without cost, one of 20 ms, and rollouts of Tigrillo.
 
     Args:
         rollouts: Evaluations of the last row.
@@ -75,7 +75,7 @@ def bench_population(rollouts: int = 60, seconds: float = 5.0) -> list[BenchRow]
 
 
 def measure(name: str, problem: Any, count: int) -> BenchRow:
-    """One row; all ways evaluate the same points."""
+    """One row; all variants evaluate the same points."""
     points: list[np.ndarray] = []
     problem(np.array(problem.start))  # loads and compiles
     here = _rate(problem, count, 0, points.append)
@@ -89,7 +89,7 @@ def measure(name: str, problem: Any, count: int) -> BenchRow:
 def _rate(
     problem: Any, count: int, workers: int, keep: Callable[[np.ndarray], Any] | None = None
 ) -> float:
-    """Evaluations per second after the first generation; `keep` gets all points of these."""
+    """Evaluations per second after the first generation; `keep` receives their points."""
     options = PopulationParams(
         evaluations=count + POPULATION, population=POPULATION, workers=workers, sigma=0.1
     )

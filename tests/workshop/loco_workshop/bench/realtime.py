@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench realtime`: how late ticks begin, beside a loop that does nothing but wake.
+"""`loco bench realtime`: lateness of ticks, compared with a loop that only wakes up.
 
-A virtual machine is stopped by its host now and then, which no program can mend. So the
-bare loop runs at the same time as the graph: the same stops meet both, and the difference
-is ours. Alternating would compare different stops, of which a minute has a few. Since the
-graph takes time of the processors from the bare loop, that one runs alone, too.
+The host pauses a virtual machine occasionally, which no program can prevent. Therefore the
+bare loop runs at the same time as the graph: both have the same pauses, and the difference
+is due to loco. Alternating runs would have different pauses, a few per minute. Since the
+graph takes CPU time from the bare loop, the bare loop is also measured alone.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from loco_learning.runs.experiment import load
 
 EXPERIMENT = "hyq_trot_reflex"
 ALONE = "bare loop, alone"
-# What is asked of the kernel.
+# Requests to the kernel.
 KERNELS: dict[str, dict[str, Any]] = {
     "as it is": {},
     "SCHED_FIFO": {"fifo": 80, "lock_memory": True, "timer_slack": 1},
 }
-# Times those of the bare loop at the same time, at most.
+# Largest ratios to the values of the simultaneous bare loop.
 MISSED, LATE = 1.5, 1.2
 
 
@@ -44,7 +44,7 @@ def bench_realtime(
         layout: Layout of the graph, ``composed`` or ``processes``.
 
     Raises:
-        ParameterError: Fewer than 2 seconds.
+        ParameterError: `seconds` is below 2.
     """
     if seconds < 2.0:  # noqa: PLR2004 (some hundred ticks)
         raise ParameterError(f"seconds must be at least 2, got {seconds:g}")
@@ -77,7 +77,7 @@ def _together(
     requests: dict[str, Any],
     tell: Callable[[float], None],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Figures of the graph, and of the bare loop that starts when the graph ticks."""
+    """Lateness of the graph, and of the bare loop, which starts when the graph ticks."""
     experiment = load(EXPERIMENT, {"duration": seconds, "control_rate": rate})
     beside: list[subprocess.Popen] = []
 
@@ -119,7 +119,7 @@ def _finished(process: subprocess.Popen) -> dict[str, Any]:
 
 
 def _targets(graph: dict[str, Any], beside: dict[str, Any]) -> str:
-    """Ratios to the bare loop, and whether they are what they shall be."""
+    """Ratios to the bare loop, and whether they meet the targets."""
     late = _ratio(graph["lateness_p99_ms"], beside["lateness_p99_ms"])
     missed = _ratio(graph["missed_ticks"], beside["missed_ticks"])
     return (
@@ -129,7 +129,7 @@ def _targets(graph: dict[str, Any], beside: dict[str, Any]) -> str:
 
 
 def _ratio(value: float, base: float) -> float:
-    """Times the baseline; none of none is 1."""
+    """Ratio of a value to the baseline; 1 if both are zero."""
     return value / base if base else 1.0 if value == base else float("inf")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The speed of one FORCE step, beside textbook NumPy, BLAS and the speed of memory."""
+"""Speed of one FORCE step compared with textbook NumPy, BLAS and the memory bandwidth."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ class BenchRow:
     ours: float
     numpy: float
     blas: float
-    limit: float  # reading and writing half of P and all of W once
+    limit: float  # read and write half of P and all of W once
 
     @property
     def ratio(self) -> float:
-        """Ours over the limit [-]."""
+        """Time of loco's step over the memory limit [-]."""
         return self.ours / self.limit
 
 
 def bench_rls(sizes: Iterable[int] = (80, 200, 500, 1000), repeats: int = 30) -> list[BenchRow]:
-    """Measure all ways at each size, in turns, so that a busy machine slows all of them.
+    """Measure all variants alternately at each size, so that other load affects all of them.
 
     Args:
         sizes: Numbers of neurons.
-        repeats: Turns; the fastest of each way counts.
+        repeats: Repetitions; the fastest of each variant counts.
     """
     return [_row(n, repeats) for n in sizes]
 
@@ -59,7 +59,7 @@ def _row(n: int, repeats: int) -> BenchRow:
 
 
 def _time(way: Callable[[], object], calls: int) -> float:
-    way()  # compiles at the first call, warms the cache at the others
+    way()  # the first call compiles, the others warm the cache
     start = time.perf_counter()
     for _ in range(calls):
         way()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco docs`: reference pages printed from the code."""
+"""`loco docs`: reference pages generated from the code."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fingerprints of the effects: what the bare plant and the plant with an effect do.
+"""Figures of the effects: responses of the plant without and with an effect.
 
-One small picture per effect for `docs/effects.md`, each from a fitting experiment on a
-bench or on Tigrillo, always the same.
+One small figure per effect for `docs/effects.md`, each from a suitable deterministic
+experiment on a test bench or on Tigrillo.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ GREY, ORANGE = "#8a8f98", "#d65a1e"
 
 
 def record(f: Fingerprint, listed: list[dict[str, Any]]) -> Record:
-    """Signals of the experiment, sample by sample."""
+    """Signals of the experiment, one value per sample."""
     rows: list[dict[str, float]] = []
     robot = robots.load(f.robot)
     rest, n, m = robot.standing, len(robot.joints), len(robot.feet)
@@ -60,7 +60,7 @@ def record(f: Fingerprint, listed: list[dict[str, Any]]) -> Record:
 
 
 def draw(name: str, path: Path) -> None:
-    """Write the picture of an effect."""
+    """Write the figure of an effect."""
     matplotlib.use("Agg")
     f = FINGERPRINTS[name]
     bare, with_it = record(f, []), record(f, [{"name": name, **f.values}])
@@ -78,7 +78,7 @@ def draw(name: str, path: Path) -> None:
 
 
 def draw_all(folder: Path, names: Iterable[str] = ()) -> list[Path]:
-    """Write the pictures of some effects, or of all; the files written."""
+    """Write the figures of the named effects, default all; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name in names or effects.names():

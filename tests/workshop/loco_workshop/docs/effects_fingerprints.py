@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""In which experiment each effect shows best, for its picture."""
+"""Experiments that show each effect clearly, for the figures of the documentation."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """An experiment in which an effect shows.
+    """An experiment that shows an effect.
 
     Attributes:
-        robot: Bench or robot.
+        robot: Name of the test bench or robot.
         values: Parameters of the effect.
-        q: Desired positions of all joints, beside the standing pose, over time [rad].
-        tau: Feed-forward torque of all joints over time [N·m].
-        x: Key of the record that the picture shows to the right.
-        y: Key of the record that the picture shows upwards.
+        q: Desired positions of all joints relative to the standing pose, as function of time [rad].
+        tau: Feed-forward torque of all joints, as function of time [N·m].
+        x: Key of the record on the horizontal axis.
+        y: Key of the record on the vertical axis.
         labels: Labels of the two axes.
-        begin: Joint positions at the start, beside the standing pose [rad].
+        begin: Initial joint positions relative to the standing pose [rad].
         duration: Duration of the experiment [s].
-        after: Time from which the picture shows it [s].
-        joint: Number of the joint, for the keys that are about one.
+        after: Start time of the figure [s].
+        joint: Index of the joint, for keys of a single joint.
     """
 
     robot: str
@@ -42,51 +42,51 @@ class Fingerprint:
 
 
 def sine(amplitude: float, frequency: float) -> Callable[[float], float]:
-    """A sine over time."""
+    """A sine as function of time."""
     return lambda t: amplitude * sin(2.0 * pi * frequency * t)
 
 
 def step(size: float, at: float = 0.1) -> Callable[[float], float]:
-    """A step in time."""
+    """A step as function of time."""
     return lambda t: size if t >= at else 0.0
 
 
 def ramp(speed: float) -> Callable[[float], float]:
-    """A ramp in time."""
+    """A ramp as function of time."""
     return lambda t: speed * t
 
 
 def chirp(amplitude: float, slope: float) -> Callable[[float], float]:
-    """A sine whose frequency grows with time [Hz/s]."""
+    """A sine whose frequency grows at the rate `slope` [Hz/s]."""
     return lambda t: amplitude * sin(pi * slope * t * t)
 
 
 def swing(values: dict[str, Any], **more: Any) -> Fingerprint:
-    """Let the pendulum go."""
+    """Free swing of the pendulum."""
     return Fingerprint("pendulum", values, **{"begin": 1.0, "duration": 4.0, **more})
 
 
 def ring(values: dict[str, Any], **more: Any) -> Fingerprint:
-    """Let the mass on a spring go; force of the spring over its length."""
+    """Free oscillation of the mass on a spring; force of the spring over its length."""
     shown = {"x": "q", "y": "tau", "labels": ("way [m]", "force [N]")}
     return Fingerprint("spring_mass", values, **{"begin": 0.1, "duration": 2.0, **shown, **more})
 
 
 def moved(values: dict[str, Any], **more: Any) -> Fingerprint:
-    """Step of the belt axis."""
+    """Step response of the belt axis."""
     usual = {"q": step(0.05), "duration": 0.5, "labels": ("time [s]", "way [m]")}
     return Fingerprint("linear_axis", values, **{**usual, **more})
 
 
 def sensed(values: dict[str, Any], **more: Any) -> Fingerprint:
-    """Answer of the belt axis to a slow sine."""
+    """Response of the belt axis to a slow sine."""
     usual = {"q": sine(0.1, 1.0), "duration": 1.0, "x": "q", "y": "said"}
     labels = ("true way [m]", "sensor [m]")
     return Fingerprint("linear_axis", values, **{**usual, "labels": labels, **more})
 
 
 def tigrillo(values: dict[str, Any], **more: Any) -> Fingerprint:
-    """Tigrillo swings its hips."""
+    """Tigrillo with swinging hips."""
     usual = {"q": sine(0.1, 1.0), "duration": 3.0, "after": 0.5}
     return Fingerprint("tigrillo", values, **{**usual, **more})
 

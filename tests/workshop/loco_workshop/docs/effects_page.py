@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages about effects, printed from their registry: all in a table, then one page per site."""
+"""Documentation pages generated from the registry of effects: an overview, a page per site."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ the last bit; a sliding joint is slowed by budget / inertia and never pushed bac
 
 
 def overview() -> list[str]:
-    """Parts of the page that lists all effects, top down."""
+    """Sections of the page that lists all effects, in order."""
     parts = [INTRO]
     for site in SITES:
         rows = "\n".join(f"| {_link(n)} | {_first_sentence(n)} |" for n in _names(site))
@@ -40,7 +40,7 @@ def overview() -> list[str]:
 
 
 def page(site: str) -> list[str]:
-    """Parts of the page about the effects of a site, top down."""
+    """Sections of the page about the effects of a site, in order."""
     return ["What the words mean stands in [effects](effects.md).", *map(_entry, _names(site))]
 
 

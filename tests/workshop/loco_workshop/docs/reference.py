@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco docs`: the reference tables of ``docs/``, printed from the code."""
+"""`loco docs`: reference tables of ``docs/``, generated from the code."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NOTE = "<!-- printed by `loco docs --write`; edit the code, not this file -->"
 
 
 def show_docs(a: argparse.Namespace) -> int:
-    """`loco docs`: print the pages, or write them, or the pictures, into ``docs/``."""
+    """`loco docs`: print the pages, or write pages or figures to ``docs/``."""
     if a.site:
         build(root(), Path(a.out))
         console.print(f"{a.out}/index.html; `python -m http.server -d {a.out}` serves it")
@@ -114,7 +114,7 @@ def _messages() -> str:
 
 
 def _split_unit(comment: str) -> tuple[str, str]:
-    """Comment and the unit in its last brackets."""
+    """Text of a comment, and the unit in its last brackets."""
     if comment.endswith("]") and "[" in comment:
         text, _, unit = comment[:-1].rpartition("[")
         return text.strip(), unit
@@ -158,7 +158,7 @@ def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
         if optional and getattr(params, f.name) is None:
             continue
         plain = f.default is not dataclasses.MISSING and not prefix and not optional
-        value = f.default if plain else getattr(params, f.name)  # objects may settle defaults
+        value = f.default if plain else getattr(params, f.name)  # the constructor may set defaults
         if f.default_factory in (dict, tuple) and not prefix:
             value = f.default_factory()
         if isinstance(value, Params):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco docs --site`: the pages of ``docs/`` and the reference of the code as a site of files."""
+"""`loco docs --site`: static web site with the pages of ``docs/`` and the code reference."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from loco_control.exceptions import LocoError, MissingPackageError
 
 
 def build(root: Path, out: Path) -> None:
-    """Build the site of a clone; a link that leads nowhere is an error.
+    """Build the site of a clone; a broken link is an error.
 
     Args:
         root: Top folder of the clone, with its ``mkdocs.yml``.
-        out: Folder of the site; what it holds is replaced.
+        out: Folder of the site; its content is replaced.
 
     Raises:
         MissingPackageError: mkdocs is not installed.
-        LocoError: A page has a mistake; the message says which.
+        LocoError: A page has an error, which the message describes.
     """
     if find_spec("mkdocs") is None:
         raise MissingPackageError("mkdocs is not installed; `./loco install docs` brings it")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of mkdocs: the reference of the code as a page, and links to files beside ``docs/``."""
+"""Hooks of mkdocs: add the code reference, and resolve links to files outside ``docs/``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from mkdocs.structure.files import File
 
-# Modules of the reference, each with all of its public names.
+# Modules of the reference, each with all its public names.
 API = {
     "Find the gap, read bags, run robots": ("loco",),
     "Robots and their physics": (
@@ -25,7 +25,7 @@ BESIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]+|[\w/]+\.ipynb)(?:#[^)]*)?\
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the reference of the code, which is no page of the repository."""
+    """Add the page with the code reference, which is not a file of the repository."""
     parts = ["# The code", "Public names, printed from the source."]
     for title, modules in API.items():
         parts += [f"## {title}", *(f"::: {module}" for module in modules)]
@@ -34,5 +34,5 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Name the files beside ``docs/`` that a page links to: they are in the clone, not here."""
+    """Replace links to files outside ``docs/`` by their names, since the site lacks them."""
     return BESIDE.sub(lambda m: f"{m[1]} (`{m[2].replace('../', '')}`)", markdown)

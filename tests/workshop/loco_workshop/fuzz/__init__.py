@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged input for every parser: what is not one error of ours is a find."""
+"""Fuzzing of every parser: damaged input must raise a `LocoError` or be read correctly."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags as a fuzzer wants them: made of a recipe in JSON, and read in every way that we read bags.
+"""Fuzzing targets for bags: files are built from JSON recipes and read by every reader of loco.
 
-Bytes alone are a poor start: a check sum refuses nearly all of them. A recipe has names, texts,
-stamps and messages to damage, and the file that is made of it has right check sums.
+Damaged bytes rarely get past the checksums. A recipe contains names, texts, stamps and messages
+to damage, and the file built from it has correct checksums.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from loco_control.ros.messages.joint_codec import JointCodec
 from loco_sim.robot import robot as robots
 
 _PACKED = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-_ROOM = 100  # bytes of a recipe's message that is no base64
+_ROOM = 100  # size of a message whose text in the recipe is not base64 [bytes]
 
 
 def recipes() -> list[bytes]:
-    """Recipes of right bags."""
+    """Recipes of valid bags."""
     joints = "sensor_msgs/msg/JointState"
     qos = "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n"
     states = _channel("/joint_states", joints, qos, joint_states())
@@ -48,7 +48,7 @@ def recipes() -> list[bytes]:
 
 
 def files() -> list[bytes]:
-    """Bytes of right bags, with check sums and without, packed and not."""
+    """Bytes of valid bags, with and without checksums, compressed and uncompressed."""
     return [made(recipe, sums) for recipe in recipes() for sums in (True, False)]
 
 
@@ -63,7 +63,7 @@ def _channel(topic: str, kind: str, qos: str, data: list[bytes]) -> dict[str, An
 
 
 def joint_states() -> list[bytes]:
-    """Messages of a joint that swings."""
+    """Serialised JointState messages of a swinging joint."""
     codec = JointCodec(("pivot",))
     rows = [np.array([np.sin(0.1 * k)]) for k in range(60)]
     return [codec.pack(0.01 * k, q, q, q) for k, q in enumerate(rows)]
@@ -75,10 +75,10 @@ def _string(text: str) -> bytes:
 
 
 def made(recipe: bytes, sums: bool = True) -> bytes:
-    """Bytes of the bag of a recipe.
+    """Bytes of the bag described by a recipe.
 
     Raises:
-        ParameterError: The recipe cannot be followed.
+        ParameterError: The recipe is invalid.
     """
     out = io.BytesIO()
     try:
@@ -93,7 +93,7 @@ def made(recipe: bytes, sums: bool = True) -> bytes:
         for name, texts in values.get("metadata", {}).items():
             writer.add_metadata(name, texts)
         writer.finish()
-    except Exception as error:  # damaged where the writer of another library cannot follow
+    except Exception as error:  # damage that the writer of the other library does not accept
         raise ParameterError(f"no recipe of a bag: {type(error).__name__}") from None
     return out.getvalue()
 
@@ -113,20 +113,20 @@ def _write(writer: Writer, channel: dict[str, Any]) -> None:
 
 
 def silence() -> contextlib.redirect_stdout[io.StringIO]:
-    """Context in which nothing is printed."""
+    """Context that suppresses printed output."""
     return contextlib.redirect_stdout(io.StringIO())
 
 
 def read_recipe(recipe: bytes, folder: Path) -> None:
-    """Make the bag of a recipe and read it."""
+    """Build the bag of a recipe and read it."""
     read_file(made(recipe), folder)
 
 
 def read_file(data: bytes, folder: Path) -> None:
-    """Read a bag in every way; the first error of ours is raised at the end.
+    """Read a bag with every reader; the first `LocoError` is raised at the end.
 
     Raises:
-        AssertionError: Something was written although an error was raised, or elsewhere.
+        AssertionError: A file was written despite an error, or outside the folder.
     """
     place = folder / "bag"
     place.mkdir()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binary files of others as a fuzzer wants them: small and right, made without their makers.
+"""Fuzzing targets for foreign binary files: small valid files, written without their libraries.
 
-Bytes alone are a poor start where a check sum guards them: what lies in a zip is damaged before
-it is packed.
+Damaged bytes rarely get past a checksum, so the contents of a zip file are damaged before
+compression.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _ROWS = np.arange(24.0).reshape(12, 2)
 
 
 def commands() -> list[bytes]:
-    """Pickles of a dictionary of tensors, as `torch.save` writes them."""
+    """Pickles of a dictionary of tensors in the format of `torch.save`."""
     storage = (
         b"(X\x07\0\0\0storagectorch\nDoubleStorage\nX\x01\0\0\0%bX\x03\0\0\0cpuK%ctQ"
     )
@@ -59,7 +59,7 @@ def commands() -> list[bytes]:
 
 
 def torch_file(pickled: bytes) -> bytes:
-    """A ``.pt`` file with these commands and the numbers of two tensors."""
+    """A ``.pt`` file with this pickle and the data of two tensors."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as file:
         file.writestr("log/data.pkl", pickled)
@@ -69,12 +69,12 @@ def torch_file(pickled: bytes) -> bytes:
 
 
 def torch_files() -> list[bytes]:
-    """Right ``.pt`` files."""
+    """Valid ``.pt`` files."""
     return [torch_file(pickled) for pickled in commands()]
 
 
 def databases() -> list[bytes]:
-    """Right bags in SQLite, in few and in many pages."""
+    """Valid SQLite bags, with few and with many pages."""
     return [_database(size, rows) for size, rows in ((512, 60), (4096, 60))]
 
 
@@ -104,13 +104,13 @@ def _database(page: int, rows: int) -> bytes:
 
 
 def read_database(data: bytes, folder: Path) -> None:
-    """Read a bag in SQLite as `loco gap` does."""
+    """Read a SQLite bag in the same way as `loco gap`."""
     (folder / "a.db3").write_bytes(data)
     importing.load(folder / "a.db3", robots.load("servo_pendulum"))
 
 
 def parquets() -> list[bytes]:
-    """Right parquet files: plain, and packed with a dictionary; none without pyarrow."""
+    """Valid parquet files, plain and compressed with a dictionary; empty without pyarrow."""
     if importlib.util.find_spec("pyarrow") is None:
         return []
     pa, parquet = map(importlib.import_module, ("pyarrow", "pyarrow.parquet"))
@@ -124,13 +124,13 @@ def parquets() -> list[bytes]:
 
 
 def read_table(data: bytes, folder: Path, name: str) -> None:
-    """Read a table by the ending of its name."""
+    """Read a table with the reader for its file extension."""
     (folder / name).write_bytes(data)
     tables.read(folder / name)
 
 
 def metadata() -> list[bytes]:
-    """A right ``metadata.yaml`` of the bag that `read_metadata` makes."""
+    """A valid ``metadata.yaml`` for the bag of `read_metadata`."""
     topic = {"name": "/joint_states", "type": "sensor_msgs/msg/JointState",
              "serialization_format": "cdr", "offered_qos_profiles": []}  # fmt: skip
     about = {
@@ -148,7 +148,7 @@ def metadata() -> list[bytes]:
 
 
 def read_metadata(data: bytes, folder: Path) -> None:
-    """Show a whole bag, and recover a damaged one, beside such a file."""
+    """Show an undamaged bag and recover a damaged one, with these bytes as ``metadata.yaml``."""
     place = folder / "bag"
     place.mkdir()
     (place / "metadata.yaml").write_bytes(data)
@@ -163,7 +163,7 @@ def read_metadata(data: bytes, folder: Path) -> None:
 
 
 def results() -> list[bytes]:
-    """A right ``gap.json``, as far as it is read from a folder."""
+    """A valid ``gap.json`` with the keys that loco reads from a folder."""
     size = {"value": 0.05, "low": 0.04, "high": 0.06, "unit": "N·m"}
     term = {"effect": "coulomb_friction", "place": "pivot", "parameters": {"torque": size}}
     next_one = {"experiment": "slow_ramp", "separates": ["coulomb_friction", "stribeck_friction"]}
@@ -172,7 +172,7 @@ def results() -> list[bytes]:
 
 
 def jobs() -> list[bytes]:
-    """A right ``job.json``."""
+    """A valid ``job.json``."""
     values = {"format": 1, "robot": "servo_pendulum", "bags": ["a.csv"], "hold_out": [],
               "mapping": "", "options": {"seed": 3, "effects": ["*_friction"]}}  # fmt: skip
     return [json.dumps(values).encode()]
@@ -189,21 +189,21 @@ def _result_folder(folder: Path, **files: bytes) -> Path:
 
 
 def read_results(data: bytes, folder: Path) -> None:
-    """Propose, and export, from a folder with such a ``gap.json``."""
+    """Propose an experiment and export a model from a folder with these bytes as ``gap.json``."""
     place = _result_folder(folder, gap_json=data)
     write_next(place, 1, folder / "next.yaml")
     export_model(place, "urdf", folder / "out")
 
 
 def read_job(data: bytes, folder: Path) -> None:
-    """Go on from a folder with such a ``job.json``."""
+    """Resume from a folder with these bytes as ``job.json``."""
     place = _result_folder(folder, job_json=data)
     runner.options_of(runner.load_job(place))
     write_next(place, 1, folder / "next.yaml")
 
 
 def journals() -> list[bytes]:
-    """A right journal of a search with two results."""
+    """A valid journal of a search with two results."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "search.jsonl"
         with contextlib.suppress(KeyboardInterrupt), _memory(path) as memory:
@@ -218,22 +218,22 @@ def _memory(path: Path) -> Memory:
 
 
 def journal_lines() -> list[bytes]:
-    """Rows of a right journal as JSON, to damage before they get their check sums."""
+    """Rows of a valid journal as JSON, to be damaged before checksums are added."""
     rows = [json.loads(line) for line in journals()[0].splitlines()]
     return [json.dumps([{k: v for k, v in row.items() if k != "crc"} for row in rows]).encode()]
 
 
 def read_lines(data: bytes, folder: Path) -> None:
-    """Go on from a journal of these rows."""
+    """Resume from a journal with these rows."""
     try:
         rows = [journal._line(row) for row in json.loads(data)]
-    except Exception as error:  # damaged where it cannot be followed
+    except Exception as error:  # damage that makes the recipe invalid
         raise ParameterError(f"no rows of a journal: {type(error).__name__}") from None
     read_journal(b"".join(rows), folder)
 
 
 def read_journal(data: bytes, folder: Path) -> None:
-    """Go on from such a journal."""
+    """Resume from a journal with these bytes."""
     path = folder / "search.jsonl"
     path.write_bytes(data)
     with _memory(path) as memory:
@@ -242,7 +242,7 @@ def read_journal(data: bytes, folder: Path) -> None:
 
 
 def networks() -> list[bytes]:
-    """Recipes of the weight file of a small network: values, and a shape for each array."""
+    """Recipes of a weight file of a small network: values, and a shape for each array."""
     network = ReflexNetwork(_small(), FootForces(_small()), 0.01, 1)
     with tempfile.TemporaryDirectory() as folder:
         weights.save(network, Path(folder) / "w.npz")
@@ -256,7 +256,7 @@ def _small() -> LearnerParams:
 
 
 def read_network(recipe: bytes, folder: Path) -> None:
-    """Load a network from the file of a recipe, and its weights into one of the right shape."""
+    """Load a network from the file of a recipe, and its weights into a valid network."""
     path = folder / "w.npz"
     path.write_bytes(_archive(recipe))
     ReflexNetwork.load(path)
@@ -265,10 +265,10 @@ def read_network(recipe: bytes, folder: Path) -> None:
 
 
 def _archive(recipe: bytes) -> bytes:
-    """Bytes of an archive with these values, and arrays that state these shapes.
+    """Bytes of an archive with the recipe's values and array shapes.
 
     Raises:
-        ParameterError: The recipe cannot be followed.
+        ParameterError: The recipe is invalid.
     """
     out = io.BytesIO()
     try:
@@ -279,7 +279,7 @@ def _archive(recipe: bytes) -> bytes:
             for name, (shape, kind) in values["arrays"].items():
                 size = int(np.prod(shape, dtype=float)) * np.dtype(kind).itemsize
                 file.writestr(f"{name}.npy", _npy(tuple(shape), kind, bytes(min(size, 10_000))))
-    except Exception as error:  # damaged where it cannot be followed
+    except Exception as error:  # damage that makes the recipe invalid
         raise ParameterError(f"no recipe of an archive: {type(error).__name__}") from None
     return out.getvalue()
 

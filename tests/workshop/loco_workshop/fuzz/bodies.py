@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""URDFs and meshes as a fuzzer wants them: small ones, checked and simulated for some steps."""
+"""Fuzzing targets for URDFs and meshes: small files, checked and simulated for a few steps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot as robots
 from loco_sim.robot.description import Description
 
-STEPS, STEP = 3, 0.01  # [s]
+STEPS, STEP = 3, 0.01  # number of steps, step [s]
 SMALL = """<robot name="small">
 <link name="base"><inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="2"/>
 <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial>
@@ -58,14 +58,14 @@ CORNERS = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
 
 
 def seeds() -> list[bytes]:
-    """The small one, and those of our benches."""
+    """A small URDF, and those of loco's test benches."""
     folder = Path(robots.ASSETS)
     names = ("servo_pendulum", "tigrillo")
     return [SMALL.encode(), *((folder / f"{n}/{n}.urdf").read_bytes() for n in names)]
 
 
 def build(data: bytes, folder: Path) -> None:
-    """Read, mend and simulate a URDF.
+    """Read, repair and simulate a URDF.
 
     Raises:
         LocoError: The URDF is refused.
@@ -77,7 +77,7 @@ def build(data: bytes, folder: Path) -> None:
 
 
 def mesh_seeds() -> list[bytes]:
-    """The corner of a box as a binary STL, one in text, and an OBJ."""
+    """A tetrahedron as binary STL, text STL and OBJ."""
     rows = [" ".join(map(str, row)) for row in CORNERS.tolist()]
     faces = [[r for k, r in enumerate(rows) if k != without] for without in range(4)]
     text = "".join(f"facet\n{' '.join(f'vertex {r}' for r in face)} endfacet\n" for face in faces)
@@ -86,10 +86,10 @@ def mesh_seeds() -> list[bytes]:
 
 
 def build_mesh(data: bytes, folder: Path, *suffixes: str) -> None:
-    """Read bytes as mesh files of some kinds, and simulate those that are right.
+    """Read bytes as mesh files of several formats, and simulate the valid ones.
 
     Raises:
-        LocoError: None is read, or an engine refuses one.
+        LocoError: No format can be read, or an engine refuses a mesh.
     """
     errors = []
     for suffix in suffixes:
@@ -112,7 +112,7 @@ def _stl() -> bytes:
 
 
 def _raise_worst(errors: list[LocoError]) -> None:
-    """Raise one of several lines if there is one, else the first."""
+    """Raise the first error with several lines if there is one, else the first error."""
     if errors:
         raise next((error for error in errors if "\n" in str(error)), errors[0])
 
@@ -125,7 +125,7 @@ def _mended(path: Path) -> Iterator[LocoError]:
 
 
 def _simulated(path: Path) -> Iterator[LocoError]:
-    """Errors of the engines, which get the URDF only if it is right."""
+    """Errors of the engines, which receive the URDF only if it is valid."""
     try:
         joints = Description(path.read_text(errors="replace")).joint_types()
         values = {"urdf": path.name, "joints": list(joints), "fixed_base": True, "height": 1.0,

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs damaged inputs in child processes and keeps those that are not one error of ours.
+"""Run damaged inputs in child processes and save inputs with unexpected results.
 
-A child writes each input down before it runs it, so the one that ends the process is known, too.
+Expected results are success and a `LocoError` of one line. A child saves each input before it
+runs it, so that an input that kills the process is known too.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ from loco_control.exceptions import LocoError, NameUnknownError
 from . import mutation
 from .targets import TARGETS, Target, target
 
-LIMIT = 10  # processor time of one input [s]
-BATCH = 200  # inputs of a child process
+LIMIT = 10  # longest CPU time of one input [s]
+BATCH = 200  # number of inputs per child process
 _CURRENT, _ROW = "current", "row"
-MEMORY = 1_500_000  # more than a child had before its input [kB]; a file may fill 1 GiB
+MEMORY = 1_500_000  # largest memory growth of a child [kB]; a file may fill 1 GiB
 KINDS = ("traceback", "no end", "crash", "memory")
 
 
 class NoEndError(BaseException):
-    """An input takes too long; no parser may catch this."""
+    """Time-out of an input; a BaseException, so that no parser catches it."""
 
 
 def fuzz(
@@ -49,21 +50,21 @@ def fuzz(
     damage: str = "any",
     workers: int = 1,
 ) -> dict[str, dict[str, Any]]:
-    """Damage the inputs of targets for a while; a row of counts for each.
+    """Fuzz targets with damaged inputs; returns a row of counts for each.
 
-    What earlier runs found lies in the folder and is damaged further, so the corpus grows.
+    Findings of earlier runs in the folder are damaged further, so the corpus grows.
 
     Args:
         names: Names of the targets.
-        seconds: Wall time for all of them together [s]; not looked at if there is a `count`.
-        folder: Folder that gets each find as a file in a folder of its target.
+        seconds: Total wall time of all targets [s]; ignored if `count` is set.
+        folder: Folder of the findings, one file each in the subfolder of its target.
         seed: Seed of all damage.
-        count: Inputs of all targets together, each an equal share; 0 for as many as there is time.
+        count: Total number of inputs, divided equally among the targets; 0 for no limit.
         damage: Kind of damage, one of `mutation.KINDS`.
-        workers: Targets at a time, each in a process of its own.
+        workers: Number of targets run in parallel, each in its own process.
 
     Raises:
-        NameUnknownError: There is no target of a name, or no such damage.
+        NameUnknownError: There is no such target or kind of damage.
     """
     for name in names:
         target(name)
@@ -90,7 +91,7 @@ def fuzz(
 def run_batch(
     name: str, seed: list[int], count: int, folder: Path, damage: str = "any"
 ) -> dict[str, int]:
-    """One child process with many inputs; counts of what they did."""
+    """Run one child process with many inputs; returns the counts of their results."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         job = json.dumps([name, seed, count, place, str(folder), damage])
@@ -100,7 +101,7 @@ def run_batch(
         )  # fmt: skip
         try:
             said, _ = child.communicate(timeout=60 + count * 2)
-        except subprocess.TimeoutExpired:  # a compiled loop does not hear the signal
+        except subprocess.TimeoutExpired:  # a compiled loop does not handle the signal
             child.kill()
             child.communicate()
             return keep(Path(place), folder, "no end", "no end")
@@ -110,7 +111,7 @@ def run_batch(
 
 
 def keep(place: Path, folder: Path, kind: str, why: str) -> dict[str, int]:
-    """Keep the input that a child was at; the counts of the child with it."""
+    """Save the current input of a child; returns the child's counts including it."""
     current, row = place / _CURRENT, place / _ROW
     save(current.read_bytes() if current.is_file() else b"", folder, why)
     before = json.loads(row.read_text()) if row.is_file() else {"inputs": 0}
@@ -118,7 +119,7 @@ def keep(place: Path, folder: Path, kind: str, why: str) -> dict[str, int]:
 
 
 def save(data: bytes, folder: Path, why: str) -> None:
-    """Write an input and what it did into a folder, named by its hash."""
+    """Write an input and its result to a folder, named by its hash."""
     stem = hashlib.sha256(data).hexdigest()[:16]
     (folder / f"{stem}.bin").write_bytes(data)
     (folder / f"{stem}.txt").write_text(why)
@@ -127,7 +128,7 @@ def save(data: bytes, folder: Path, why: str) -> None:
 def inputs(
     chosen: Target, seed: list[int], count: int, damage: str = "any", corpus: Sequence[bytes] = ()
 ) -> Iterator[bytes]:
-    """Damaged inputs of a target; the same for the same seed and corpus."""
+    """Damaged inputs of a target, determined by seed and corpus."""
     rng, seeds = np.random.default_rng(seed), [*chosen.seeds(), *corpus]
     for _ in range(count):
         data = seeds[int(rng.integers(len(seeds)))]
@@ -135,7 +136,7 @@ def inputs(
 
 
 def outcome(chosen: Target, data: bytes) -> tuple[str, str]:
-    """Effect of an input: "" for a right one, ``refused``, or one of `KINDS`; and the details."""
+    """Result of an input ("" for success, ``refused``, or one of `KINDS`), and details."""
 
     def stop(number: int, frame: Any) -> None:
         raise NoEndError
@@ -165,12 +166,12 @@ def outcome(chosen: Target, data: bytes) -> tuple[str, str]:
 
 
 def main() -> None:
-    """Run a batch, as JSON says, and write its counts."""
+    """Run a batch described by JSON on the command line, and print its counts."""
     warnings.simplefilter("ignore")
     name, seed, count, place, folder, damage = json.loads(sys.argv[1])
     chosen, found = target(name), {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
     corpus = [path.read_bytes() for path in sorted(Path(folder).glob("*.bin"))]
-    with tempfile.TemporaryDirectory() as first:  # compiles and loads, which has its time
+    with tempfile.TemporaryDirectory() as first:  # first run: compiles, imports
         chosen.run(chosen.seeds()[0], Path(first))
     current, row = os.path.join(place, _CURRENT), os.path.join(place, _ROW)
     for data in inputs(chosen, seed, count, damage, corpus):

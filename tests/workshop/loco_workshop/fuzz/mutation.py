@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Damage to files and texts: to bytes, and to values in the structure of YAML, JSON and XML."""
+"""Random damage to files: to bytes, and to values in the structure of YAML, JSON and XML."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-# Texts that parsers stumble over.
+# Texts that often cause errors in parsers.
 TOKENS = (
     b"", b"\0", b"\xff\xfe", b"nan", b".inf", b"-1", b"1e999", b"9" * 5000, b"!!float x",
     b"!!int ''", b"\t", b"#",
     b"2001-99-99", b"&a [*a]", b"*a", b"<<: 3", b"[" * 300, b"{a: " * 100, b"? [a]", b"---\n",
     b"\r\n", b'"', b"'", b",,,,", b";", b"../../x", b"/etc/hosts", b"1.0.0", b"true", b"null",
 )  # fmt: skip
-# Values in the place of others.
+# Replacement values.
 VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 1e300, -1e-300, float("nan"), float("inf"), 2**70, "", "x", "../../x", "\0",
     [], [[]], [1, "a", None], {}, {"a": 1}, {"name": 3}, [{}], "9" * 400,
@@ -36,13 +36,13 @@ def damaged(
     structured: str,
     damage: str = "any",
 ) -> bytes:
-    """One input made of another.
+    """A damaged copy of an input.
 
     Args:
         data: The input to damage.
-        rng: Source of all choices.
-        seeds: Other inputs, of which parts may be taken.
-        structured: ``yaml``, ``json`` or ``xml`` to damage values, too; empty for bytes alone.
+        rng: Random generator.
+        seeds: Other inputs, whose parts may be inserted.
+        structured: ``yaml``, ``json`` or ``xml`` to also damage values; empty for bytes only.
         damage: ``cut`` for a truncation, ``flip`` for another value of one byte, ``any``
             for one to three of all kinds.
     """
@@ -87,7 +87,7 @@ def _structure(data: bytes, rng: np.random.Generator, kind: str) -> bytes:
         return _elements(data, rng)
     try:
         values = yaml.safe_load(data) if kind == "yaml" else json.loads(data)
-    except Exception:  # it was damaged before
+    except Exception:  # not parsable after earlier damage
         return data[: len(data) // 2]
     for _ in range(int(rng.integers(1, 4))):
         values = _replaced(values, rng)
@@ -96,7 +96,7 @@ def _structure(data: bytes, rng: np.random.Generator, kind: str) -> bytes:
 
 
 def _replaced(values: Any, rng: np.random.Generator) -> Any:
-    """The values with one of them, somewhere, replaced, removed or renamed."""
+    """A copy of nested values with one of them replaced, removed or renamed."""
     new = VALUES[int(rng.integers(len(VALUES)))]
     keys = (
         list(values)
@@ -122,10 +122,10 @@ def _replaced(values: Any, rng: np.random.Generator) -> Any:
 
 
 def _elements(data: bytes, rng: np.random.Generator) -> bytes:
-    """XML with some of its elements moved, copied, removed, or of other attributes."""
+    """XML with elements moved, copied or removed, or with changed attributes."""
     try:
         root = ElementTree.fromstring(data)
-    except Exception:  # it was damaged before
+    except Exception:  # not parsable after earlier damage
         return data[: len(data) // 2]
     names = sorted({e.get("name") or "x" for e in root}) + [f"{v}"[:500] for v in VALUES]
     for _ in range(int(rng.integers(1, 4))):
@@ -143,7 +143,7 @@ def _elements(data: bytes, rng: np.random.Generator) -> bytes:
         elif child.attrib:
             key = sorted(child.attrib)[int(rng.integers(len(child.attrib)))]
             value = names[int(rng.integers(len(names)))]
-            if how < 0.6:  # one number among others
+            if how < 0.6:  # replace one number in a text of several
                 words = child.attrib[key].split() or [""]
                 words[int(rng.integers(len(words)))] = value
                 value = " ".join(words)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parsers that read what others have written, each with inputs that are right."""
+"""Fuzzing targets: parsers of external input, each with valid inputs."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ JSON = b'{"samples": [{"t": 0.0, "q": 1.0, "u": 2}, {"t": 0.1, "q": 1.5, "u": 2}
 
 
 class Target(NamedTuple):
-    """One parser.
+    """A parser under test.
 
     Attributes:
-        seeds: Function that returns inputs that are right.
-        run: Function that takes an input and an empty folder.
-        structured: ``yaml``, ``json`` or ``xml`` for inputs that are; else empty.
+        seeds: Function that returns valid inputs.
+        run: Function that parses an input; its second argument is an empty folder.
+        structured: ``yaml``, ``json`` or ``xml`` for inputs in these formats; else empty.
     """
 
     seeds: Callable[[], list[bytes]]
@@ -39,7 +39,7 @@ class Target(NamedTuple):
 
 
 def target(name: str) -> Target:
-    """Target of a name.
+    """Target by name.
 
     Raises:
         NameUnknownError: No target has this name.
@@ -151,7 +151,7 @@ def _gz(data: bytes, folder: Path) -> None:
 
 
 def _binary(name: str, *arguments: Any) -> Callable[..., Any]:
-    """A function of `binaries`, which is loaded when it is called; arguments come last."""
+    """A lazily imported function of `binaries`; `arguments` are appended to those of a call."""
 
     def call(*given: Any) -> Any:
         from . import binaries
@@ -204,7 +204,7 @@ def _mcap_seeds() -> list[bytes]:
 
 
 def _messages(data: bytes, folder: Path) -> None:
-    """Bytes as each topic of the graphs, through the readers of our nodes."""
+    """Read bytes as a message of each topic, with the readers of the nodes."""
     for read, finite in _readers():
         try:
             value = read(data)
@@ -294,5 +294,5 @@ TARGETS: dict[str, Target] = {
     "journal_rows": Target(_binary("journal_lines"), _binary("read_lines"), "json"),
     "weights": Target(_binary("networks"), _binary("read_network"), "json"),
 }
-if importlib.util.find_spec("pyarrow"):  # comes with `loco install lerobot`
+if importlib.util.find_spec("pyarrow"):  # installed by `loco install lerobot`
     TARGETS["parquet"] = Target(_binary("parquets"), _binary("read_table", "a.parquet"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco fuzz`: counts of each target at the terminal."""
+"""Terminal output of `loco fuzz`: counts of each target."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .targets import TARGETS
 
 
 def show_fuzz(a: argparse.Namespace) -> int:
-    """Damage inputs for a while; 1 if anything was found, else 0.
+    """Run `loco fuzz`; returns 1 if there is a finding, else 0.
 
     Raises:
-        ParameterError: The time is not above 0, or the number of inputs below it.
-        NameUnknownError: There is no such target or damage.
+        ParameterError: The time is not above 0, or the number of inputs is below 0.
+        NameUnknownError: There is no such target or kind of damage.
     """
     if not a.minutes > 0.0:
         raise ParameterError(f"--minutes must be above 0, got {a.minutes}")

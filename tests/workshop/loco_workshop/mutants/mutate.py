@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small changes of Python source, one at a time: each should make some test fail.
+"""Mutants of Python source: small changes, each of which should make a test fail.
 
-Comparisons move by one, signs and ``and``/``or`` swap, conditions turn round, numbers and
-flags change, and calls whose result nobody uses disappear.
+Comparisons are shifted, signs and ``and``/``or`` are swapped, conditions are negated, numbers
+and flags are changed, and calls with an unused result are removed.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Mutant:
     """A changed source file.
 
     Attributes:
-        line: Line of the change, counted from 1.
-        function: Function or method around it, empty at the top of the module.
+        line: Line of the change, from 1.
+        function: Enclosing function or method; empty at module level.
         before: Source of the changed part.
-        after: The same part, changed.
-        text: Source of the whole module, changed.
-        number: Position among the changes of the function that read the same, counted from 1.
+        after: Source of the part after the change.
+        text: Source of the whole module after the change.
+        number: Index among identical changes in the function, from 1.
     """
 
     line: int
@@ -42,15 +42,15 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """Name that stays when other lines move: function, change, and which of several."""
+        """Identifier that does not depend on line numbers: function, change, index."""
         text = f"{self.function}: {self.before} -> {self.after}"
         return text if self.number == 1 else f"{text} #{self.number}"
 
 
 def mutants(source: str) -> list[Mutant]:
-    """All mutants of a module in the order of its lines, each with a key of its own.
+    """All mutants of a module in line order, with unique keys.
 
-    Docstrings and hints are left alone.
+    Docstrings and type hints are not changed.
     """
     tree = ast.parse(source)
     _mark(tree)
@@ -70,7 +70,7 @@ def mutants(source: str) -> list[Mutant]:
 
 
 def _mark(tree: ast.Module) -> None:
-    """Note the function around each node, and nodes that are not code that runs."""
+    """Store the enclosing function in each node, and mark nodes that are not executable code."""
 
     def visit(node: ast.AST, function: str, skipped: bool) -> None:
         node.function, node.skipped = function, skipped  # type: ignore[attr-defined]
@@ -87,12 +87,12 @@ def _mark(tree: ast.Module) -> None:
 
 
 def _is_parameter(node: ast.AST) -> bool:
-    """A declared parameter: its default counts, its bounds are a matter of taste."""
+    """Whether a node declares a ROS parameter, of which only the default is mutated."""
     return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "parameter"
 
 
 def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
-    """Mutants of one node: it is changed, the module is written, and it is changed back."""
+    """Mutants of one node, which is changed, unparsed with its module, and restored."""
     if isinstance(node, ast.Compare):
         for i, op in enumerate(node.ops):
             if type(op) in _SWAPS:
@@ -119,7 +119,7 @@ def _changed(shown: ast.AST, tree: ast.Module, place: object, key: object, new: 
     old = place[key] if listed else getattr(place, key)
     put = place.__setitem__ if listed else lambda k, v: setattr(place, k, v)
     put(key, new)
-    still = shown is not old  # the part that is shown is there, changed inside
+    still = shown is not old  # the displayed part still exists and is changed inside
     after = ast.unparse(shown if still else ast.fix_missing_locations(new))
     text = ast.unparse(ast.fix_missing_locations(tree))
     put(key, old)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process that has imported what tests need, and forks one that tests a mutant for each line.
+"""Fork server that has imported the tests' dependencies and forks a process per mutant.
 
 ``python -m loco_workshop.mutants.nursery ROOT MODULE TEST…`` reads lines of JSON, each with
-the changed source ``text`` and the ``allowed`` seconds, and answers each with the exit code of
-pytest, below 0 a signal, or ``timeout``.
+the changed source ``text`` and the ``allowed`` seconds, and prints for each the exit code of
+pytest (a negative signal number if killed), or ``timeout``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import pytest
 
 
 def main() -> None:
-    """Answer until standard input ends."""
+    """Serve requests until standard input ends."""
     root, module, *tests = sys.argv[1:]
     os.chdir(root)
     answers = os.fdopen(os.dup(1), "w", buffering=1)
@@ -31,21 +31,21 @@ def main() -> None:
     for stream in (1, 2):
         os.dup2(silence, stream)
     words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
-    pytest.main([*words, "--collect-only"])  # imports what the tests import
+    pytest.main([*words, "--collect-only"])  # imports all dependencies of the tests
     for line in sys.stdin:
         job = json.loads(line)
         answers.write(f"{_tested(Path(root), Path(module), job['text'], job['allowed'], words)}\n")
 
 
 def _tested(root: Path, module: Path, text: str, allowed: float, words: list[str]) -> int | str:
-    """End of the tests of a mutant; all that they started is killed then."""
+    """Result of the tests of a mutant; afterwards all processes that they started are killed."""
     package = module.parent
     while (root / package.parent / "__init__.py").exists():
         package = package.parent
     with tempfile.TemporaryDirectory(prefix="loco_mutant_") as folder:
         sources, scratch = Path(folder, "sources"), Path(folder, "tmp")
         scratch.mkdir()
-        # Links are followed: what they point to is not copied.
+        # Symbolic links are resolved, since their targets are not copied.
         shutil.copytree(root / package, sources / package.name)
         (sources / module.relative_to(package.parent)).write_text(text, encoding="utf-8")
         process = os.fork()
@@ -70,7 +70,7 @@ def _wait(process: int, allowed: float) -> int | None:
 
 
 def _test(root: str, sources: str, scratch: str, words: list[str]) -> NoReturn:
-    """In the forked process: modules of the clone are imported anew, those of the copy first."""
+    """Run the tests in the forked process, which re-imports modules, preferably from the copy."""
     code = int(pytest.ExitCode.INTERNAL_ERROR)
     try:
         os.setsid()
@@ -79,7 +79,7 @@ def _test(root: str, sources: str, scratch: str, words: list[str]) -> NoReturn:
         sys.path.insert(0, sources)
         paths = [sources, *filter(None, [os.environ.get("PYTHONPATH")])]
         os.environ["PYTHONPATH"] = os.pathsep.join(paths)
-        # Not asked for by their names: a module that loads at its first use would load.
+        # No attribute access, which would import lazy modules.
         files = {
             name: object.__getattribute__(each, "__dict__").get("__file__") or ""
             for name, each in sys.modules.items()

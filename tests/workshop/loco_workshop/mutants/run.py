@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the tests of a module on each of its mutants: `loco mutants`."""
+"""`loco mutants`: run the tests of a module on each of its mutants."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from loco_learning.jobs.journal import Journal
 from . import nursery
 from .mutate import Mutant, mutants
 
-# What decides on a name, and keeps false ones out.
+# Modules that decide on the name of an effect and prevent false ones.
 _VERDICT = ("candidates", "decide", "doubt", "leftover", "rivals", "stable", "traded")
-# Modules that protect a robot, a recording or a name, with the tests that must notice a change.
+# Modules that protect a robot, a recording or a verdict, with the tests that must detect changes.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
     "src/loco_sim/loco_sim/plant/fallback.py": ("tests/loco_sim/plant/test_fallback.py",),
@@ -53,25 +53,25 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         for name in _VERDICT
     },
 }  # fmt: skip
-# Mutants that behave as the original does, by module and `Mutant.key`, and why.
+# Mutants that behave like the original, by module and `Mutant.key`, with the reason.
 EQUIVALENT: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("equivalent.yaml").read_text(encoding="utf-8")
 )
 NOTICED = ("killed", "timeout")
-# By exit code of pytest; 2: the tests could not be imported. Below 0 is a signal.
+# Result by exit code of pytest; 2: the tests could not be imported. Negative: a signal.
 _END = {"0": "survived", "1": "killed", "2": "killed", "timeout": "timeout"}
-PATIENCE = 5.0  # a mutant may take this many times as long as the original, before it is killed
+PATIENCE = 5.0  # time-out of a mutant, in multiples of the original's duration
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """End of one mutant.
+    """Result of one mutant.
 
     Attributes:
-        module: Path of the module from the root of the clone.
+        module: Path of the module relative to the root of the clone.
         line: Line of the change.
-        change: Function, and what became of what.
-        end: ``killed``, ``timeout``, ``survived``, ``equivalent``, or ``error`` where pytest itself
+        change: Function, and source before and after the change.
+        end: ``killed``, ``timeout``, ``survived``, ``equivalent``, or ``error`` if pytest itself
             failed or found no test.
         seconds: Wall time of its tests [s].
     """
@@ -98,16 +98,16 @@ def survey(
     Args:
         root: Root of the clone.
         modules: Keys of `PROTECTING`.
-        limit: Largest number of mutants of each module, drawn at random; 0 is all.
+        limit: Largest number of mutants per module, drawn at random; 0 for all.
         seed: Seed of the draw.
-        workers: Mutants that are tested at a time.
-        journal: Verdicts of the same modules and tests; those that are there are not found again.
+        workers: Number of mutants tested in parallel.
+        journal: Earlier verdicts of the same modules and tests, which are not repeated.
         tell: Called with each verdict.
-        survivors: Whether a mutant that was noticed stays so when the tests have changed since.
+        survivors: Whether earlier verdicts ``killed`` remain valid after a change of the tests.
 
     Raises:
         MissingFileError: This is an installed package, not a clone.
-        LocoError: The tests of a module fail without a change.
+        LocoError: The tests of a module fail on the unchanged module.
     """  # fmt: skip
     if not (root / "tests").is_dir():
         raise MissingFileError(f"no tests folder in {root}; run this from a clone")
@@ -138,7 +138,7 @@ def _digest(root: Path, paths: Iterable[str]) -> str:
 def _judged(
     root: Path, module: str, drawn: list[Mutant], workers: int, known: dict[str, str]
 ) -> Iterator[Verdict]:
-    """Verdicts of mutants in their order; those that are known are not tested."""
+    """Verdicts of mutants in order; known verdicts are not repeated."""
     with ExitStack() as stack:
         free: Queue[Nursery] = Queue()
         missing = [each for each in drawn if each.key not in known]
@@ -164,7 +164,7 @@ def _judged(
 
 
 def _patience(nursery: Nursery, module: str, text: str) -> float:
-    """Seconds that a mutant may take: several times those of the original, kernels compiled."""
+    """Time-out of a mutant [s]: a multiple of the original's time, after compilation."""
     for _ in range(2):
         began = time.perf_counter()
         if (end := nursery.ask(text, 600.0)) != "0":
@@ -176,7 +176,7 @@ def _patience(nursery: Nursery, module: str, text: str) -> float:
 
 
 class Nursery:
-    """A process that forks one for each mutant (`nursery.py`).
+    """Client of a fork server that tests mutants (`nursery.py`).
 
     Args:
         root: Root of the clone.
@@ -198,7 +198,7 @@ class Nursery:
         self._process.communicate()
 
     def ask(self, text: str, allowed: float) -> str:
-        """Exit code of pytest for a source, or ``timeout`` after so many seconds."""
+        """Result of pytest for a source, or ``timeout`` after `allowed` seconds."""
         asks, answers = self._process.stdin, self._process.stdout
         asks.write(json.dumps({"text": text, "allowed": allowed}) + "\n")
         asks.flush()
@@ -206,13 +206,13 @@ class Nursery:
 
 
 def score(verdicts: list[Verdict]) -> float:
-    """Share of the mutants that some test noticed, equivalent ones left out."""
+    """Share of mutants that a test detected, without equivalent ones."""
     counted = [v for v in verdicts if v.end != "equivalent"]
     return sum(v.end in NOTICED for v in counted) / len(counted) if counted else 1.0
 
 
 def write(verdicts: list[Verdict], folder: Path) -> None:
-    """`mutants.json`, and `mutants.md` with a table per module and the survivors."""
+    """Write `mutants.json`, and `mutants.md` with a table per module and the survivors."""
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "mutants.json", json.dumps([asdict(v) for v in verdicts], indent=1) + "\n")
     lines = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco mutants`: verdicts at the terminal."""
+"""Terminal output of `loco mutants`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .run import PROTECTING, Verdict, score, survey, write
 
 
 def show_mutants(a: argparse.Namespace) -> int:
-    """Test mutants of the protecting modules; 1 if fewer than 90 % are noticed, else 0.
+    """Test mutants of the protecting modules; returns 1 if fewer than 90 % are detected, else 0.
 
     Raises:
         NameUnknownError: No protecting module has this name.
-        ParameterError: A number is out of its range.
+        ParameterError: A number is out of range.
     """
     if a.limit < 0 or a.workers < 1:
         raise ParameterError(

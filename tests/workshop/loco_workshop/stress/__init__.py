@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco chaos` and `loco soak`: signals, faults and long runs."""
+"""`loco chaos`, `loco crash` and `loco soak`: signals, faults, crashes and long runs."""

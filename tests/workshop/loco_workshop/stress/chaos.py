@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco chaos`: signals to every process, rough circumstances, faults on every topic, many times.
+"""`loco chaos`: repeated signals to every process, failures of the system, faults on every topic.
 
-A cell is a signal and a process, a circumstance, or a topic with all its faults. Each runs in a
-process of its own and leaves a file of rows; what has a file is not run again.
+A cell is a signal and a process, a failure of the system, or a topic with all its faults. Each
+runs in its own process and writes a file of rows; a cell with a file is not run again.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from .traces import TAG
 
 @dataclass(frozen=True)
 class Cell:
-    """One row of signals, or the rows of faults of a topic."""
+    """One test condition: a signal to a process, a system failure, or all faults of a topic."""
 
     how: str  # SIGSTOP, SIGKILL, rough or faults
     what: str
 
     @property
     def name(self) -> str:
-        """As in file names and in ``--only``."""
+        """Name of the cell in file names and for ``--only``."""
         return f"{self.how}_{self.what.strip('/').replace('/', '_').replace(' ', '_')}"
 
 
 def cells(only: str = "") -> list[Cell]:
-    """All cells, or those whose name has a text.
+    """All cells, or those whose name contains the text `only`.
 
     Raises:
-        NameUnknownError: No cell has the text in its name.
+        NameUnknownError: No cell name contains the text.
     """
     rough = [*(("SIGKILL", who) for who in KILLED), *(("rough", what) for what in HAPPENS)]
     found = [Cell(*pair) for pair in (*STOP, *KILL, *rough, *(("faults", t) for t in TOPICS))]
@@ -60,13 +60,13 @@ def run(
     folder: Path,
     tell: Callable[[Cell], Any] = lambda cell: None,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Run the cells that have not run yet; rows of all, by cell.
+    """Run the cells that have not run yet; returns the rows of all cells, by cell.
 
     Args:
         chosen: Cells to run.
         repeats: Repetitions of each signal and each fault.
-        seed: Seed of the moments and draws.
-        folder: Results; an old one is gone on with.
+        seed: Seed of times and random choices.
+        folder: Folder of the results; an existing one is continued.
         tell: Called before each cell.
 
     Raises:
@@ -85,7 +85,7 @@ def run(
 
 
 def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str, Any]] | None:
-    """Rows of a cell that has run with these numbers, else None."""
+    """Rows of a cell that has run with these repetitions and seed, else None."""
     path = folder / "cells" / f"{cell.name}.json"
     if not path.is_file():
         return None
@@ -94,9 +94,9 @@ def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str,
 
 
 def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
-    """In a process of its own, whose children are known by a variable.
+    """Run a cell in its own process; an environment variable marks all its child processes.
 
-    A cell that ends with an error is a row that says so, and is run again the next time.
+    A cell that ends with an error returns a row with the error, and is repeated the next time.
     """
     place = folder / "runs" / cell.name
     shutil.rmtree(place, ignore_errors=True)
@@ -123,7 +123,7 @@ def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[st
 
 
 def main() -> None:
-    """Run one cell, as JSON says, and write its rows."""
+    """Run one cell described by JSON on the command line, and write its rows."""
     how, what, repeats, seed, place = json.loads(sys.argv[1])
     if how == "faults":
         rows = run_topic(what, repeats, seed, Path(place))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco chaos`: the matrix with a progress bar, then its table as JSON and Markdown."""
+"""Terminal output of `loco chaos`: progress bar, results as JSON and Markdown tables."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LEFT = {
 
 
 def show_chaos(a: argparse.Namespace) -> int:
-    """Run what is missing; 0 if every cell did what it has to."""
+    """Run the missing cells; returns 0 if every cell met its requirement, else 1."""
     chosen = chaos.cells(a.only)
     with bar("{task.completed}/{task.total} cells", "{task.fields[last]}") as progress:
         task = progress.add_task("chaos", total=len(chosen), last="", completed=-1)
@@ -74,7 +74,7 @@ were hit. `fell`: of all faults of the topic, those that brought HyQ down."""
 
 
 def _of_faults(rows: list[dict[str, Any]]) -> list[str]:
-    """A line per topic, a column per fault."""
+    """Markdown table with one row per topic and one column per fault."""
     kinds = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error
     lines = []
     for topic in dict.fromkeys(row["what"] for row in rows):

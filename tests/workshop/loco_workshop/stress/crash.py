@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long commands killed at random moments, and on a disk that gets full, then started again.
+"""Test that long commands resume after being killed at random times or after a full disk.
 
-Each command runs once undisturbed. Then it is killed with all its processes (SIGKILL) and started
-again in the same folder, with one worker or two, until it comes to its end; or its disk has room
-for a part of the results only. At each end every file is compared byte by byte with that of the
-undisturbed run.
+Each command runs once undisturbed. Then it is killed with all its processes (SIGKILL) and
+restarted in the same folder, with one or two workers, until it completes; or its disk has space
+for only a part of the results. After each completion every file is compared byte by byte with
+that of the undisturbed run.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _PLAN = {
 }
 _FRICTION = ("coulomb_friction", "viscous_friction")
 _CASE = f"bags/{BAGS}/case_0000"
-COMMANDS = {  # {} is the folder of what they read
+COMMANDS = {  # {} is the folder of the inputs
     "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2",
     "study": "study {}/study.yaml",
     "gap": f"gap {{}}/{_CASE}/fit_chirp {{}}/{_CASE}/fit_steps --hold-out {{}}/{_CASE}/hold_out "
@@ -56,12 +56,12 @@ COMMANDS = {  # {} is the folder of what they read
     "reproduce": "reproduce all --plan {}/plan.yaml",
     "calibrate": "calibrate {}/bags/sine --generations 2 --seeds 2",
 }
-MAKES = {  # what makes the recordings that they read
+MAKES = {  # commands that create the inputs
     "gap": "gap battery --cases 1 --bags-only --robots linear_axis --workers 1 --out {}/bags",
     "calibrate": "run tigrillo_sine --layout rollout --set duration=21.0 --out {}/bags/sine",
 }
-JOURNALS = (".jsonl", TIMES)  # files that grow line by line: their last line may be cut short
-GOOD, REFUSED = (0, 3), 2  # exit codes; 3: even the best gait falls
+JOURNALS = (".jsonl", TIMES)  # files written line by line, whose last line may be incomplete
+GOOD, REFUSED = (0, 3), 2  # exit codes; 3: the best gait falls
 PATIENCE = 600.0  # longest run of a command [s]
 
 
@@ -72,12 +72,12 @@ class Row:
     Attributes:
         command: Name of the command.
         kills: Number of runs that were killed.
-        full: Runs whose disk got full.
-        ends: Times that it came to its end after that.
-        same: Ends with the files of the undisturbed run.
-        torn: Files that were cut short when a run had ended.
-        left: Files and processes that were left over.
-        notes: Mistakes, a line each.
+        full: Number of runs with a full disk.
+        ends: Number of completions after a disturbance.
+        same: Number of completions with the same files as the undisturbed run.
+        torn: Number of incomplete files after a run had ended.
+        left: Number of leftover files and processes.
+        notes: Errors, one line each.
     """
 
     command: str
@@ -91,22 +91,22 @@ class Row:
 
     @property
     def ok(self) -> bool:
-        """Every end was the same, and nothing was torn or left."""
+        """Whether all completions gave the same files, without incomplete or leftover files."""
         return self.same == self.ends > 0 and not (self.torn or self.left or self.notes)
 
 
 def run(
     name: str, kills: int, disks: int, seed: int, folder: Path, tell: Callable[[Row], object]
 ) -> Row:
-    """Disturb one command and compare.
+    """Disturb one command and compare its results.
 
     Args:
         name: One of `COMMANDS`.
         kills: Number of runs to kill.
-        disks: Runs on a disk that gets full.
-        seed: Seed of moments, sizes and numbers of workers.
-        folder: Folder of inputs and results; what is of the command is removed if all is well.
-        tell: Called with the row so far after each kill and each full disk.
+        disks: Number of runs on a disk that becomes full.
+        seed: Seed of times, sizes and numbers of workers.
+        folder: Folder of inputs and results; the command's files are removed on success.
+        tell: Called with the current row after each kill and each full disk.
 
     Raises:
         GraphError: The undisturbed run failed.
@@ -134,7 +134,7 @@ def run(
 
 
 def prepare(folder: Path, name: str) -> None:
-    """Make what a command reads."""
+    """Create the inputs of a command."""
     write_whole(folder / "study.yaml", yaml.safe_dump(_STUDY, sort_keys=False))
     write_whole(folder / "plan.yaml", yaml.safe_dump(_PLAN, sort_keys=False))
     if name in MAKES:
@@ -144,13 +144,13 @@ def prepare(folder: Path, name: str) -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Bytes of all files but times, by path."""
+    """Bytes of all files except `TIMES`, by path."""
     files = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != TIMES]
     return {str(p.relative_to(folder)): p.read_bytes() for p in files}
 
 
 def torn(now: dict[str, bytes], whole: dict[str, bytes]) -> list[str]:
-    """Files that are a part of what they should be; journals and recordings may be."""
+    """Incomplete files: proper prefixes of the expected files, except journals and recordings."""
     return [
         path for path, data in now.items()
         if path in whole and len(data) < len(whole[path]) and whole[path].startswith(data)
@@ -168,11 +168,11 @@ class _Trial:
 
     @property
     def out(self) -> Path:
-        """Folder of the results that are being worked on."""
+        """Folder of the current results."""
         return self._place / f"run_{self.row.ends}"
 
     def undisturbed(self) -> None:
-        """Run once, for its files and its length.
+        """Run once undisturbed, to get its files and duration.
 
         Raises:
             GraphError: The run failed.
@@ -184,7 +184,7 @@ class _Trial:
         self._length, self._whole = time.monotonic() - began, contents(out)
 
     def killed(self) -> bool:
-        """Start it and kill it at a random moment; False if it came to its end before."""
+        """Start the command and kill it at a random time; False if it completed before."""
         process = self._start(self.out)
         if finish(process, self._length * self._draw.random())[0] != -signal.SIGKILL:
             return False
@@ -196,9 +196,9 @@ class _Trial:
         return True
 
     def fill(self) -> None:
-        """Run with room for a part of the results, then with enough.
+        """Run with disk space for a part of the results, then with enough space.
 
-        The disk is a file system in memory where one may be mounted, else each file has a limit.
+        The disk is a tmpfs if mounting is permitted; otherwise the size of each file is limited.
         """
         out = self.out
         out.mkdir()
@@ -220,14 +220,14 @@ class _Trial:
                 subprocess.run(["umount", str(out)], check=True)
 
     def end(self) -> None:
-        """Start it once more, leave it alone, and compare."""
+        """Start the command once more, let it complete, and compare."""
         code, said = finish(self._start(self.out))
         if code not in GOOD:
             self._note(f"started again it ended with {code}: {said[-200:]}")
         self.compare()
 
     def compare(self) -> None:
-        """Compare the files of a run that came to its end; the next one has a new folder."""
+        """Compare the files of a completed run; the next run gets a new folder."""
         after = contents(self.out)
         more = sorted(set(after) - set(self._whole))
         other = [path for path in self._whole if after.get(path) != self._whole[path]]
@@ -255,7 +255,7 @@ class _Trial:
 
 
 def start(words: list[str], limit: int = 0) -> subprocess.Popen:
-    """Start loco in a session of its own; a limit above 0 is the largest size of a file [bytes]."""
+    """Start loco in a new session; a limit above 0 is the largest file size [bytes]."""
 
     def limited() -> None:
         if limit:
@@ -271,7 +271,7 @@ def start(words: list[str], limit: int = 0) -> subprocess.Popen:
 def finish(process: subprocess.Popen, patience: float = PATIENCE) -> tuple[int, str]:
     """Exit code and output of a run, which is killed with its children after `patience` [s].
 
-    It is killed, too, when this process is interrupted.
+    It is also killed if this process is interrupted.
     """
     try:
         said, _ = process.communicate(timeout=patience)
@@ -285,7 +285,7 @@ def finish(process: subprocess.Popen, patience: float = PATIENCE) -> tuple[int, 
 
 
 def _survivors(group: int, patience: float = 5.0) -> bool:
-    """Whether processes of a group are there some seconds after they were killed."""
+    """Whether processes of a group still exist `patience` seconds after they were killed."""
     end = time.monotonic() + patience
     with suppress(ProcessLookupError):
         while time.monotonic() < end:
@@ -296,7 +296,7 @@ def _survivors(group: int, patience: float = 5.0) -> bool:
 
 
 def _mount(options: str, folder: Path) -> bool:
-    """Mount a file system in memory, or change one; False where that is not allowed."""
+    """Mount or remount a tmpfs; returns False if this is not permitted."""
     command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
     try:
         return subprocess.run(command, capture_output=True, check=False).returncode == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco crash` at the terminal: a row per command, as a table."""
+"""Terminal output of `loco crash`: a table with one row per command."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEAD = ("command", "kills", "full disks", "ends with the same bytes", "torn file
 
 
 def show_crash(a: argparse.Namespace) -> int:
-    """Disturb long commands and compare; 1 if one does not come to the same end, else 0.
+    """Disturb long commands and compare; returns 1 if a result differs, else 0.
 
     Raises:
         NameUnknownError: There is no such command.
@@ -48,7 +48,7 @@ def show_crash(a: argparse.Namespace) -> int:
 
 
 def table(rows: Sequence[crash.Row]) -> str:
-    """Markdown of the rows."""
+    """Markdown table of the rows."""
     lines = [HEAD, ("---",) * len(HEAD)]
     lines += [
         (f"`{r.command}`", *map(str, (r.kills, r.full)), f"{r.same} of {r.ends}",

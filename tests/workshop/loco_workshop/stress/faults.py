@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chaos by faults: one lockstep run per topic, with every kind of fault at random ticks.
+"""Message faults for `loco chaos`: a lockstep run per topic, all kinds of faults at random ticks.
 
-What has to happen stands in ``docs/faults.md``.
+The required behaviour is in ``docs/faults.md``.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from .speaker import said
 from .traces import Traces, opened_by
 
 EXPERIMENT = "hyq_trot_reflex"
-_BEFORE = 50  # ticks before a time-out in which the robot has to be driven
-_DRIVES = 1.0  # power that drives then put in, mean [W]; measured: trotting 15, at rest 0.0002
-SAFE_TICKS = 20  # the safe state has to begin so many ticks after the last command, at most
+_BEFORE = 50  # ticks before a time-out in which the robot must be driven
+_DRIVES = 1.0  # smallest mean power of driven joints [W]; measured: trotting 15, at rest 0.0002
+SAFE_TICKS = 20  # longest time from the last command to the safe state [ticks]
 COMPOSED = "composed"
-TAKING = ("drop", "delay", "nan", "freeze", "clock_jump")  # of a topic of the tick: the command
+TAKING = ("drop", "delay", "nan", "freeze", "clock_jump")  # faults that block the command
 _COUNTS = ("repeats", "hit", "taken", "damped", "safe", "worst", "ridden", "fell")
 _RATE = 250.0
-_LENGTH = 30  # ticks of a fault
-_REST, _SHORT_REST = (50, 90), (5, 25)  # ticks between two faults; where none takes a command
+_LENGTH = 30  # duration of a fault [ticks]
+_REST, _SHORT_REST = (50, 90), (5, 25)  # ticks between two faults; if no command is blocked
 _FIRST = 500  # ticks until the robot trots
 
 
 @dataclass(frozen=True)
 class Injection:
-    """Faults of one topic at one time.
+    """Simultaneous faults of one topic.
 
     Attributes:
-        kind: Name of the cell: a fault, or `COMPOSED`.
-        faults: Faults that act, in order.
-        start: Tick at which they begin.
+        kind: Name in the results: a fault, or `COMPOSED`.
+        faults: Applied faults, in order.
+        start: First tick of the faults.
     """
 
     kind: str
@@ -55,31 +55,31 @@ class Injection:
 
     @property
     def stop(self) -> int:
-        """Tick at which they are over."""
+        """Tick at which the faults have ended."""
         return self.start + _LENGTH
 
     def texts(self, topic: str, seed: int) -> list[str]:
-        """As `--fault` takes them."""
+        """The faults in the format of the option `--fault`."""
         span = f"start={self.start / _RATE:g}:stop={self.stop / _RATE:g}"
         return [f"{topic}:{kind}:{span}:seed={seed}" for kind in self.faults]
 
     def takes(self, of_the_tick: bool) -> bool:
-        """Whether the plant gets no command while they act."""
+        """Whether the plant receives no command during the faults."""
         return of_the_tick and any(kind in TAKING for kind in self.faults)
 
 
 def schedule(
     topic: str, has: set[str], of_the_tick: bool, repeats: int, seed: int, kinds: str = ""
 ) -> list[Injection]:
-    """All faults of a topic: first those that are ridden through, `stuck` last.
+    """Schedule of all faults of a topic: first those without a safe state, `stuck` last.
 
     Args:
         topic: Name of the topic.
-        has: Contents of its messages that a fault may change: numbers, stamp.
-        of_the_tick: The plant waits for what is answered to its messages.
+        has: Contents of its messages that a fault can change: numbers, stamp.
+        of_the_tick: Whether the topic is part of the tick, for whose answer the plant waits.
         repeats: Repetitions of each kind.
         seed: Seed of times and compositions.
-        kinds: The one kind of fault to plan; all unless given.
+        kinds: Single kind of fault to schedule; empty for all.
     """
     rng = np.random.default_rng([seed, *topic.encode()])
     able = [kind for kind, fault in FAULTS.items() if not fault.needs or fault.needs in has]
@@ -93,7 +93,7 @@ def schedule(
             continue
         for _ in range(repeats):
             faults = (kind,)
-            if kind == COMPOSED:  # what takes acts first, so that the outcome is known
+            if kind == COMPOSED:  # blocking faults act first, so that the expected outcome is known
                 pair = rng.choice(able, 2, replace=False).tolist()
                 faults = tuple(sorted(pair, key=lambda k: k not in TAKING))
             made.append(Injection(kind, faults, at))
@@ -104,15 +104,15 @@ def schedule(
 def run_topic(
     topic: str, repeats: int, seed: int, folder: Path, nodes: str | None = None, kinds: str = ""
 ) -> list[dict[str, Any]]:
-    """Run and judge all faults of a topic; a row per kind.
+    """Run and evaluate all faults of a topic; returns one row per kind.
 
     Args:
-        topic: Name in the table of HyQ.
+        topic: Name in the topic table of HyQ.
         repeats: Repetitions of each kind.
-        seed: Seed of times and draws.
+        seed: Seed of times and random choices.
         folder: New folder of the bag.
-        nodes: Node set, by name or path; HyQ's unless given.
-        kinds: The one kind of fault to run; all unless given.
+        nodes: Name or path of the node set; default that of HyQ.
+        kinds: Single kind of fault to run; empty for all.
     """
     row = row_of(topic)
     of_the_tick = row.rate > 0 and bool(row.readers)
@@ -126,7 +126,7 @@ def run_topic(
 
     speaker = run.Helper("speaker", "loco_workshop.stress.speaker:Speaker", {"topic": topic})
     helpers = [speaker] if said(topic, 0) else []
-    # Lockstep waits for the recorder; what happens to its word is another question.
+    # Lockstep waits for the recorder, whose topic is not tested here.
     clock = "asap" if topic == "recorder_status" else "lockstep"
     run.run_robots(
         {"": experiment.load(EXPERIMENT, changes)}, folder, clock=clock, nodes=nodes,
@@ -141,11 +141,11 @@ def run_topic(
 def judge(
     bag: Bag, plan: list[Injection], topic: str, of_the_tick: bool, traces: Traces
 ) -> list[dict[str, Any]]:
-    """A row per kind, from what the bag says.
+    """Rows with the outcome of each kind of fault, from the bag.
 
-    The safe state is announced by an event, and is one if the joints say so: from `SAFE_TICKS`
-    after the last command to the end of the fault every drive only brakes. A fault that is ridden
-    through leaves the robot driven.
+    The safe state is announced by an event and verified by the joints: from `SAFE_TICKS` after the
+    last command to the end of the fault all drives only brake. With a tolerated fault the robot
+    remains driven.
     """
     late, back = time_outs(bag)
     stops = [e.tick for e in bag.messages("/events") if e.kind == "estop"]
@@ -153,7 +153,7 @@ def judge(
     motion = Motion(states)
     finite = np.isfinite(states["q"]).all(axis=1) & np.isfinite(states["dq"]).all(axis=1)
     ticks, rows = states["tick"], {}
-    spoken = f"/{topic.lstrip('/')}"  # the recorder does not record itself
+    spoken = f"/{topic.lstrip('/')}"  # the recorder's own topic is not recorded
     when = bag.times(spoken) * 1e-9 * _RATE if spoken in bag.topics else None
     for i, at in enumerate(plan):
         until = plan[i + 1].start if i + 1 < len(plan) else int(ticks[-1]) + 1
@@ -190,7 +190,7 @@ def _row(topic: str, kind: str) -> dict[str, Any]:
 
 
 def time_outs(bag: Bag) -> tuple[list[tuple[int, int]], list[int]]:
-    """Begins of the safe state, each with the tick of the last command, and ends."""
+    """Starts of the safe state, each with the tick of the last command, and ends [ticks]."""
     late, back = [], []
     for event in bag.messages("/events"):
         if event.kind == "timeout" and (
@@ -203,7 +203,7 @@ def time_outs(bag: Bag) -> tuple[list[tuple[int, int]], list[int]]:
 
 
 def _upright(bag: Bag) -> np.ndarray:
-    """Whether the robot stands, by tick, (ticks,) bool."""
+    """Whether the robot has not fallen, by tick, (ticks,) bool."""
     limits = load("hyq").fall
     truth = bag.records("/ground_truth/odom")
     time = truth["header.stamp.sec"] + truth["header.stamp.nanosec"] * 1e-9
@@ -217,21 +217,21 @@ def _upright(bag: Bag) -> np.ndarray:
 
 
 def undamped(bag: Bag) -> list[str]:
-    """Times that were announced as the safe state and were not, or could not be told from it."""
+    """Evidence against the announced safe states of a bag, one line each; see `doubts`."""
     return doubts(Motion(bag.records("/robot_state")), *time_outs(bag))
 
 
 def doubts(motion: Motion, late: list[tuple[int, int]], back: list[int]) -> list[str]:
-    """Evidence against the safe states of a run, a line each.
+    """Evidence against the announced safe states of a run, one line each.
 
     Args:
         motion: Motion of the drives.
-        late: Begins of safe states, each with the tick of the last command.
-        back: Their ends.
+        late: Starts of safe states, each with the tick of the last command.
+        back: Ends of the safe states [ticks].
     """
     notes, driven = [], 0
     for tick, last in late:
-        # Commands that come for moments, as on a busy machine, leave the robot no time to move.
+        # If commands arrive only briefly, as on a busy machine, the robot has no time to move.
         if not any(last - _BEFORE < end <= last for end in back):
             driven = last
         end = min((b for b in back if b > tick), default=None)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot is in the safe state, judged by its joints and not by its word.
+"""Detection of the safe state from the joint motion, independent of the robot's events.
 
-The safe state holds each joint where it was at the beginning of the tick and wants no velocity.
-Whatever the gains and the load, the torque of a joint is then against its velocity: drives take
-energy out of the motion and put none in. Ticks in which a joint turned round are left out, as its
-torque is a mean over a tick. A driven robot does the opposite, since a drive has to drive to move
-anything: it puts in about as much as it takes out.
+The safe state holds each joint at its position at the start of the tick, with zero target
+velocity. For any gains and load the joint torque then opposes the velocity: drives remove energy
+and supply none. Ticks with a reversal of a joint's velocity are ignored, since the torque is a
+mean over a tick. In a driven robot the drives supply about as much energy as they remove.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-# Energy that damping drives may put in, over what they take out. Measured in 33 time-outs of a
-# robot that was hit while it trotted: damped at most 5e-5.
+# Largest ratio of supplied to removed energy of damping drives. Measured in 33 time-outs of a
+# trotting robot: damped at most 5e-5.
 PUT_IN = 0.01
 
 
@@ -36,21 +35,21 @@ class Motion:
         self._out = np.maximum(-power, 0.0).sum(axis=1)
 
     def is_damped(self, first: int, last: int) -> bool:
-        """Whether the drives only braked in the states of the ticks from `first` to `last`.
+        """Whether the drives only braked in the ticks from `first` to `last`.
 
-        False, too, if a state is missing, and if there was no motion that could have been braked.
+        Also False if a state is missing, or if there was no motion to brake.
         """
         rows = self._rows(first, last)
         whole = rows.stop - rows.start == last - first + 1 > 0
         return bool(whole and self._in[rows].sum() < PUT_IN * self._out[rows].sum())
 
     def is_driven(self, first: int, last: int) -> bool:
-        """Whether the drives put energy in during the ticks from `first` to `last`."""
+        """Whether the drives supplied energy during the ticks from `first` to `last`."""
         rows = self._rows(first, last)
         return bool(self._in[rows].sum() > PUT_IN * self._out[rows].sum())
 
     def power(self, first: int, last: int) -> float:
-        """Mean power that drives put in during the ticks from `first` to `last` [W]; 0 for none."""
+        """Mean power supplied by the drives from tick `first` to `last` [W]; 0 without ticks."""
         rows = self._rows(first, last)
         return float(self._in[rows].sum() / max(1, rows.stop - rows.start))
 

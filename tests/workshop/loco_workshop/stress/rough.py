@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chaos by circumstances: who watches is killed, the disk is full, memory ends, the clock jumps.
+"""System failures for `loco chaos`: killed supervisor, full disk, no memory, clock jumps.
 
-Or it has visitors: `loco top`, `loco doctor`, a second run. Each repetition is a realtime graph of
-its own that something happens to after a while. It rides that through, or it ends and says why;
-nothing is left of it but a bag that is whole or is made whole.
+Other cases run `loco top`, `loco doctor` or a second run beside the graph. Each repetition is a
+new real-time graph that is disturbed after some time. It must continue, or end with a reason; it
+must leave only a bag that is complete or recoverable.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from .traces import Traces, opened_by, tagged
 EXPERIMENT = "hyq_trot_open"
 CONTROLLERS = ("target_generator", "reflex_network", "stance_controller")
 LONG = {"learner.train": 3600.0}
-PATIENCE = 40.0  # wall time until a run that was hit must have ended [s]
-REALTIME = {"fifo": 10}  # where it is granted, a busy machine does not answer for the robot
+PATIENCE = 40.0  # longest wall time until a disturbed run has ended [s]
+REALTIME = {"fifo": 10}  # if granted, other load on the machine does not affect the robot
 AHEAD, BACK = "wall clock jumps ahead", "wall clock is set back"
 _GUARD = b"loco_bringup.graph.guard"
-_ALIVE = (0.3, 1.5)  # wall time that a graph runs before it is hit [s]
-_MUTE = 2.5  # simulated time without diagnostics, of which there is one each second [s]
-_GOES_ON = 4.0  # wall time that it must go on after what it rides through [s]
-_VISIT = 40.0  # wall time that a visitor has, with its start [s]
-_DISK = 700_000  # room for each file; a bag fills it in about a second [bytes]
-_JUMP = 3600.0  # longest of the wall clock [s]
-LATE = {"real-time factor", "time-out"}  # faults that `loco doctor` finds in a late machine
-_CLOCK, _OFFSET = "LOCO_WALL_CLOCK", struct.Struct("=q")  # of `wall_clock.c`: file, its nanoseconds
+_ALIVE = (0.3, 1.5)  # wall time from the start of a graph to the disturbance [s]
+_MUTE = 2.5  # simulated time without diagnostics (period 1 s) that counts as silence [s]
+_GOES_ON = 4.0  # wall time that a graph must continue after a tolerated disturbance [s]
+_VISIT = 40.0  # longest wall time of a command beside the graph, including its start [s]
+_DISK = 700_000  # largest size of each file [bytes]; a bag reaches it in about 1 s
+_JUMP = 3600.0  # largest jump of the wall clock [s]
+LATE = {"real-time factor", "time-out"}  # findings of `loco doctor` on a slow machine
+_CLOCK, _OFFSET = "LOCO_WALL_CLOCK", struct.Struct("=q")  # of `wall_clock.c`: file, offset [ns]
 
 
 def kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Kill a process without which the run ends; it must end and say why."""
+    """Kill an essential process; the run must end with a reason."""
 
     def hit(pids: dict[str, int]) -> None:
         os.kill(pids[who], signal.SIGKILL)
@@ -62,7 +62,7 @@ def kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -
 def kill_recorder_on_a_full_disk(
     who: str, rng: np.random.Generator, folder: Path, traces: Traces
 ) -> str:
-    """The same about the time at which no file can grow any more."""
+    """Kill the recorder at about the time when the disk is full; the run must end with a reason."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (_DISK, limits[1]))
     try:
@@ -72,7 +72,7 @@ def kill_recorder_on_a_full_disk(
 
 
 def kill_guard(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Kill the guard; the run must not care."""
+    """Kill the guard; the run must continue."""
 
     def hit(pids: dict[str, int]) -> None:
         for pid in _guards():
@@ -83,7 +83,7 @@ def kill_guard(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
 
 
 def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """No process of the run gets more memory than it has."""
+    """Limit the memory of all processes of the run to their current use."""
 
     def hit(pids: dict[str, int]) -> None:
         for pid in pids.values():
@@ -97,11 +97,11 @@ def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Trac
 
 
 def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """The wall clock of the run, its supervisor included, jumps by up to an hour.
+    """Let the wall clock of the run, including its supervisor, jump by up to an hour.
 
-    A robot must not notice when it jumps ahead. When it is set back, Fast DDS may drop messages for
-    moments, as younger ones seem older (its issue 5019): the plant may get to its safe state then.
-    All nodes go on speaking. The process needs the environment that `wall_clock` makes.
+    A jump forward must have no effect on the robot. After a jump back, Fast DDS may drop messages
+    for a short time, since newer ones seem older (its issue 5019), so the plant may enter its safe
+    state. All nodes must continue to publish diagnostics. Needs the environment from `wall_clock`.
     """
     jump = float(rng.uniform(0.0, _JUMP)) * (1 if who == AHEAD else -1)
     try:
@@ -122,17 +122,17 @@ def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
 
 
 def _mute(bag: Bag) -> list[str]:
-    """Nodes that said nothing about themselves at the end of a run."""
+    """Nodes without diagnostics at the end of a run."""
     said = zip(bag.times("/diagnostics"), bag.messages("/diagnostics"), strict=True)
     newest = {message.status[0].name: at for at, message in said}
     return sorted(name for name, at in newest.items() if bag.end - at / 1e9 > _MUTE)
 
 
 def wall_clock(folder: Path) -> dict[str, str]:
-    """Environment of processes that share a wall clock which can be set.
+    """Environment variables for processes that share an adjustable wall clock.
 
     Args:
-        folder: New folder of what it needs.
+        folder: New folder for the compiled library and its file.
 
     Raises:
         GraphError: There is no C compiler.
@@ -152,24 +152,24 @@ def wall_clock(folder: Path) -> dict[str, str]:
 
 
 def _set_clock(seconds: float) -> None:
-    """Set the wall clock of this process and of all that share it, this far from the machine's."""
-    with open(os.environ[_CLOCK], "r+b") as file:  # it is mapped: all see it at once
+    """Set the offset [s] of the shared wall clock from the machine's clock."""
+    with open(os.environ[_CLOCK], "r+b") as file:  # memory-mapped by all processes
         file.write(_OFFSET.pack(round(seconds * 1e9)))
 
 
 def doctor_beside_top(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Ask `loco doctor` while `loco top` is open; it must find nothing but a late machine.
+    """Run `loco doctor` while `loco top` is open; it may report only a slow machine.
 
-    Three programs more start then; on a few cores the graph may miss its ticks for a moment.
+    Three additional programs start; with few cores the graph may miss ticks for a short time.
     """
     return _visited(["doctor", "--json"], [["top"]], doctor_said, rng, folder, traces)
 
 
 def doctor_said(code: int, text: str) -> str:
-    """Judge what `loco doctor --json` says of a graph that nothing was done to.
+    """Evaluate the output of `loco doctor --json` for an undisturbed graph.
 
     Returns:
-        "ridden": nothing grave; "late": nothing but a machine that is late; "": anything else.
+        "ridden": no grave finding; "late": only findings of a slow machine; "": other findings.
     """
     try:
         grave = {row["fault"] for row in json.loads(text) if row["grave"]}
@@ -181,12 +181,12 @@ def doctor_said(code: int, text: str) -> str:
 
 
 def _said(code: int, text: str) -> Callable[[int, str], str]:
-    """Judge of a command that must end with a code and a text."""
+    """Function that checks the exit code and output of a command."""
     return lambda ended, said: "ridden" if ended == code and text in said else ""
 
 
 def doctor_of_a_stopped(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Ask `loco doctor` while a controller is stopped; it must name it."""
+    """Run `loco doctor` while a controller is stopped; it must name the controller."""
     node = CONTROLLERS[int(rng.integers(len(CONTROLLERS)))]
 
     def stop(pids: dict[str, int]) -> Callable[[], None]:
@@ -198,7 +198,7 @@ def doctor_of_a_stopped(who: str, rng: np.random.Generator, folder: Path, traces
 
 
 def second_run(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Start a second run on the same domain; it must be refused, and leave nothing."""
+    """Start a second run in the same domain; it must be refused without leftovers."""
     other = folder.with_name(f"{folder.name}_second")
     words = ["run", EXPERIMENT, "--out", str(other)]
     judge = _said(1, "another loco run uses ROS domain")
@@ -210,7 +210,7 @@ def second_run(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
 
 
 def kill_supervisor(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
-    """Kill `loco run` itself, with its guard or without; all that it started must end."""
+    """Kill `loco run` itself, with or without its guard; all its child processes must end."""
     command = ["run", EXPERIMENT, "--layout", "processes", "--clock", "realtime"]
     supervisor = subprocess.Popen(
         [sys.executable, "-m", "loco_bringup.cli.main", *command, "--out", str(folder)],
@@ -248,13 +248,13 @@ HAPPENS = {
 
 
 def run_rough(how: str, what: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
-    """Let something happen to many graphs; a row.
+    """Disturb many graphs in the same manner; returns one row.
 
     Args:
         how: SIGKILL or rough.
-        what: Key of `KILLED` or of `HAPPENS`.
+        what: Key of `KILLED` or `HAPPENS`.
         repeats: Number of graphs.
-        seed: Seed of the moments.
+        seed: Seed of the times.
         folder: New folder of the bags.
     """
     rng = np.random.default_rng([seed, *f"{how} {what}".encode()])
@@ -280,9 +280,9 @@ def _hit(
     ends: bool = True,
     done: Callable[[], bool] = lambda: True,
 ) -> str:
-    """Run a graph, do something to its processes after a while; why it ended, "" if it went on.
+    """Run a graph and call `hit` after some time; returns the reason of its end, "" if none.
 
-    It goes on until `done`, too.
+    The graph runs at least until `done` is true.
     """
     due = end = 0.0
 
@@ -311,7 +311,7 @@ def _hit(
 
 
 def _hears_interrupts() -> None:
-    """Undo that a shell lets what it starts in the background, and its children, ignore SIGINT."""
+    """Restore the SIGINT handler, which shells disable for background processes."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -324,7 +324,7 @@ def _visited(
     traces: Traces,
     change: Callable[[dict[str, int]], Callable[[], None]] = lambda pids: lambda: None,
 ) -> str:
-    """Start commands beside a graph, which must go on; code and text of the first are judged."""
+    """Run commands beside a graph, which must continue; check the first command's result."""
     visitors: list[subprocess.Popen[str]] = []
     undo: list[Callable[[], None]] = []
 
@@ -376,7 +376,7 @@ def _guards() -> list[int]:
 
 
 def _looked(good: bool, how: str, said: str, folder: Path, traces: Traces) -> str:
-    """Look at what is left; how it went, "" if not as it has to."""
+    """Check for leftovers; returns the outcome, "" if a requirement is not met."""
     known = len(traces.notes)
     if not good:
         traces.notes.append(f"{folder.name}: {said or 'the run did not end'}")

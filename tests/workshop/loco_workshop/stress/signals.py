@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chaos by signals: processes of a realtime graph are stopped and killed at random moments.
+"""Signals for `loco chaos`: stop and kill processes of a real-time graph at random times.
 
-What has to happen stands in ``docs/faults.md``. A graph lives on where its processes do: it
-is stopped and woken, or starts a killed controller again. What ends a graph is in `rough`. A
-plant that stops its robot for good (it fell, and a joint got too fast) shows nothing more: the
-rest of the signals is for a new graph.
+The required behaviour is in ``docs/faults.md``. Here the graph survives: a process is stopped
+and continued, or a killed controller is restarted. Signals that end a graph are in `rough`. If
+the plant stops its robot permanently (after a fall with too fast a joint), the remaining
+signals are sent to a new graph.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from .traces import Traces, opened_by
 
 STOP = [("SIGSTOP", name) for name in (*CONTROLLERS, "robot_sim", "recorder")]
 KILL = [("SIGKILL", name) for name in CONTROLLERS]
-_STOPPED = (0.2, 0.4)  # wall time that a process is stopped [s]
-_BETWEEN = (0.5, 1.0)  # wall time between two signals, from when commands are back [s]
-_STANDS = 3.0  # simulated time until a robot walks [s]
-_ECHO = 0.2  # wall time after it is woken in which time-outs are of the signal [s]
+_STOPPED = (0.2, 0.4)  # wall time for which a process is stopped [s]
+_BETWEEN = (0.5, 1.0)  # wall time from the return of commands to the next signal [s]
+_STANDS = 3.0  # simulated time until the robot walks [s]
+_ECHO = 0.2  # wall time after SIGCONT in which time-outs are attributed to the signal [s]
 
 
 def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:
-    """Send a signal to a process many times; a row.
+    """Send a signal to a process many times; returns one row.
 
     Args:
         how: SIGSTOP or SIGKILL.
-        who: Process.
+        who: Name of the process.
         repeats: Number of repetitions.
-        seed: Seed of the moments.
+        seed: Seed of the times.
         folder: New folder of the bags.
     """
     rng = np.random.default_rng([seed, *f"{how} {who}".encode()])
@@ -69,7 +69,7 @@ def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> lis
 
 
 def node_set(path: Path) -> str:
-    """The nodes of HyQ, of which controllers start again when they are killed."""
+    """Write a node set of HyQ whose controllers are restarted after a kill; returns its path."""
     source = resources.files("loco_bringup") / "node_sets" / "hyq.yaml"
     content = yaml.safe_load(source.read_text())
     for node in content["nodes"]:
@@ -81,13 +81,13 @@ def node_set(path: Path) -> str:
 
 
 class Hits:
-    """Signals to one process of a graph that lives on; called with its progress.
+    """Callback that sends signals to one process of a surviving graph; called with its progress.
 
     Attributes:
-        left: Number of signals that are still to be sent.
-        times: Times at which each signal was sent, `time.monotonic` [s].
-        opened: Shared memory of all processes.
-        trouble: Why it was given up.
+        left: Number of remaining signals.
+        times: Times of the signals, `time.monotonic` [s].
+        opened: Shared-memory files of all processes.
+        trouble: Reason for giving up; empty if there is none.
     """
 
     def __init__(self, how: str, who: str, repeats: int, rng: np.random.Generator):
@@ -98,11 +98,11 @@ class Hits:
         self.events: Sequence[tuple[float, Any]] = ()
         self.opened: set[str] = set()
         self.trouble = ""
-        self._due = self._wake = 0.0  # times; 0: not set
+        self._due = self._wake = 0.0  # times of the next signal and of SIGCONT [s]; 0: not set
         self._pid = 0
 
     def __call__(self, progress: Any) -> bool:
-        """Do what is due; true when all is done, or the robot was stopped for good."""
+        """Send due signals; returns true when all are sent or the robot is stopped permanently."""
         now, self.events = time.monotonic(), progress.events
         if progress.sim_time < _STANDS:
             return False
@@ -141,7 +141,7 @@ class Hits:
             self._wake = self.times[-1] + float(self._rng.uniform(*_STOPPED))
 
     def _fresh(self, now: float) -> bool:
-        """Commands come, and a killed controller is back."""
+        """Whether commands arrive and a killed controller has restarted."""
         said = [e for t, e in self.events if e.kind == "timeout"]
         if said and "no command" in said[-1].text:
             return False
@@ -155,11 +155,11 @@ class Hits:
         return f"commands were not back {PATIENCE:g} s after signal {len(self.times)}"
 
     def count(self, row: dict[str, Any], takes: bool | None) -> None:
-        """Add to a row what happened.
+        """Add the outcome to a row.
 
         Args:
-            row: Gets repeats, safe, ridden, worst and stalls.
-            takes: Whether the signal takes the command away; None: it may.
+            row: Row whose repeats, safe, ridden, worst and stalls are updated.
+            takes: Whether the signal must interrupt the command; None if it may.
         """
         late = [
             (t, event.tick - int(found[1]))
@@ -180,7 +180,7 @@ class Hits:
 
 
 def _run_on(hits: Hits, folder: Path, nodes: str, row: dict[str, Any], traces: Traces) -> None:
-    """A graph that outlives its signals."""
+    """Run a graph that survives its signals."""
     try:
         run.run_robots(
             {"": experiment.load(EXPERIMENT, LONG)}, folder, "processes", "realtime",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco soak`: a long run; do memory, descriptors, threads or /dev/shm grow?
+"""`loco soak`: long run that checks for growth of memory, descriptors, threads and /dev/shm.
 
-The smallest Python object takes 16 bytes and more, so what is left behind at every tick
-makes at least 16 MB in a million ticks. `LIMIT`, one object in 16 ticks, is far below.
+The smallest Python object takes at least 16 bytes, so a leak of one object per tick
+is at least 16 MB per million ticks. `LIMIT`, one object in 16 ticks, is far below.
 """
 
 from __future__ import annotations
@@ -23,45 +23,45 @@ from loco_bringup.graph import run as runner
 from loco_control.exceptions import ParameterError
 from loco_learning.runs.experiment import override
 
-LIMIT = 1.0  # growth of memory that still counts as flat [MB in a million ticks]
-WARM_UP = 0.2  # share of the samples at the start that is not judged
-BLOCKS = 10  # that the rest is cut into: neighbouring samples are not independent
-STUDENT = 2.306  # t for 95 % of both sides, with two degrees of freedom less than blocks
+LIMIT = 1.0  # largest growth of memory that counts as flat [MB per million ticks]
+WARM_UP = 0.2  # share of the samples at the start that is ignored
+BLOCKS = 10  # number of blocks of the rest, since successive samples are correlated
+STUDENT = 2.306  # two-sided 95 % quantile of t with BLOCKS - 2 degrees of freedom
 COUNTS = ("descriptors", "threads", "shm_files")
-WRITTEN = ("events", "/diagnostics")  # topics that go into the bag, so that disk stays small
+WRITTEN = ("events", "/diagnostics")  # recorded topics, few to save disk space
 _PAGE = resource.getpagesize()
 _SHM = "/dev/shm/"
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Resources that a process holds at a tick."""
+    """Resources of a process at a tick."""
 
     tick: int
-    wall: float  # since the start [s]
+    wall: float  # wall time since the start [s]
     process: str
-    memory: float  # resident [MB]
+    memory: float  # resident memory [MB]
     descriptors: int
     threads: int
-    shm_files: int  # of /dev/shm, mapped
+    shm_files: int  # number of mapped files in /dev/shm
     shm: float  # their size [MB]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether something grows."""
+    """Growth of one resource of a process."""
 
     process: str
     what: str
-    start: float  # after the warm-up [MB or number]
+    start: float  # value after the warm-up [MB or number]
     end: float
-    slope: float  # [MB or number in a million ticks]
-    error: float  # half of the 95 % interval of the slope
+    slope: float  # [MB or number per million ticks]
+    error: float  # half width of the 95 % interval of the slope
     says: str  # flat, grows or "not settled"
 
 
 def take(pid: int, process: str, tick: int, wall: float) -> Sample | None:
-    """A sample of a process; None if it is gone."""
+    """Sample of a process; None if the process has ended."""
     proc = Path(f"/proc/{pid}")
     try:
         pages = int((proc / "statm").read_text().split()[1])
@@ -81,19 +81,20 @@ def soak(
     on_progress: Callable[[Any], Any] = lambda progress: None,
     clock: str = "lockstep",
 ) -> runner.Outcome:
-    """Run a graph and look at its processes about once a second.
+    """Run a graph and sample its processes about once per second.
 
     Args:
         experiment: Experiment to run; its duration is replaced.
         ticks: Length of the run in ticks.
-        table: CSV file that gets the samples at once: they shall not grow in memory.
-        layout: ``composed`` (one process) or ``processes`` (one each).
-        on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        table: CSV file of the samples, written immediately to keep memory constant.
+        layout: ``composed`` (one process) or ``processes`` (one per node).
+        on_progress: Called about ten times per second of wall time; a true return value ends the
+            run.
         clock: ``lockstep``, ``asap`` or ``realtime``.
 
     Raises:
-        ParameterError: Fewer than 1,000 ticks, or no such layout or clock.
-        GraphError: A node died or never got ready, or nothing ticks.
+        ParameterError: `ticks` is below 1,000, or there is no such layout or clock.
+        GraphError: A node died or never got ready, or no tick arrives.
     """
     if ticks < 1000:
         raise ParameterError(f"ticks must be at least 1000, got {ticks}")
@@ -125,7 +126,7 @@ def soak(
 
 
 def read(table: Path) -> list[Sample]:
-    """Samples of a CSV file that `soak` wrote."""
+    """Samples from a CSV file written by `soak`."""
     kinds = [{"int": int, "float": float, "str": str}[f.type] for f in fields(Sample)]
     with open(table, newline="") as file:
         rows = csv.reader(file)
@@ -134,7 +135,7 @@ def read(table: Path) -> list[Sample]:
 
 
 def judge(samples: Iterable[Sample]) -> list[Verdict]:
-    """A verdict for the memory and each count of every process."""
+    """Verdicts for the memory and each count of every process."""
     by_process: dict[str, list[Sample]] = {}
     for sample in samples:
         by_process.setdefault(sample.process, []).append(sample)
@@ -149,7 +150,7 @@ def judge(samples: Iterable[Sample]) -> list[Verdict]:
 
 
 def _verdict(process: str, what: str, ticks: np.ndarray, values: np.ndarray) -> Verdict:
-    """Straight line through the means of the blocks; a count is flat if its median stays."""
+    """Verdict from a straight line through the block means; a count is flat if its median stays."""
     cut = np.array_split(np.arange(len(ticks)), max(1, min(BLOCKS, len(ticks))))
     x = np.array([ticks[block].mean() for block in cut]) / 1e6
     y = np.array([values[block].mean() for block in cut])

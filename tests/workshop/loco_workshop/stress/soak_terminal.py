@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco soak` at the terminal: progress, table, CSV and picture."""
+"""Terminal output of `loco soak`: progress, table, CSV and figure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from . import soak as soaking
 
 
 def show_soak(a: argparse.Namespace) -> int:
-    """Run, judge, write; returns 1 if something grows, else 0."""
+    """Run `loco soak` and write the results; returns 1 if a resource grows, else 0."""
     folder = a.out or Path("results") / "soak"
     check_writable(folder)
     experiment = load(a.experiment)
@@ -71,7 +71,7 @@ def page(
 
 
 def draw(samples: list[soaking.Sample]) -> Chart:
-    """Memory and counts of each process over the ticks.
+    """Chart of memory and counts of each process over the ticks.
 
     Args:
         samples: Samples of all processes.

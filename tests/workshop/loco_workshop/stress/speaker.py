@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `speaker`: says sensible things on a topic of people, so that faults have what to hit."""
+"""Node `speaker`: publishes valid messages on an operator topic, as targets for faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ EVERY = 5  # ticks between two messages
 
 
 def said(topic: str, tick: int) -> Any:
-    """Message that a person may publish at a tick; None on topics of nodes."""
+    """Valid operator message for a tick; None for topics that nodes publish."""
     slow = bool(tick // 250 % 2)
     if topic == "cmd_vel":
         message = TwistStamped()
@@ -29,7 +29,7 @@ def said(topic: str, tick: int) -> Any:
 
 
 class Speaker(LocoNode):
-    """Speaks with the ticks of the plant."""
+    """Node that publishes on an operator topic every `EVERY` ticks of the plant."""
 
     def __init__(self) -> None:
         super().__init__("speaker")

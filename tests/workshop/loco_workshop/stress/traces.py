@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leftovers of a run: processes, shared memory, and its bag."""
+"""Check for leftovers of a run: processes, shared memory, damaged bags."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from loco_bringup.bag.recover import recover
 from loco_bringup.graph import shm
 from loco_control.exceptions import LocoError
 
-TAG = "LOCO_CHAOS"  # variable that all processes of a cell inherit
-_PATIENCE = 30.0  # wall time in which those that nobody supervises must end [s]
+TAG = "LOCO_CHAOS"  # environment variable that all processes of a cell inherit
+_PATIENCE = 30.0  # longest wall time until unsupervised processes have ended [s]
 
 
 @dataclass
@@ -24,12 +24,12 @@ class Traces:
     """Leftovers of the runs of a cell.
 
     Attributes:
-        bags: Runs that were looked at.
-        whole: Bags that are whole or were made whole.
-        orphans: Processes that outlived their run.
-        segments: Files in shared memory that outlived it.
-        notes: Faults, a line each.
-        opened: Shared memory that the processes of the newest run had open.
+        bags: Number of checked runs.
+        whole: Number of bags that are complete or were recovered.
+        orphans: Number of processes that survived their run.
+        segments: Number of shared-memory files that survived their run.
+        notes: Faults, one line each.
+        opened: Shared-memory files that the processes of the newest run had open.
     """
 
     bags: int = 0
@@ -41,19 +41,19 @@ class Traces:
 
     @property
     def clean(self) -> bool:
-        """Nothing is left, and every bag is whole."""
+        """Whether there are no leftovers and every bag is complete."""
         return self.bags == self.whole and not self.orphans and not self.segments
 
     def look(self, folder: Path, opened: set[str], patience: float = _PATIENCE) -> Bag | None:
-        """Look at what a run left that has ended.
+        """Check the leftovers of a run that has ended.
 
         Args:
             folder: Folder of its bag.
-            opened: Files in shared memory that its processes had open.
-            patience: Wall time until its processes must be gone [s].
+            opened: Shared-memory files that its processes had open.
+            patience: Longest wall time until its processes have ended [s].
 
         Returns:
-            The bag, or what was recovered of it.
+            The bag, or its recovered copy; None if there is no readable bag.
         """
         end = time.monotonic() + patience
         while (left := tagged()) and time.monotonic() < end:
@@ -81,7 +81,7 @@ class Traces:
 
 
 def tagged() -> set[int]:
-    """Processes of the cell that runs here, without this one."""
+    """Pids of the processes of the current cell, without this process."""
     wanted = f"{TAG}={os.environ.get(TAG, '')}".encode()
     found = set()
     for pid in filter(str.isdigit, os.listdir("/proc")):
@@ -95,14 +95,14 @@ def tagged() -> set[int]:
 
 
 def opened_by(pids: Iterable[int]) -> set[str]:
-    """Files in shared memory that processes have open, without the endings of their locks."""
+    """Names of shared-memory files that processes have open, without suffixes of locks."""
     found = set()
     for pid in pids:
         for fd in Path(f"/proc/{pid}/fd").glob("*"):
             try:
                 target = os.readlink(fd)
             except OSError:
-                continue  # closed meanwhile
+                continue  # closed in the meantime
             if target.startswith(f"{shm.SHM}/"):
                 found.add(_stem(target))
     return found

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One self-contained HTML page about a gap: what is missing, where, how big, how sure."""
+"""Self-contained HTML page about a gap: missing effects, their places, sizes, certainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GOOD = (*text.NAMED, "no gap")
 
 
 def write_page(result: Mapping[str, Any], curves: Curves, path: Path) -> Path:
-    """Write the page, whole or not at all."""
+    """Write the page; after an error no incomplete file remains."""
     return write_whole(path, page(result, curves))
 
 
@@ -47,7 +47,7 @@ def page(result: Mapping[str, Any], curves: Curves) -> str:
 
 
 def setup_page(result: Mapping[str, Any]) -> str:
-    """HTML text of the page where the set-up has to be mended before anything is sought."""
+    """HTML text of the page for recordings whose set-up must be corrected before a search."""
     head = html.join(
         [
             html.verdict(result["verdict"], False),
@@ -64,7 +64,7 @@ def setup_page(result: Mapping[str, Any]) -> str:
 
 
 def header(result: Mapping[str, Any], curves: Curves) -> Markup:
-    """Answer on one screen: verdict, size, place, the worst channel before and after, the gap."""
+    """Summary: verdict, size, place, the worst channel before and after, the gap."""
     explained = str(result.get("evidence") or _MEANING[result["verdict"]])
     shown = html.figure(lambda: plots.worst(curves, text.told(result)), "The largest gap", "")
     return html.join(
@@ -81,9 +81,9 @@ def header(result: Mapping[str, Any], curves: Curves) -> Markup:
 
 
 def _sketch(result: Mapping[str, Any]) -> Markup:
-    """Drawing of the robot with the places of the terms marked, or that of most of the gap.
+    """Drawing of the robot with the places of the terms marked, or the place of the largest gap.
 
-    Nothing if the robot is not here.
+    Empty if the robot is not available.
     """
     try:
         robot = load(result["model"]["robot"])
@@ -100,7 +100,7 @@ def _sketch(result: Mapping[str, Any]) -> Markup:
 
 
 def _sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Size of each term, which people copy; if unknown, where the gap lives and the next step."""
+    """Size of each term; if the verdict is unknown, place of the gap and the next step."""
     rows = []
     for term in result["terms"]:
         sure = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of a gap: measurement and both models on the same axes, what they miss, and spectra."""
+"""Plots of a gap: measurement and both models on the same axes, residuals, and spectra."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from . import text
 MEASURED, BEFORE, AFTER, NOISE = "#9aa3ad", "#d55e00", "#0072b2", "#222222"
 BOTH = "before", "after"
 COLORS = BEFORE, AFTER
-PAUSE = 1.0  # between two records [s]
-RUNAWAY = 4.0  # half ranges of the measurement that are shown of a model that runs away
+PAUSE = 1.0  # gap between two records on the time axis [s]
+RUNAWAY = 4.0  # axis limit for a diverged model, in half ranges of the measurement
 
 
 def signals(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
-    """Plot of the channels with the largest gap, and of what the models miss there.
+    """Plot of the channels with the largest gap, and of the models' residuals there.
 
     Args:
-        curves: Curves of the judged models.
-        models: ``before`` and ``after``, or the first alone where nothing is added to the model.
+        curves: Curves of the evaluated models.
+        models: ``before`` and ``after``, or only ``before`` if nothing is added to the model.
     """
     columns = curves.worst(figures.MOST_SIGNALS)
     curve = figures.worst_record(curves, columns)
@@ -38,7 +38,7 @@ def signals(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
 
 
 def worst(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
-    """Plot of the channel with the largest gap alone; arguments as of `signals`."""
+    """Plot of the channel with the largest gap; arguments as for `signals`."""
     columns = curves.worst(1)
     curve = figures.worst_record(curves, columns)
     panels = _panels(curves, curve, columns[0], models)
@@ -46,7 +46,7 @@ def worst(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
 
 
 def _panels(curves: Curves, curve: Curve, c: int, models: Sequence[str]) -> list[Panel]:
-    """Measurement and models in one channel, and what the models miss there."""
+    """Panel with measurement and models in one channel, and panel with the residuals."""
     values = [curve.measured[:, c], *(getattr(curve, which)[:, c] for which in models)]
     lines = [Line("measured", values[0], MEASURED, 3.0)]
     lines += [Line(_name(models, i), y, COLORS[i]) for i, y in enumerate(values[1:])]
@@ -67,13 +67,13 @@ def _name(models: Sequence[str], i: int) -> str:
 
 
 def _view(curve: Curve, columns: list[int]) -> tuple[float, float]:
-    """Stretch of time in which the gap is largest."""
+    """Interval of time in which the gap is largest [s]."""
     shown = curve.t[figures.window(curve, columns, figures.span(curve))]
     return float(shown[0]), float(shown[-1])
 
 
 def spectra(curves: Curves) -> Plot:
-    """Amplitudes of the measured signal and of what both models miss, in bands of frequency."""
+    """Amplitudes of the measured signal and of both models' residuals, by frequency band."""
     columns = curves.worst(figures.MOST_SIGNALS)
     curve = figures.worst_record(curves, columns)
     bands = figures.spectrum(curve.t, np.zeros(len(curve.t)))[0]
@@ -96,10 +96,10 @@ def spectra(curves: Curves) -> Plot:
 
 
 def missed(curves: Curves) -> Plot:
-    """Plot of the error of both models at every value that judges, in noise floors, by channel.
+    """Plot of the error of both models at every held-out value, in noise floors, by channel.
 
-    Records follow each other. Where they are long, each point is the rms of a few rows, so that
-    the mean square of a line is that of all its values.
+    Records follow one another. In long records each point is the rms of several rows, so that
+    the mean square of a line is the mean square of all its values.
     """
     records, count, tints = curves.judging, len(curves.channels), list(TINTS.values())
     rows = sum(int(r.judged.sum()) for r in records)
@@ -125,14 +125,14 @@ def missed(curves: Curves) -> Plot:
 
 
 def _summed(energy: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """Sums of known values from each of some rows to the next, (B, C); NaN where there is none."""
+    """Sums of the finite values of each block of rows, (B, C); NaN if a block has none."""
     known = np.isfinite(energy)
     sums = np.add.reduceat(np.where(known, energy, 0.0), first, axis=0)
     return np.where(np.add.reduceat(known, first, axis=0) > 0, sums, np.nan)
 
 
 def _counts(records: Sequence[Curve]) -> list[int]:
-    """Values of each channel that judge."""
+    """Number of held-out values of each channel."""
     known = [np.isfinite(r.whitened("before")).sum(axis=0) for r in records]
     return np.sum(known, axis=0).tolist()
 
@@ -142,7 +142,7 @@ def _axis(curve: Curve) -> str:
 
 
 def _limits(*lines: np.ndarray) -> tuple[float, float] | None:
-    """Range that holds the first line and the others, but no model that runs away."""
+    """Axis limits that include all lines, but cut off diverged models; None without values."""
     first = lines[0][np.isfinite(lines[0])]
     if not len(first):
         return None
@@ -154,7 +154,7 @@ def _limits(*lines: np.ndarray) -> tuple[float, float] | None:
 
 
 def sizes(found: Mapping[str, Any]) -> Chart:
-    """Smallest size that shows over the usual size, a dot for each effect at a place.
+    """Chart of smallest detectable over usual size, one dot per effect and place.
 
     Args:
         found: Contents of ``check.json``.
@@ -176,5 +176,5 @@ def sizes(found: Mapping[str, Any]) -> Chart:
 
 
 def named(row: Mapping[str, Any]) -> str:
-    """Effect, variant and parameter of a row in words."""
+    """Effect, variant and parameter of a row as text."""
     return " ".join(filter(None, (text.words(row["effect"]), row["variant"], row["parameter"])))

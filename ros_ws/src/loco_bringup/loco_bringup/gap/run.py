@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap`: bags and a model in; where they differ, why, and the model without it out."""
+"""`loco gap`: compare bags with a model, find the cause of the gap, write the mended model."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from loco_sim.plant.model import Model
 from .importing import load
 
 RESULT, MODEL, PAGE, ARRAYS, JOB = "gap.json", "model.yaml", "gap.html", "gap.npz", "job.json"
-JOURNAL = "search.jsonl"  # results of a search that is not done; it is gone afterwards
+JOURNAL = "search.jsonl"  # results of an unfinished search; deleted at its end
 
 
 
@@ -44,7 +44,7 @@ class JobFile(TypedDict):
 
 
 class Size(TypedDict):
-    """Parameter of a term; None where a number is not known."""
+    """Parameter of a term; None if a number is unknown."""
 
     value: float | None
     low: float | None
@@ -61,13 +61,13 @@ class Term(TypedDict):
 
 
 class Proposal(TypedDict):
-    """Experiment that would tell effects apart."""
+    """Proposed experiment that distinguishes effects."""
 
     experiment: str
 
 
 class MoreOfProposal(Proposal, total=False):
-    """A proposal with what it is good for."""
+    """A proposal with its expected benefit."""
 
     odds: float | None
     separates: str | list[str]
@@ -81,7 +81,7 @@ class ResultFile(TypedDict):
     next: list[MoreOfProposal] | None
 
 
-Tell = Callable[[float, str, str], None]  # share of the work done, stage, best name so far
+Tell = Callable[[float, str, str], None]  # share of the work done, stage, best candidate so far
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Job:
     """Request for a search.
 
     Attributes:
-        robot: Robot, robot.yaml or model.yaml, as given.
-        bags: Recordings as given.
-        hold_out: Recordings that judge the model and are never fitted.
+        robot: Robot, robot.yaml or model.yaml, as on the command line.
+        bags: Recordings, as on the command line.
+        hold_out: Held-out recordings: they validate the model and are never fitted.
         mapping: Path of a mapping file; empty for recordings of standard topics.
         options: Values of `GapParams` that differ from their defaults.
-        workers: Processes.
+        workers: Number of processes.
     """
 
     robot: str
@@ -105,17 +105,17 @@ class Job:
     workers: int = 2
 
     def default_folder(self) -> Path:
-        """Folder of the results when none is given."""
+        """Default folder of the results."""
         return Path("results") / f"gap_{Path(self.bags[0]).name.split('.')[0]}"
 
     def save(self, folder: Path) -> None:
-        """Write what was asked, for `load_job`."""
+        """Write the request to a file that `load_job` reads."""
         values = {k: getattr(self, k) for k in ("robot", "bags", "hold_out", "mapping", "options")}
         write_json(folder / JOB, {"format": 1, **values})
 
 
 def load_job(folder: str | Path) -> Job:
-    """Request that made a folder of results.
+    """Request that a folder of results belongs to.
 
     Raises:
         MissingFileError: The folder holds no results of `loco gap`.
@@ -132,14 +132,14 @@ def load_job(folder: str | Path) -> Job:
 
 
 def read_json(path: Path, keys: Any) -> dict[str, Any]:
-    """A file of a folder of results.
+    """Contents of a JSON file in a folder of results.
 
     Args:
         path: The file.
         keys: A `TypedDict` of its keys, for `checks.check`.
 
     Raises:
-        MissingFileError: It is not there, or of another format.
+        MissingFileError: The file does not exist or has another format version.
         ParameterError: The file is not JSON, or a value in it is wrong.
     """
     if not path.is_file():
@@ -155,20 +155,20 @@ def read_json(path: Path, keys: Any) -> dict[str, Any]:
 
 
 def read_records(job: Job) -> tuple[Model, list[Record], list[Record]]:
-    """Model, records to fit and records to judge on.
+    """Model, records to fit and held-out records.
 
-    Without `--hold-out` the last of several records is held out; a single one stays whole,
-    and the workflow holds its end out.
+    Without `--hold-out` the last of several records is held out. A single record is returned
+    whole; the workflow then holds out its last part.
 
     Raises:
-        LocoError: Unknown robot, recordings that are not of use.
+        LocoError: The robot is unknown, or a recording is not usable.
     """
     model = models.load_any(job.robot)
     robot = model.make_robot()
     mapping = Path(job.mapping) if job.mapping else None
-    apart = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may name them, too
+    apart = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may include them
     bags = [path for path in job.bags if os.path.realpath(path) not in apart]
-    judge = not options_of(job).setup  # else the workflow does
+    judge = not options_of(job).setup  # else the workflow checks them
     fit = [r for path in bags for r in load(path, robot, mapping, judge)]
     held = [r for path in job.hold_out for r in load(path, robot, mapping, judge)]
     held += [r for r in fit if r.role == HELD_OUT]
@@ -184,7 +184,7 @@ def options_of(job: Job) -> Any:
     """Settings of the workflow.
 
     Raises:
-        LocoError: A value out of range, or a name that is not known.
+        LocoError: A value is out of range, or a name is unknown.
     """
     params = from_dict(GapParams, dict(job.options), "gap")
     for pattern in params.effects:
@@ -194,21 +194,21 @@ def options_of(job: Job) -> Any:
 
 
 def patched(result: Mapping[str, Any]) -> Model:
-    """Model that was found, with the learned correction if one holds."""
+    """Resulting model, with the learned correction if it is valid."""
     m, learned = result["model"], result.get("residual") or {}
     listed = [*m["effects"], *learned.get("effects", ())]
     return Model(m["robot"], dict(m["overrides"]), [dict(e) for e in listed])
 
 
 def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
-    """Search, and write `RESULT`, `MODEL`, `JOB`, `ARRAYS` and `PAGE` into the folder.
+    """Search, and write `RESULT`, `MODEL`, `JOB`, `ARRAYS` and `PAGE` to the folder.
 
-    The first four are there as soon as the verdict is known, and again with all that is added
-    to it: nothing that comes after the verdict can cost it. A search that was killed goes on
-    from `JOURNAL` when the same is asked for again.
+    The first four are written as soon as the verdict is known, and again when further results
+    are added, so that a later failure cannot lose the verdict. A search that was killed resumes
+    from `JOURNAL` when the same request is run again.
 
     Raises:
-        LocoError: A mistake in what was given; nothing is written.
+        LocoError: The input is invalid; nothing is written.
     """
     claim(folder, JOB, JOURNAL)
     params = options_of(job)
@@ -239,7 +239,7 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
 
 
 def write_result(job: Job, result: Mapping[str, Any], folder: Path) -> None:
-    """Write the verdict, the patched model and what was asked for."""
+    """Write the verdict, the patched model and the request."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / RESULT, result)
     job.save(folder)
@@ -247,28 +247,28 @@ def write_result(job: Job, result: Mapping[str, Any], folder: Path) -> None:
 
 
 def write_page(result: Mapping[str, Any], curves: Curves, folder: Path) -> None:
-    """Write the page about a verdict and the curves that it rests on."""
-    from . import page  # draws; the node `calibrator` uses the rest
+    """Write the page about a verdict and its curves."""
+    from . import page  # needs plotting, which the node `calibrator` does not
 
     page.write_page(result, curves, folder / PAGE)
 
 
 def setup_page(result: Mapping[str, Any]) -> str:
-    """HTML text of the page of a set-up that has to be mended first."""
+    """HTML text of the page for recordings whose set-up must be corrected first."""
     from . import page
 
     return page.setup_page(result)
 
 
 def beside(model: Model, folder: Path) -> Model:
-    """The model with the path of its robot as seen from a folder; names stay."""
+    """The model with the path of its robot relative to a folder; a robot's name is kept."""
     if not Path(model.robot).exists():
         return model
     return Model(os.path.relpath(model.robot, folder), model.overrides, model.effects)
 
 
 def write_json(path: Path, values: Mapping[str, Any]) -> None:
-    """Write JSON with sorted keys, whole or not at all."""
+    """Write JSON with sorted keys; after an error no incomplete file remains."""
     write_whole(path, dumps(values))
 
 

@@ -16,11 +16,11 @@ from ..page.html import table
 from . import text
 
 Result = Mapping[str, Any]
-MOST = 12  # rows of a table of cells
+MOST = 12  # largest number of rows in the table of cells
 
 
 def plain(value: Any) -> str:
-    """Any value of gap.json as text of a cell."""
+    """Text of a table cell for any value of gap.json."""
     if value is None or value == "":
         return "–"
     if isinstance(value, bool):
@@ -38,7 +38,7 @@ def plain(value: Any) -> str:
 
 
 def rows_of(items: Sequence[Mapping[str, Any]], keys: Sequence[str] = ()) -> Markup:
-    """Table of mappings; columns are the keys that any of them has, in the order given first."""
+    """Table of mappings, one column per key; the keys in `keys` come first."""
     found = list(dict.fromkeys([*keys, *(k for item in items for k in item)]))
     used = [k for k in found if any(item.get(k) not in (None, "", [], {}) for item in items)]
     numeric = [
@@ -81,7 +81,7 @@ def terms(result: Result) -> Markup:
 
 
 def over_settings(result: Result) -> Markup:
-    """Answers under other splits of the records, stretches and floors."""
+    """Table of the answers with other splits of the records, segment lengths and noise floors."""
     items = result.get("over_settings", [])
     if not items:
         return Markup()
@@ -98,7 +98,7 @@ def over_settings(result: Result) -> Markup:
 
 
 def rivals(result: Result) -> Markup:
-    """Explanations of other names, the best first."""
+    """Table of alternative explanations, best first."""
     items = result["rivals"]
     if not items:
         return html.paragraph("No other effect came near.", soft=True)
@@ -121,7 +121,7 @@ def _share(value: Any) -> str:
 
 
 def errors(curves: Curves) -> Markup:
-    """Normalised errors of every record with intervals."""
+    """Table of the normalised errors of every record with intervals."""
     head = ["Record", "Role", "Channel", "NRMSE before", "NRMSE after", "Windowed before",
             "Windowed after"]  # fmt: skip
     body = [
@@ -132,7 +132,7 @@ def errors(curves: Curves) -> Markup:
 
 
 def _with_interval(cell: str) -> Markup | str:
-    """A number and below it the interval that follows it in brackets."""
+    """Cell with a number and, below it, the bracketed interval that follows it in the text."""
     value, bracket, interval = cell.partition(" (")
     if not bracket:
         return cell
@@ -158,7 +158,7 @@ def identifiability(result: Result) -> Markup:
 
 
 def proposals(result: Result) -> Markup:
-    """Experiments that would tell most."""
+    """Table of the most informative experiments."""
     items, lines = result.get("next") or [], text.at_the_robot(result)
     by_hand = html.bullets(f"To tell {line}." for line in lines)
     by_hand = html.paragraph(_BY_HAND) + by_hand if lines else Markup()
@@ -178,7 +178,7 @@ def proposals(result: Result) -> Markup:
 
 
 def correction(result: Result) -> Markup:
-    """The fallback of an unknown gap."""
+    """Table of the empirical correction that is the fallback for an unknown gap."""
     found = result.get("correction")
     if not found:
         return Markup()
@@ -191,7 +191,7 @@ def correction(result: Result) -> Markup:
 
 
 def learned(result: Result) -> Markup:
-    """The learned correction: what it is, and what it does to each record that judges."""
+    """Learned correction: its description, and its effect on each held-out record."""
     said = text.learned_line(result)
     if not said:
         return Markup()
@@ -200,7 +200,7 @@ def learned(result: Result) -> Markup:
 
 
 def notes(result: Result) -> Markup:
-    """The gap of each record, and notes of aligning and searching."""
+    """Gap of each record, and notes from alignment and search."""
     told = list(dict.fromkeys([*(result.get("align") or ()), *(result.get("notes") or ())]))
     rows = result["gap"].get("records") or []
     listed = html.bullets(str(n) for n in told)
@@ -208,7 +208,7 @@ def notes(result: Result) -> Markup:
 
 
 def not_tried(result: Result) -> Markup:
-    """List of the effects that no model of the search had, each with the reason."""
+    """List of the effects that the search did not try, each with the reason."""
     rows = result.get("not_tried") or ()
     items = [f"{text.words(str(r['effect']))}, since {r['reason']}" for r in rows]
     return html.bullets(items) or html.paragraph("None.", soft=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap` at the terminal: live progress, verdict, where the files lie."""
+"""Terminal output of `loco gap`: live progress, verdict, paths of the files."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from .next import write_library, write_next
 
 
 def show_gap(a: argparse.Namespace) -> int:
-    """`loco gap`: search with live progress.
+    """Run `loco gap` with live progress.
 
     Returns:
-        The exit code: 2 where the set-up has to be mended first.
+        The exit code: 2 if the set-up must be corrected first.
 
     Raises:
-        ParameterError: There is no recording, or no process to work with.
+        ParameterError: No recording is given, or the number of workers is below 1.
     """
     if not a.bags:
         raise ParameterError("loco gap takes at least one recording; see `loco gap --help`")
@@ -38,7 +38,7 @@ def show_gap(a: argparse.Namespace) -> int:
 
         def tell(share: float, stage: str, best: str) -> None:
             progress.update(task, completed=share, description=stage, best=best)
-            if progress.disable and int(10.0 * share) > told[0]:  # no terminal: a line per tenth
+            if progress.disable and int(10.0 * share) > told[0]:  # no terminal: one line per 10 %
                 told[0] = int(10.0 * share)
                 sys.stderr.write(f"{10 * told[0]:3d} % {stage} {best}".rstrip() + "\n")
 
@@ -51,7 +51,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     """The job that the options describe, and the folder of the results.
 
     Raises:
-        LocoError: They do not fit together.
+        LocoError: The options contradict each other.
     """
     given = {"free": list(a.free), "effects": list(a.effects), "residual": a.residual}
     options = {key: value for key, value in given.items() if value}
@@ -68,7 +68,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
 
 
 def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, Path]:
-    """The job of a folder of results, with more recordings."""
+    """The job of an existing folder of results, with more recordings."""
     if len(a.bags) != 1:
         raise ParameterError("--add takes one folder of results: loco gap DIR --add BAG...")
     old = runner.load_job(a.bags[0])
@@ -80,7 +80,7 @@ def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, P
 
 
 def show(result: Mapping[str, Any], folder: Path) -> None:
-    """Print what was read with doubts, the verdict, and where everything lies."""
+    """Print warnings about the recordings, the verdict, and the paths of the results."""
     for line in result.get("reading") or ():
         console.print(f"reading: {line}")
     console.print(f"{text.headline(result)}")
@@ -105,7 +105,7 @@ def show(result: Mapping[str, Any], folder: Path) -> None:
 
 
 def show_next(a: argparse.Namespace) -> int:
-    """`loco gap next`: write the proposed experiment and say how to go on."""
+    """`loco gap next`: write the proposed experiment and print the next commands."""
     path, row = write_next(a.folder, a.rank, a.out)
     console.print(f"{text.next_line(row)}")
     console.print(f"  written: {path}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of gap.json in words, for terminal, page and ROS action alike."""
+"""Sentences from the contents of gap.json, for terminal, page and ROS action."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Result = Mapping[str, Any]
 
 
 def words(name: str) -> str:
-    """An effect or experiment for people: ``coulomb_friction`` is "coulomb friction"."""
+    """Name of an effect or experiment as text: ``coulomb_friction`` → "coulomb friction"."""
     return name.replace("_", " ")
 
 
 def number(value: Any) -> str:
-    """Three digits; a dash where there is none."""
+    """A number with three digits; a dash for no number."""
     if not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
     return f"{value:.3g}".replace("e-0", "e-").replace("e+0", "e")
@@ -29,7 +29,7 @@ NAMED = ("named", "named, and more is missing")
 
 
 def place_of(place: Any) -> str:
-    """Place of a term in words."""
+    """Place of a term as text."""
     if not place or place == "*":
         return "the whole robot"
     if isinstance(place, (list, tuple)):
@@ -38,7 +38,7 @@ def place_of(place: Any) -> str:
 
 
 def listed(items: Sequence[str], word: str = "and") -> str:
-    """a, b and c."""
+    """Items joined as "a, b and c"."""
     items = list(items)
     if len(items) < 2:
         return "".join(items)
@@ -70,12 +70,12 @@ def sizes(term: Mapping[str, Any]) -> list[str]:
 
 
 def first(items: Sequence[str]) -> str:
-    """First of some sentences; nothing where there is none."""
+    """First of some sentences; empty if there are none."""
     return str(items[0]) if items else ""
 
 
 def next_step(result: Result) -> str:
-    """Next step of somebody whose verdict is no name."""
+    """Recommended next step if the verdict names no effect."""
     if result.get("next"):
         return f"record {next_line(result['next'][0])}: loco gap next DIR writes it"
     if lines := at_the_robot(result):
@@ -111,7 +111,7 @@ def _named(term: Mapping[str, Any]) -> bool:
 
 
 def ambiguous(result: Result) -> list[list[Any]]:
-    """Groups of explanations that cannot be told apart; the terms themselves if none is listed."""
+    """Groups of indistinguishable explanations; the terms themselves if none are listed."""
     groups = [list(g) for g in result.get("ambiguous") or () if g]
     return groups or [list(result.get("names") or ["-"])]
 
@@ -123,7 +123,7 @@ def _alternative(item: Any) -> str:
 
 
 def term_lines(result: Result) -> list[str]:
-    """One line per term: what, where, how big, how sure."""
+    """One line per term: effect, place, size, certainty."""
     lines = []
     for term in result.get("terms") or ():
         odds = f"; odds {odds_text(term.get('odds'))} against the next" if term.get("odds") else ""
@@ -132,7 +132,7 @@ def term_lines(result: Result) -> list[str]:
 
 
 def odds_text(odds: Any) -> str:
-    """Odds as people say them."""
+    """Odds as text."""
     if not isinstance(odds, (int, float)):
         return "–"
     return "over 1000 : 1" if odds > 1e3 else f"{number(odds)} : 1"
@@ -151,24 +151,24 @@ def gap_line(result: Result) -> str:
 
 
 def learned_line(result: Result) -> str:
-    """Words about the learned correction, with what it is; empty where none was asked for."""
+    """Sentence about the learned correction and its type; empty if none was requested."""
     found = result.get("residual")
     return f"{found['kind'].replace(':', ',')}: {found['says']}" if found else ""
 
 
 def closed_rms(gap: Mapping[str, Any]) -> str:
-    """Share closed: of the rms above the noise floor on held-out data, as the verdict counts it."""
+    """Share [%] by which the rms above the noise floor on held-out data is reduced."""
     return f"{round(100.0 * gap['closed']):d} %"
 
 
 def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:
-    """Figures of the gap that there are; where nothing is added to the model, only before."""
+    """Keys of the available gap figures; only ``before`` if the verdict is unknown."""
     known = [key for key in keys if result["gap"].get(key) is not None]
     return [key for key in known if result["verdict"] != "unknown" or key == "before"]
 
 
 def at_the_robot(result: Result) -> list[str]:
-    """Tests that tell ambiguous effects apart at the robot, from the registry, a line a pair."""
+    """Tests on the robot that distinguish ambiguous effects, from the registry, one per pair."""
     tests: dict[frozenset[str], list[str]] = {}
     for group in ambiguous(result) if result["verdict"] == "ambiguous" else ():
         names = {str(item).split(" ")[0] for item in group}
@@ -183,7 +183,7 @@ def at_the_robot(result: Result) -> list[str]:
 
 
 def next_line(row: Mapping[str, Any]) -> str:
-    """Benefit of an experiment in words."""
+    """Benefit of an experiment as text."""
     parts = separated(row)
     apart = f" tells {listed(parts, 'from')} apart" if len(parts) > 1 else ""
     odds = f", odds expected {odds_text(row['odds'])}" if row.get("odds") else ""
@@ -191,6 +191,6 @@ def next_line(row: Mapping[str, Any]) -> str:
 
 
 def separated(row: Mapping[str, Any]) -> list[str]:
-    """The explanations that an experiment would tell apart."""
+    """The explanations that an experiment distinguishes."""
     found = row.get("separates") or []
     return [found] if isinstance(found, str) else [_alternative(x) for x in found]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of our graphs as tracks: standard messages, and those of the HyQ graph."""
+"""Read the topics of loco graphs as tracks: standard messages, and those of the HyQ graph."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
 
     Args:
         bag: The recording.
-        robot: Robot that was measured; of several namespaces, the one with its joints is read.
-        namespace: Namespace of the robot; empty finds it.
-        base_pose: Take the pose of the base from `ODOMETRY`.
+        robot: Measured robot; among several namespaces, the one with its joints is read.
+        namespace: Namespace of the robot; empty to search for it.
+        base_pose: Whether to read the pose of the base from `ODOMETRY`.
 
     Raises:
-        BagError: A topic is missing, or several namespaces would do.
-        LocoError: Messages are not of use.
+        BagError: A topic is missing, or several namespaces match.
+        LocoError: The messages are not usable.
     """
     prefix = _prefix(bag, robot, namespace)
     if _has(bag, prefix + ROBOT_STATE, _STATE):
@@ -56,7 +56,7 @@ def _has(bag: Bag, topic: str, kind: str) -> bool:
 
 
 def _prefix(bag: Bag, robot: Robot, namespace: str) -> str:
-    """Namespace of the robot with slashes, from the topics and their joints."""
+    """Namespace of the robot with slashes, determined from the topics and their joints."""
     wanted = {STATES: _JOINTS, ROBOT_STATE: _STATE}
     spaces = {
         topic[: -len(name)]
@@ -105,7 +105,7 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
 
 
 def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
-    """Tracks without those of joints that the robot lacks, where all that it has are there."""
+    """Tracks without joints that the robot lacks, if all joints of the robot are present."""
     extra = sorted({k.place for k in found if k.role in ROLES_OF_JOINTS} - set(robot.joints))
     if not extra or set(robot.joints) - {k.place for k in found if k.role == "q"}:
         return found
@@ -114,7 +114,7 @@ def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Trac
 
 
 def _imu(bag: Bag, topic: str) -> list[Track]:
-    """IMU; an orientation that the message marks as unknown is left out."""
+    """Tracks of an IMU, without an orientation that the message marks as unknown."""
     records = bag.records(topic)
     found = _blocks(
         records, topic, {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
@@ -130,7 +130,7 @@ def _pose(bag: Bag, topic: str) -> list[Track]:
 
 
 def _blocks(records: np.ndarray, topic: str, fields: dict[str, str]) -> list[Track]:
-    """Tracks of vectors and quaternions, by role and path."""
+    """Tracks of vectors and quaternions from record fields, by role and path."""
     t = seconds(records, "header.stamp")
     return [
         Track(role, axis, t, records[f"{path}.{axis}"].astype(float), topic)
@@ -140,9 +140,9 @@ def _blocks(records: np.ndarray, topic: str, fields: dict[str, str]) -> list[Tra
 
 
 def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
-    """The HyQ graph: joints and feet in the robot's order, trunk torque as feed-forward.
+    """Tracks of the HyQ graph: joints and feet in the robot's order, trunk torque as feed-forward.
 
-    The legs that the trunk controller has in stance are under the gains of stance.
+    Legs that the trunk controller treats as in stance have the stance gains.
     """
     if not _has(bag, prefix + MOTION, "loco_msgs/msg/MotionCommand"):
         raise BagError(

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts, watches and stops the nodes of a run."""
+"""Start, monitor and stop the nodes of a run."""

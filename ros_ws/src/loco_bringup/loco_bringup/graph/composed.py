@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Process of nodes: ``python -m loco_bringup.graph.composed [FOLDER/]MODULE:CLASS …``."""
+"""Run nodes in one process: ``python -m loco_bringup.graph.composed [FOLDER/]MODULE:CLASS …``."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from . import shm
 
 
 def main() -> None:
-    """Run the node classes named on the command line until a signal.
+    """Run the node classes named on the command line until a signal arrives.
 
-    Whoever started the process removes what is left in shared memory. If nobody is there any
-    more, each process becomes one that does, so that the last holds none of it itself.
+    The parent process removes leftovers in shared memory. If the parent has died, each process
+    is replaced by one that cleans up (`shm`), so that it no longer uses these files itself.
     """
-    orphaned: list[int] = []  # the kernel tells, and the guard; a supervisor interrupts
+    orphaned: list[int] = []  # SIGTERM means that the parent died; a live one sends SIGINT
     signal.signal(signal.SIGTERM, lambda number, frame: orphaned.append(number))
     split = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else len(sys.argv)
     classes = []
     for path in sys.argv[1:split]:
         folder, _, path = path.rpartition("/")
         if folder and folder not in sys.path:
-            sys.path.append(folder)  # the last: no file there takes the place of a library
+            sys.path.append(folder)  # at the end: no file there shadows a library
         module, _, name = path.partition(":")
         classes.append(getattr(importlib.import_module(module), name))
     code = run_nodes(classes, sys.argv[split:])
     if orphaned:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # one comes for each thread of a supervisor
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # sent once per thread of the supervisor
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
         os.execv(sys.executable, [sys.executable, "-m", shm.__name__])
     sys.exit(code)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Process that outlives a killed supervisor and ends the nodes that it left.
+"""Process that survives a killed supervisor and ends the supervisor's nodes.
 
-The supervisor starts it first and writes a line ``PID START`` for every node into its
-standard input, and ``done`` when all have ended. If the pipe closes without that, the
-supervisor is dead: the guard signals what still runs and removes its shared memory.
+The supervisor starts the guard first and writes a line ``PID START`` for every node to its
+standard input, and ``done`` when all nodes have ended. If the pipe closes without ``done``,
+the supervisor is dead: the guard signals the running nodes and removes their shared memory.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import time
 from . import shm
 from .process_info import start_of
 
-# How long a process may take to end after each signal [s].
+# Longest time for a process to end after each signal [s].
 PATIENCE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
 
 
 def send(pid: int, number: int) -> None:
-    """Send a signal to a process, which is woken first if it was stopped."""
+    """Send a signal to a process; a stopped process is continued first (SIGCONT)."""
     with contextlib.suppress(OSError):
         os.kill(pid, number)
         os.kill(pid, signal.SIGCONT)
 
 
 def end_all(start_times: dict[int, str], share: float = 1.0) -> None:
-    """Wait for the processes, then signal those that still run, until none is left.
+    """Wait for the processes, then signal those that still run, until all have ended.
 
-    The kernel has told them already that the supervisor died, and a second signal could
-    meet a recorder that is closing its bag.
+    The kernel has already sent them a signal when the supervisor died, and a second signal
+    could interrupt a recorder while it closes its bag.
 
     Args:
-        start_times: Begin of each process, by pid.
-        share: Share of the usual patience, in (0, 1].
+        start_times: Start time of each process, by pid.
+        share: Factor on the usual waiting times, in (0, 1].
     """
     for number, timeout in ((signal.SIGCONT, PATIENCE[0][1]), *PATIENCE[1:]):
         deadline = time.monotonic() + share * timeout
@@ -51,7 +51,7 @@ def _living(start_times: dict[int, str]) -> list[int]:
 
 
 def main() -> None:
-    """Read pids until the pipe closes."""
+    """Read pids until the pipe closes, then end the processes if the supervisor has died."""
     start_times: dict[int, str] = {}
     for line in sys.stdin:
         if line.strip() == "done":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node set of an experiment with a driver of hardware in the place of the plant."""
+"""Node set of an experiment with a hardware driver in place of the simulated plant."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def driven(specs: Sequence[NodeSpec], experiment: Any, file: str, clock: str) ->
 
     Args:
         specs: The node set.
-        experiment: Experiment that is to be sent to the robot.
-        file: Wiring file; it is read to see whether it fits.
+        experiment: Experiment to run on the robot.
+        file: Wiring file; it is read to check that it matches the robot.
         clock: Clock of the run.
 
     Raises:
-        LocoError: The file does not fit the robot, or the experiment cannot be sent to hardware.
-        MissingPackageError: The package that speaks to servos is not installed.
+        LocoError: The file does not match the robot, or the experiment cannot run on hardware.
+        MissingPackageError: The package for the communication with servos is not installed.
     """
     if _SIMULATED not in [spec.cls for spec in specs]:
         raise ParameterError(

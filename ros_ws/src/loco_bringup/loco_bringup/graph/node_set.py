@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node sets (YAML) and the ROS parameter file that an experiment becomes."""
+"""Node sets (YAML), and the ROS parameter file generated from an experiment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import to_dict
 from loco_control.reading import read_yaml, understood
-from loco_control.ros.messages.joint_topics import TABLES  # loads ROS
+from loco_control.ros.messages.joint_topics import TABLES  # imports ROS
 from loco_learning.runs.experiment import Experiment
 
 from .processes import NEVER, Restart
@@ -34,11 +34,11 @@ class NodeSpec:
     cls: str  # [FOLDER/]MODULE:CLASS
     parameters: tuple[str, ...]
     executable: str  # for ``ros2 run``, in the package of the class
-    restart: Restart = NEVER  # what happens when its process dies
+    restart: Restart = NEVER  # restart policy
 
 
 FAULTS = NodeSpec("faults", "loco_control.ros.fault_node:FaultNode", ("faults",), "faults")
-# Stands in the place of the plant.
+# Replaces the plant.
 DRIVER = NodeSpec(
     "robot_sim", "loco_sim.ros.driver_node:DriverNode", ("plant", "tick", "hardware"), "driver"
 )
@@ -48,14 +48,14 @@ def load(name: str) -> list[NodeSpec]:
     """Node set by name or path.
 
     Raises:
-        NameUnknownError: No such set, or a part that experiments do not have.
+        NameUnknownError: There is no such set, or it names a part that experiments do not have.
         ParameterError: The file is not a node set.
     """
     return _read(name)[1]
 
 
 def table_of(name: str) -> str:
-    """Topic table of a node set, by name or path: a key of `joint_topics.TABLES`."""
+    """Key in `joint_topics.TABLES` of the topic table of a node set (name or path)."""
     return _read(name)[0]
 
 
@@ -94,14 +94,14 @@ def _read(name: str) -> tuple[str, list[NodeSpec]]:
 
 
 def _class(name: str, folder: Path) -> str:
-    """MODULE:CLASS of a node, with the folder of the node set before it if the module is there."""
+    """MODULE:CLASS of a node, prefixed with the folder of the node set if it has the module."""
     top = name.partition(":")[0].partition(".")[0]
     is_local = (folder / f"{top}.py").is_file() or (folder / top / "__init__.py").is_file()
     return f"{folder.resolve()}/{name}" if is_local else name
 
 
 def _restart(node: str, policy: Any, per_minute: Any) -> Restart:
-    """Policy of a node: ``never``, or ``on_failure`` at most so often a minute (default 3)."""
+    """Restart policy of a node: ``never``, or ``on_failure`` with a limit per minute (3)."""
     if policy not in ("never", "on_failure"):
         raise ParameterError(f"restart of {node} must be never or on_failure, got {policy!r}")
     if policy == "never":
@@ -127,8 +127,8 @@ def parameter_file(
         experiment: Checked experiment.
         tick: Clock, speed, duration … of `TickParams`.
         run: `recorded` for every node, `recorder` (parameters of the recorder, none if it
-            has a file of its own), `weights` (file that the reflex network writes), `faulted`
-            (topics that the node `faults` damages, if any), `faults` (its parameters),
+            has its own file), `weights` (file that the reflex network writes), `faulted`
+            (topics that the node `faults` damages, if any), `faults` (parameters of that node),
             `realtime` (changes of `RealtimeParams`, if any) and `hardware` (wiring file).
     """
     content: dict[str, Any] = {}
@@ -140,7 +140,7 @@ def parameter_file(
         if run.get("faulted"):
             parameters["allow_faults"] = True
         if run.get("faulted") and spec != FAULTS:
-            parameters["faulted"] = list(run["faulted"])  # YAML: no aliases
+            parameters["faulted"] = list(run["faulted"])  # a copy: the YAML gets no aliases
         if run.get("realtime"):
             parameters["realtime"] = dict(run["realtime"])
         for part in spec.parameters:
@@ -196,7 +196,7 @@ def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any])
 
 
 def _ros(values: dict[str, Any]) -> dict[str, Any]:
-    """Lists that are not numbers travel as JSON text, as `declare` expects them."""
+    """Parameter values for ROS: non-numeric lists become JSON text, as `declare` expects."""
     out: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, dict):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts about Linux processes: state, start, processor time, and which of them run nodes."""
+"""Information on Linux processes: state, start time, CPU time, and which of them run nodes."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import os
 from pathlib import Path
 
 _TICKS = os.sysconf("SC_CLK_TCK")  # units of /proc/PID/stat [1/s]
-# Fields of /proc/PID/stat behind the name of the command (proc(5)).
+# Fields of /proc/PID/stat after the name of the command (proc(5)).
 _STATE, _USER_TIME, _SYSTEM_TIME, _START = 0, 11, 12, 19
 
 
 def _stat(pid: int) -> list[str]:
-    """Fields of /proc/PID/stat behind the name of the command, none if there is no process."""
+    """Fields of /proc/PID/stat after the name of the command; empty without such a process."""
     try:
         with open(f"/proc/{pid}/stat") as file:
             return file.read().rpartition(")")[2].split()
@@ -32,9 +32,9 @@ def processor_time(pid: int) -> float:
 
 
 def start_of(pid: int) -> str:
-    """When a process began, in ticks of the kernel; empty if it has ended.
+    """Start time of a process in kernel ticks; empty if it has ended.
 
-    A process whose first thread has ended has its files and locks until the last one has.
+    A process whose main thread has ended keeps its files and locks until its last thread ends.
     """
     fields = _stat(pid)
     try:
@@ -45,7 +45,7 @@ def start_of(pid: int) -> str:
 
 
 def node_processes() -> list[tuple[int, str, list[str]]]:
-    """Process, ROS domain and command line of every process of nodes of this user."""
+    """Pid, ROS domain and command line of every process of this user that runs nodes."""
     nodes = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Child processes of a run: started with a log each, stopped in order, never orphaned.
+"""Child processes of a run: started with one log each, stopped in order, never orphaned.
 
-Three things see to the last: `stop_all` on every way out, a signal from the kernel when
-the supervisor dies, and the `guard`, which also ends those that do not heed the signal.
+Three mechanisms prevent orphans: `stop_all` on every exit path, a signal from the kernel when
+the supervisor dies, and the `guard`, which also ends processes that ignore the signal.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ _MINUTE = 60.0  # [s]
 
 @dataclass(frozen=True)
 class Restart:
-    """When a process that died is started again: at most so often a minute, 0 for never."""
+    """Restart policy of a process that died: largest number of restarts per minute, 0 for never."""
 
     per_minute: int = 0
 
     def allows(self, code: int, times: Sequence[float], time_now: float) -> bool:
-        """Whether a process may start again.
+        """Whether a process may be restarted.
 
         Args:
-            code: Exit code of the process; after 0 it is not started again.
-            times: Times at which it was started again before [s].
-            time_now: The time [s].
+            code: Exit code of the process; after 0 it is not restarted.
+            times: Times of earlier restarts [s].
+            time_now: Current time [s].
         """
         recent = [t for t in times if time_now - t < _MINUTE]
         return code != 0 and len(recent) < self.per_minute
@@ -50,10 +50,10 @@ NEVER = Restart()
 
 
 class Guard:
-    """The process that ends the nodes when this one is killed.
+    """The guard process, which ends the nodes if this process is killed.
 
     Args:
-        share: Share of the usual patience with them, in (0, 1].
+        share: Factor on the usual waiting times, in (0, 1].
     """
 
     def __init__(self, share: float = 1.0) -> None:
@@ -68,18 +68,18 @@ class Guard:
         )
 
     def watch(self, pid: int) -> None:
-        """Look after a process, too."""
+        """Also end this process if the supervisor is killed."""
         self._tell(f"{pid} {start_of(pid)}")
 
     def dismiss(self) -> None:
-        """All processes have ended."""
+        """End the guard, once all processes have ended."""
         self._tell("done")
         with contextlib.suppress(OSError):
             self._popen.stdin.close()
         self._popen.wait()
 
     def _tell(self, line: str) -> None:
-        with contextlib.suppress(OSError):  # it was killed: the kernel's signal must do
+        with contextlib.suppress(OSError):  # the guard was killed: the kernel's signal must suffice
             self._popen.stdin.write(line + "\n")
             self._popen.stdin.flush()
 
@@ -90,12 +90,12 @@ class Process:
     Args:
         name: Name for messages and for the log file.
         command: Arguments after the Python interpreter.
-        log: File that gets stdout and stderr.
-        restart: Rule for a process that dies.
-        guard: Process that is told of each process that starts.
+        log: File for stdout and stderr.
+        restart: Restart policy.
+        guard: Guard with which the process is registered.
 
     Attributes:
-        restarts: Times at which it was started again, `time.monotonic` [s].
+        restarts: Times of its restarts, `time.monotonic` [s].
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class Process:
         return self._popen.poll()
 
     def revive(self) -> bool:
-        """Start a process that died again, if its policy allows."""
+        """Restart a process that died if its policy allows; returns whether it was restarted."""
         time_now = time.monotonic()
         if self.code is None or not self.restart.allows(self.code, self.restarts, time_now):
             return False
@@ -165,9 +165,9 @@ class Process:
 
 
 def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, int]:
-    """Interrupt all, wait for each, remove what they left; exit code by name.
+    """Stop all processes and clean up shared memory; returns the exit code by name.
 
-    The recorder is the last: what the others said to their end is in the bag.
+    The recorder is stopped last, so that the last messages of the others are in the bag.
     """
     for last in (False, True):
         group = [p for p in processes if (p.name == RECORDER) == last and p.code is None]
@@ -177,24 +177,24 @@ def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, 
         while time.monotonic() < deadline and any(p.code is None for p in group):
             time.sleep(0.01)
     codes = {p.name: p.stop() for p in processes}
-    shm.clean()  # a killed process could not; the last two to leave a port may both forget it
+    shm.clean()  # for killed processes; two that close a port at once can also leave it
     if guard:
         guard.dismiss()
     return codes
 
 
 def _environment() -> dict[str, str]:
-    """Environment for a fresh interpreter; the ROS wheels set their own paths again."""
+    """Environment for a new interpreter, in which the ROS wheels set their own paths again."""
     env = dict(os.environ)
     env.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        env.setdefault(name, "1")  # two BLAS threads cost 5 ms a step on two cores
+        env.setdefault(name, "1")  # two BLAS threads cost 5 ms per step on two cores
     env["PYTHONUNBUFFERED"] = "1"
-    env["PYTHONSAFEPATH"] = "1"  # nothing of the current folder is imported (Python 3.11 and later)
+    env["PYTHONSAFEPATH"] = "1"  # no imports from the current folder (Python 3.11 and later)
     return env
 
 
 def _die_with(parent: int) -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # it died before we asked
+    if os.getppid() != parent:  # the parent died before the request
         os._exit(1)

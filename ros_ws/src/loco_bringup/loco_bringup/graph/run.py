@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco run`: starts a node set, watches it, records it and stops it cleanly."""
+"""`loco run`: start a node set, monitor it, record it and stop it cleanly."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ __all__ = [
 ]  # fmt: skip
 
 LAYOUTS = ("composed", "processes")
-# Files of a robot that go into the bag.
+# Files of a robot that are attached to the bag.
 _ATTACHED = (("experiment", ".yaml"), ("params", ".yaml"), ("weights", ".npz"))
 
 
 class Helper(NamedTuple):
-    """A node that takes part in a run without being of a node set."""
+    """A node that takes part in a run but is not part of a node set."""
 
     name: str
     cls: str  # module:Class
     parameters: dict[str, Any]
-    table: str = ""  # of topics that go into the bag too
+    table: str = ""  # topic table whose topics are recorded too
 
 
 def run(
@@ -75,19 +75,20 @@ def run(
     Args:
         experiment: Experiment to run.
         folder: New folder for the bag, logs and parameters.
-        layout: ``composed`` (one process) or ``processes`` (one each).
+        layout: ``composed`` (one process) or ``processes`` (one per node).
         clock: ``lockstep``, ``asap`` or ``realtime``.
         speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Node set, by name or path; default the one of the experiment's class.
-        on_progress: Called about ten times a second of wall time; a true answer ends the run.
+        nodes: Name or path of the node set; default that of the experiment's class.
+        on_progress: Called about ten times per second of wall time; a true return value ends the
+            run.
         namespace: Namespace of all nodes.
         faults: Faults of topics, as `loco_control.faults.parse` reads them.
         kwargs: Further arguments of `run_robots`.
 
     Raises:
-        GraphError: A node died or never got ready, nothing ticks, or another run
-            has the ROS domain.
-        ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is none.
+        GraphError: A node died or never got ready, no tick arrives, or another run
+            uses the ROS domain.
+        ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is invalid.
     """
     robots = {namespace: experiment}
     return run_robots(
@@ -117,31 +118,33 @@ def run_robots(
     Args:
         robots: Experiment by namespace.
         folder: New folder for the bag, logs and parameters.
-        layout: ``composed`` (one process) or ``processes`` (one each).
+        layout: ``composed`` (one process) or ``processes`` (one per node).
         clock: ``lockstep``, ``asap`` or ``realtime``.
         speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Node set, by name or path; default the one of the experiment's class.
-        on_progress: Called about ten times a second of wall time; a true answer ends the run.
-        helpers: Further nodes, each in a process of its own, without a namespace.
-        written: Topics that go into the bag, all when empty.
+        nodes: Name or path of the node set; default that of the experiment's class.
+        on_progress: Called about ten times per second of wall time; a true return value ends the
+            run.
+        helpers: Further nodes, each in its own process, without a namespace.
+        written: Topics to record; empty for all.
         faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
         realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
         limits: Size and time after which the next file of the bag begins.
-        hardware: Wiring file of the real robot that stands in place of the plant.
-        start_timeout: Time without progress after which the start has failed [s].
+        hardware: Wiring file of a real robot that replaces the plant.
+        start_timeout: Time without progress after which the start counts as failed [s].
         tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
-        GraphError: A node died or never got ready, nothing ticks, or another run has the domain.
+        GraphError: A node died or never got ready, no tick arrives, or another run uses the
+            ROS domain.
         ParameterError: The layout is unknown, the folder holds a bag, an engine is not installed,
-            or a fault is none.
+            or a fault is invalid.
     """
     if layout not in LAYOUTS:
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
     check_new(folder)
     limits_of_start = StartLimits(start_timeout)
     for experiment in () if hardware else robots.values():
-        if "engine" in getattr(experiment, "sim", ()):  # a network of masses needs none
+        if "engine" in getattr(experiment, "sim", ()):  # a mass-spring network needs none
             require(experiment.sim["engine"])
     with _domain_lock(robots):
         folder = Path(folder).resolve()
@@ -172,12 +175,12 @@ def run_robots(
             return watch.run()
         except GraphError:
             if not watch.began_alone:
-                remove_bag(folder)  # nothing of worth that it could hold; the logs stay
+                remove_bag(folder)  # it holds no data; the logs are kept
             raise
 
 
 def _changes(defaults: Params, values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Those values that differ from the defaults, checked."""
+    """Checked values that differ from the defaults."""
     checked = to_dict(from_dict(type(defaults), values, where))
     return {key: value for key, value in checked.items() if value != getattr(defaults, key)}
 
@@ -212,14 +215,14 @@ class _Plan:
         if faults:
             self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
 
-        # Files of the only robot are named as if it had no namespace.
+        # The files of a single robot are named without its namespace.
         self._tags = {s: s.replace("/", "_") if len(robots) > 1 else "" for s in robots}
 
     def _path(self, stem: str, tag: str, suffix: str) -> Path:
         return self._folder / f"{stem}{'_' if tag else ''}{tag}{suffix}"
 
     def write(self) -> None:
-        """Resolved experiments and ROS parameters; nothing if one of them is refused."""
+        """Write resolved experiments and ROS parameters; none is written if one is invalid."""
         files = self._files()
         self._folder.mkdir(parents=True, exist_ok=True)
         for path, content in files.items():
@@ -288,7 +291,7 @@ class _Plan:
                 s.name: [s] for s in specs
             }  # fmt: skip
             for name, group in groups.items():
-                # A process starts again only if all its nodes may.
+                # A process may restart only if all its nodes may.
                 restart = min((s.restart for s in group), key=lambda r: r.per_minute)
                 classes = [s.cls for s in group]
                 started.append(self._process(name, classes, space, self._tags[space], restart))
@@ -302,7 +305,7 @@ class _Plan:
     def _process(
         self, name: str, classes: list[str], space: str, params: str, restart: Restart = NEVER
     ) -> Process:
-        """A process of nodes in a namespace, with a parameter file."""
+        """Start a process of nodes in a namespace, with a parameter file."""
         ros = ["--ros-args", "--params-file", str(self._path("params", params, ".yaml"))]
         ros += ["-r", f"__ns:=/{space}"] if space else []
         name = f"{space}/{name}" if space else name
@@ -312,10 +315,10 @@ class _Plan:
 
 
 def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:
-    """Topics that faults damage, in the graphs of these node sets.
+    """Topics that the faults damage, in the graphs of these node sets.
 
     Raises:
-        ParameterError: A fault is none, or does not fit the messages of its topic.
+        ParameterError: A fault is invalid, or does not apply to the messages of its topic.
         NameUnknownError: A graph has no such topic, or there is no such fault.
     """
     if not faults:
@@ -326,7 +329,10 @@ def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:
 
 @contextlib.contextmanager
 def _domain_lock(namespaces: Iterable[str] = ("",)) -> Iterator[None]:
-    """One run per ROS domain and namespace on this machine; a killed run frees it by itself."""
+    """Lock a ROS domain and namespaces for one run on this machine.
+
+    The system releases the lock of a killed run.
+    """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     with contextlib.ExitStack() as stack:
         for namespace in sorted(namespaces):

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leftovers of Fast DDS in /dev/shm after a process was killed, and their removal.
+"""Find and remove files that killed Fast DDS processes left in /dev/shm.
 
-A file is a leftover when it is ours (same user), no process that we can see has it or
-its lock open, and the lock is free: the lock speaks for processes that we cannot see,
-such as those of another container. The port of a reader may also not be mapped; a segment
-may, by readers of its dead writer, who keep their view of it. Standard library only: the
-guard uses it.
+A file is a leftover if it belongs to this user, no visible process has it or its lock open,
+and the lock is free: the lock also covers processes that are not visible, such as those of
+another container. The port of a reader must also not be mapped. A segment may be mapped, since
+readers of a dead writer keep their mapping. Standard library only, because the guard uses it.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 SHM = Path("/dev/shm")
-_TIMEOUT = 2.0  # wall time to wait for others that clean [s]
+_TIMEOUT = 2.0  # wall time to wait for another process that cleans [s]
 # fastrtps_HEX and fastrtps_portN with their locks _el (exclusive) and _sl (shared), and
 # the semaphore of a port.
 _NAME = re.compile(r"(?:sem\.)?(fastrtps_(?:port\d+|[0-9a-f]{16}))(?:_el|_sl|_mutex)?$")
@@ -33,7 +32,7 @@ def leftovers(folder: Path = SHM) -> list[Path]:
         match = _NAME.match(path.name)
         if match and _is_ours(path):
             groups.setdefault(match[1], []).append(path)
-    # The files were listed first: whoever made one has had it open since then.
+    # The files were listed before the open files: a live owner has had its file open since then.
     groups = _without(groups, _open_files(folder)) if groups else {}
     unlocked = {k: v for k, v in groups.items() if "port" in k or not _has_lock(v)}
     if unlocked:
@@ -44,10 +43,10 @@ def leftovers(folder: Path = SHM) -> list[Path]:
 
 
 def clean(folder: Path = SHM) -> tuple[int, int]:
-    """Remove the leftovers, one process after the other: to look at a lock is to hold it.
+    """Remove the leftovers; one process cleans at a time, since testing a lock acquires it.
 
     Returns:
-        Number of files, and of the bytes they held.
+        Number of removed files, and their size [bytes].
     """
     files = size = 0
     with _turn(folder):
@@ -63,10 +62,10 @@ def clean(folder: Path = SHM) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _turn(folder: Path) -> Iterator[None]:
-    """Wait until no other process cleans, for `_TIMEOUT` at most: it may be anybody's."""
+    """Lock for cleaning; waits for `_TIMEOUT` at most, since any user can hold the lock."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError:  # there is no such folder
+    except OSError:  # the folder does not exist
         yield
         return
     try:
@@ -94,7 +93,7 @@ def _is_ours(path: Path) -> bool:
 
 
 def _without(groups: dict[str, list[Path]], used: set[str]) -> dict[str, list[Path]]:
-    """Groups of which no file is used."""
+    """Groups without a file in `used`."""
     return {k: v for k, v in groups.items() if not any(str(p) in used for p in v)}
 
 
@@ -103,7 +102,10 @@ def _has_lock(paths: list[Path]) -> bool:
 
 
 def _is_free(paths: list[Path]) -> bool:
-    """Nobody holds a lock of the group. A semaphore alone may be that of a port being made."""
+    """Whether no process holds a lock of the group.
+
+    A group of one semaphore may belong to a port being created, so it counts as in use.
+    """
     if all(path.name.startswith("sem.") for path in paths):
         return False
     for path in paths:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decides whether nodes that start still make progress, however slow the machine is."""
+"""Detection of nodes that make no progress during start-up, independent of machine speed."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from .process_info import processor_time
 
 @dataclass(frozen=True)
 class StartLimits:
-    """Limits on the time that the nodes of a run may take until they are ready.
+    """Limits on the start-up time of the nodes of a run.
 
     Attributes:
         timeout: Time without progress after which a start has failed, more than 0 [s]. Taste: a
-            person waits about a minute before they look for a fault.
+            person waits about a minute before looking for a fault.
         busy: Share of one core that all processes together use while they import or compile.
             Measured on two cores beside a running test suite: five processes of which four wait
             for the fifth use 0.04 to 0.06, while they import 0.35 to 1.3.
-        longest: Total time until a start has failed also where processes are busy, in multiples
-            of `timeout`. Taste: it ends nodes that compute for ever.
-        window: Time over which the use of the processor is measured, at most a quarter of
+        longest: Total time after which a start has failed even if processes are busy, in
+            multiples of `timeout`. Taste: it ends nodes that compute forever.
+        window: Time over which the CPU usage is measured, at most a quarter of
             `timeout` [s]. Taste.
     """
 
@@ -43,16 +43,16 @@ class StartLimits:
 
 @dataclass
 class StartMonitor:
-    """Time since the last progress of nodes that start.
+    """Monitor of the progress of nodes during start-up.
 
-    Progress is an event of a node, a change of what a node waits for, or processor time that is
-    used for imports and compilation.
+    Progress is an event of a node, a change of the nodes that a node waits for, or CPU time
+    spent on imports and compilation.
 
     Args:
-        limits: Limits on that time.
+        limits: Limits on the time without progress.
         pids: Function that returns the ids of all processes.
         clock: Function that returns the time [s].
-        used: Function that returns the processor time of a process so far [s].
+        used: Function that returns the CPU time of a process so far [s].
     """
 
     limits: StartLimits
@@ -65,11 +65,11 @@ class StartMonitor:
         self._total = self._use()
 
     def advance(self) -> None:
-        """Note that a node has made progress."""
+        """Register progress of a node."""
         self._progress = self.clock()
 
     def failure(self) -> str:
-        """Reason why the start has failed, "" as long as it may still succeed."""
+        """Reason why the start has failed; empty while it may still succeed."""
         time_now = self.clock()
         if time_now - self._sampled >= min(self.limits.window, self.limits.timeout / 4.0):
             total = self._use()

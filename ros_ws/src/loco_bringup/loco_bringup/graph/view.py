@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The running graphs as a listener sees them: nodes, endpoints, diagnostics, events."""
+"""Observation of running graphs: nodes, endpoints, diagnostics, events."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from loco_control.ros.parameters import sealed_node
 from . import node_set
 from .process_info import node_processes
 
-NAME = "onlooker"  # of the listener's node, with its pid
-SILENT = 3.0  # wall time without diagnostics after which a node is not answering [s]
-_NAMING = 2.0  # longest wait for the names of nodes whose endpoints are seen [s]
+NAME = "onlooker"  # prefix of the observing node's name, followed by its pid
+SILENT = 3.0  # wall time without diagnostics after which a node counts as silent [s]
+_NAMING = 2.0  # longest wait for the names of nodes whose endpoints are discovered [s]
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Endpoint:
     """A publisher or a subscription of another process."""
 
     topic: str
-    node: str  # with namespace, without the first slash
+    node: str  # with namespace, without the leading slash
     writes: bool
     type: str
     hash: str
     reliable: bool
     latched: bool
-    pid: int  # 0 if it is not known
-    named: bool = True  # whether the node is known already
+    pid: int  # 0 if unknown
+    named: bool = True  # whether the name of the node is known
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Report:
     level: int
     message: str
     values: dict[str, str]
-    age: float  # wall time since it came [s]
+    age: float  # wall time since its arrival [s]
 
     def number(self, key: str, default: float = 0.0) -> float:
         """A value as a number."""
@@ -67,35 +67,35 @@ class Occurrence:
     node: str
     kind: str
     text: str
-    time: float  # simulated [s]
+    time: float  # simulated time [s]
 
 
 @dataclass(frozen=True)
 class View:
-    """All that is seen at a moment."""
+    """Snapshot of the observed graphs."""
 
     endpoints: tuple[Endpoint, ...] = ()
     reports: dict[str, Report] = field(default_factory=dict)
     events: tuple[Occurrence, ...] = ()
-    processes: dict[str, int] = field(default_factory=dict)  # of nodes on this domain, by name
+    processes: dict[str, int] = field(default_factory=dict)  # pids of nodes on this domain, by name
     silent: float = SILENT  # wall time without diagnostics that counts as silence [s]
 
     def namespaces(self) -> list[str]:
-        """Of all endpoints."""
+        """Namespaces of all endpoints."""
         return sorted({e.node.rpartition("/")[0] for e in self.endpoints})
 
     def of(self, name: str, writes: bool) -> list[Endpoint]:
-        """Endpoints of a topic, by its full name."""
+        """Writers or readers of a topic, given by its full name."""
         return [e for e in self.endpoints if e.topic == name and e.writes == writes]
 
     def pid(self, node: str) -> int:
-        """Process of a node, 0 if it is not known."""
+        """Pid of a node; 0 if unknown."""
         pid = self.processes.get(node, 0)
         return next((e.pid for e in self.endpoints if e.node == node and e.pid), pid)
 
 
 class Onlooker:
-    """A node that listens and takes no part; use it as a context manager."""
+    """A node that only observes graphs; use it as a context manager."""
 
     def __enter__(self) -> Onlooker:
         self._context = rclpy.Context()
@@ -117,9 +117,9 @@ class Onlooker:
         self._context.try_shutdown()
 
     def listen(self, seconds: float, silent: float = SILENT) -> View:
-        """Everything known after listening for a while.
+        """Snapshot after listening for some time.
 
-        The names of nodes come after their endpoints; up to 2 s more are given to them.
+        The names of nodes arrive after their endpoints, so up to 2 s more are spent on them.
 
         Args:
             seconds: Wall time to listen for [s].
@@ -153,7 +153,7 @@ class Onlooker:
             self._reports[status.name] = (status, time.monotonic())
 
     def _follow_events(self) -> None:
-        """Events are latched, so those of before are heard too."""
+        """Subscribe to events; they are latched, so earlier events arrive too."""
         row = topic("events")
         for name, types in self._node.get_topic_names_and_types():
             space, _, last = name.rpartition("/")
@@ -201,7 +201,7 @@ def _endpoint(info: Any, name: str, writes: bool, pids: dict[int, int]) -> Endpo
 
 
 def _pids() -> dict[int, int]:
-    """Process by the low half of its id; Python's before others."""
+    """Pids by their lower 16 bits; Python processes take precedence."""
     pids: dict[int, int] = {}
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         pid = int(path.parent.name)
@@ -215,9 +215,9 @@ def _pids() -> dict[int, int]:
 
 
 def _nodes_of_domain(domain: str) -> dict[str, int]:
-    """Process of every node on a domain, by its name with the namespace.
+    """Pid of every node on a domain, by node name with namespace.
 
-    A process that is stopped does not tell DDS of its nodes; its command line does.
+    Names come from command lines, since a stopped process does not announce its nodes over DDS.
     """
     folder = Path(node_set.__file__).parent.parent / "node_sets"
     specs = [s for file in sorted(folder.glob("*.yaml")) for s in node_set.load(str(file))]

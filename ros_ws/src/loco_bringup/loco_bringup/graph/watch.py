@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Watches the processes of a run by their events and diagnostics, and stops them all."""
+"""Monitor the processes of a run by their events and diagnostics, and stop them."""
 
 from __future__ import annotations
 
@@ -29,46 +29,46 @@ _TIMING = (
     "lateness_p50_ms", "lateness_p99_ms", "lateness_max_ms", "missed_ticks", "dropped_ticks",
     "late_ticks",
 )  # fmt: skip
-_REPORTED = ("recording stopped", "weights not saved")  # events that a person has to know of
-_PLANT = "robot_sim"  # whose events and diagnostics say how far a graph is
-_ROUNDING = 1e-5  # share by which diagnostics round a time
-_MISTAKE = "loco_control.ros.executor: "  # before a user's mistake in the log of a process
-STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is given up [s]
+_REPORTED = ("recording stopped", "weights not saved")  # events to report to the user
+_PLANT = "robot_sim"  # node whose events and diagnostics give the progress of a graph
+_ROUNDING = 1e-5  # relative rounding error of times in diagnostics
+_MISTAKE = "loco_control.ros.executor: "  # prefix of a user error in the log of a process
+STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is aborted [s]
 
 
 @dataclass
 class _Graph:
     """State of the robot in one namespace."""
 
-    table: str  # of its topics
+    table: str  # key of the topic table
     started: bool = False
-    alone: bool = False  # nobody else wrote its topics when it had begun
+    alone: bool = False  # no other process wrote its topics at the start
     finished: bool = False
     final_tick: int = -1
     final_time: float = 0.0
-    text: str = ""  # of its end
+    text: str = ""  # text of its final event
     sim_time: float = 0.0
     recorder_tick: int = -1
 
     @property
     def done(self) -> bool:
-        """It ended, its last diagnostics are heard, and all of it is in the bag."""
-        # Others may say that it is over, but the plant's diagnostics are then at another time.
+        """Whether it has ended, its last diagnostics have arrived, and the bag is complete."""
+        # Another process may announce the end; then the time in the plant's diagnostics differs.
         away = abs(self.sim_time - self.final_time)
         complete = away <= _ROUNDING * max(1.0, self.final_time)
         return self.finished and complete and self.recorder_tick >= self.final_tick
 
 
 class Watch:
-    """Listens to events and diagnostics until the run is over, then stops it.
+    """Monitor of events and diagnostics, which stops all processes at the end of the run.
 
     Args:
         processes: All processes of the run.
         folder: Folder of the bag.
-        duration: Simulated time that the run will take [s].
-        on_progress: Called about ten times a second; a true answer ends the run.
-        graphs: Topic table of each robot by its namespace, "" for a robot without.
-        guard: Is dismissed when all processes have ended.
+        duration: Simulated duration of the run [s].
+        on_progress: Called about ten times per second; a true return value ends the run.
+        graphs: Topic table of each robot by its namespace, "" for no namespace.
+        guard: Guard process, dismissed when all processes have ended.
         start: Limits on the time until all nodes are ready.
     """
 
@@ -101,11 +101,11 @@ class Watch:
 
     @property
     def began_alone(self) -> bool:
-        """True once every robot has begun its first tick and nobody else writes its topics."""
+        """True once every robot has begun its first tick and no other process writes its topics."""
         return all(g.alone for g in self._graphs.values())
 
     def run(self) -> Outcome:
-        """Watch to the end. Every way out stops all processes first."""
+        """Monitor the run to its end; every exit path first stops all processes."""
         try:
             with _Listener(self, list(self._graphs)) as listener:
                 while not self._stopped and not all(g.done for g in self._graphs.values()):
@@ -126,7 +126,10 @@ class Watch:
         return self.outcome
 
     def _look_for_strangers(self, listener: _Listener) -> None:
-        """A graph begins alone. Its nodes look, too, but may not have heard of all others yet."""
+        """Raise an error if other processes write the topics of the graph at its start.
+
+        The nodes check this too, but may not have discovered all other processes yet.
+        """
         for namespace, graph in self._graphs.items():
             if graph.started and not graph.alone:
                 names = [row.name for row in TABLES[graph.table].values() if row.paced]
@@ -158,7 +161,7 @@ class Watch:
         )
 
     def on_event(self, namespace: str, event: Any) -> None:
-        """Something happened in a graph."""
+        """Handle an event of a graph."""
         graph, self._moved = self._graphs[namespace], time.monotonic()
         self._start.advance()
         self._progress.events.append((self._moved, event))
@@ -178,12 +181,12 @@ class Watch:
             self._report(namespace, f"{event.kind}: {event.text}")
 
     def _report(self, namespace: str, text: str) -> None:
-        """Add to what is said of the run at its end."""
+        """Add a line to the summary of the run."""
         text = f"{namespace}: {text}" if namespace else text
         self.outcome.text = "; ".join(filter(None, [self.outcome.text, text]))
 
     def on_diagnostics(self, array: Any) -> None:
-        """A node of any graph reports."""
+        """Handle the diagnostics of a node of any graph."""
         for status in array.status:
             values = {v.key: v.value for v in status.values}
             waits = [values[key] for key in ("waiting for", "waiting for nodes") if values.get(key)]
@@ -195,7 +198,7 @@ class Watch:
             notes += [line for line in granted if line not in notes]
             namespace, _, name = status.name.rpartition("/")
             if name == _PLANT and namespace in self._graphs and "sim_time" in values:
-                with contextlib.suppress(ValueError, KeyError):  # of somebody else
+                with contextlib.suppress(ValueError, KeyError):  # from a foreign publisher
                     self._on_plant(self._graphs[namespace], values)
 
     def _on_plant(self, graph: _Graph, values: dict[str, str]) -> None:
@@ -204,7 +207,7 @@ class Watch:
         t, factor = read["sim_time"], read["real_time_factor"]
         if not all(map(math.isfinite, read.values())):
             raise ValueError(read)
-        if t != graph.sim_time:  # larger, or smaller after somebody else's
+        if t != graph.sim_time:  # larger, or smaller after a value of a foreign publisher
             self._moved = time.monotonic()
         graph.sim_time = t
         self._progress.sim_time = min(g.sim_time for g in self._graphs.values())
@@ -214,13 +217,13 @@ class Watch:
             self.outcome.timing = {key: read[key] for key in _TIMING}
 
     def on_recorder(self, namespace: str, status: Any) -> None:
-        """The recorder says how far it is with a graph."""
+        """Handle the recorder's progress with a graph."""
         self._graphs[namespace].recorder_tick = status.tick
         self.outcome.dropped = status.dropped
 
 
 def _died(process: Process) -> str:
-    """Reason in words: a user's mistake as the process wrote it, not as anybody says on a topic."""
+    """Reason for the death of a process; a user error is read from the log, not from a topic."""
     tail = process.tail()
     if process.code == 2 and _MISTAKE in tail:
         return f"{process.name}: {tail.rpartition(_MISTAKE)[2].splitlines()[0]}"
@@ -237,13 +240,13 @@ def _join(namespace: str, name: str) -> str:
 
 
 class _Listener:
-    """The supervisor's own node: events, diagnostics and recorder status."""
+    """Node of the supervisor, which subscribes to events, diagnostics and recorder status."""
 
     def __init__(self, watch: Watch, namespaces: list[str]):
         self._watch, self._namespaces = watch, namespaces
 
     def __enter__(self) -> _Listener:
-        # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
+        # Ctrl-C must raise KeyboardInterrupt here and leave the context valid.
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = sealed_node("supervisor", context=self._context)
@@ -267,18 +270,18 @@ class _Listener:
         )
 
     def strangers(self, topics: Iterable[str]) -> str:
-        """First of these topics that has several writers, with their names; "" for none."""
+        """First of these topics with several writers, and the writers' names; "" for none."""
         host = own_host(self._node.get_publishers_info_by_topic("rosout"))
         results = (strangers(self._node, topic, host) for topic in topics)
         return next(filter(None, results), "")
 
     def spin(self) -> None:
-        """Handle what arrives within a tenth of a second."""
+        """Handle messages that arrive within 0.1 s."""
         end = time.monotonic() + 0.1
         while (remaining := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=remaining)  # leaves nothing behind, unlike others
+            self._executor.spin_once(timeout_sec=remaining)  # leaves no pending tasks
 
     def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()  # first: it looks at the node's timers and subscriptions
+        self._executor.shutdown()  # first: it uses the node
         self._node.destroy_node()
         self._context.try_shutdown()

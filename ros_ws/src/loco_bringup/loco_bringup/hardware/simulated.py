@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated bus and the wiring file with which a driver finds it."""
+"""Simulated servo bus, and the wiring file through which a driver connects to it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from loco_sim.hardware import wiring
 from loco_sim.hardware.simulated_bus import SimulatedBus
 from loco_sim.robot import robot as robots
 
-_TIMEOUT = 0.02  # with a bus that is a program, unless the file says another latency [s]
+_TIMEOUT = 0.02  # for a simulated bus, unless the file gives another latency [s]
 FAULTS = ("lost", "garbled", "silent", "hot")
 
 
 def make_bus(file: Path, robot: str, out: Path, effects: Sequence[dict[str, Any]] = ()) -> Any:
-    """A bus on a terminal of its own; `out` becomes `file` with the port of that terminal.
+    """A simulated bus on a pseudo-terminal; `out` is a copy of `file` with that port.
 
     Args:
         file: Wiring file.
         robot: Robot, by name or path.
         out: New wiring file.
-        effects: Departures from the ideal robot, as experiments list them.
+        effects: Deviations from the ideal robot, in the format of experiments.
 
     Raises:
-        LocoError: The file does not fit the robot, or an effect is none.
+        LocoError: The file does not match the robot, or an effect is invalid.
     """
     loaded = robots.load(robot)
     bus = SimulatedBus(wiring.load(file, loaded), loaded, from_list(effects))
@@ -41,21 +41,21 @@ def make_bus(file: Path, robot: str, out: Path, effects: Sequence[dict[str, Any]
 
 
 class Failing:
-    """Faults of a bus, each from a time on.
+    """Faults of a simulated bus, each with a start time.
 
     Args:
-        texts: ``lost=SHARE``, ``garbled=SHARE``, ``silent=ID`` or ``hot=ID``, each with
-            ``@SECONDS`` behind it unless it is there from the beginning.
+        texts: ``lost=SHARE``, ``garbled=SHARE``, ``silent=ID`` or ``hot=ID``, each followed by
+            ``@SECONDS`` unless it is present from the start.
 
     Raises:
-        ParameterError: A text is none of these.
+        ParameterError: A text has another form.
     """
 
     def __init__(self, specs: Sequence[str]):
         self._due = [_parsed(text) for text in specs]
 
     def check(self, bus: SimulatedBus, numbers: Sequence[int]) -> None:
-        """Refuse servos that the bus has not."""
+        """Raise an error for servos that are not on the bus."""
         for kind, value, _ in self._due:
             if kind in ("silent", "hot") and value not in numbers:
                 valid_numbers = ", ".join(map(str, numbers))
@@ -64,7 +64,7 @@ class Failing:
                 )
 
     def apply(self, bus: SimulatedBus, t: float) -> None:
-        """Let what is due at t [s] happen."""
+        """Activate the faults that are due at time t [s]."""
         for kind, value, start in [due for due in self._due if due[2] <= t]:
             self._due.remove((kind, value, start))
             if kind == "lost":

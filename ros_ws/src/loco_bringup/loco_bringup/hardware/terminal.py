@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco hardware`: look at the servos of a robot, or simulate them."""
+"""`loco hardware`: check the servos of a robot, or simulate them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .simulated import Failing, make_bus
 
 
 def show_servos(a: argparse.Namespace) -> int:
-    """Print what each servo says, with the torque off; returns 1 if one has a fault.
+    """Print the state of each servo, with the torque off; returns 1 if one has a fault.
 
     Raises:
-        LocoError: The file does not fit the robot, or a servo does not answer.
+        LocoError: The file does not match the robot, or a servo does not answer.
     """
     robot = robots.load(a.robot)
     servos = ServoRobot(wiring.load(a.file, robot), robot)
@@ -38,7 +38,7 @@ def simulate(a: argparse.Namespace) -> int:
     """Serve simulated servos until Ctrl-C or for some time; returns 0.
 
     Raises:
-        LocoError: The file does not fit the robot, or an option is wrong.
+        LocoError: The file does not match the robot, or an option is wrong.
     """
     if a.out.exists() and a.out.samefile(a.file):
         raise ParameterError(f"--out {a.out} is the wiring file itself; choose another file")

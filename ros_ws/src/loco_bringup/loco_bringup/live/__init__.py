@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two running robots, one fitted to the other over topics."""
+"""Calibration and gap search between two running robots, over topics."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco calibrate --live`: two robots over topics, one fitted to the other, one bag of both.
+"""`loco calibrate --live`: fit a model to a running robot over topics, and record both.
 
-The measured robot (namespace ``/measured``) and its model (``/model``) run in processes
-of their own and are driven by the same excitation; the calibrator listens to the first
-and changes the second.
+The measured robot (namespace ``/measured``) and its model (``/model``) run in separate
+processes with the same excitation; the calibrator listens to the first and updates the
+second.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from ..graph.watch import Outcome
 from ..graph.watch import Progress as RunProgress
 from ..report.live_log import MEASURED, MODEL
 
-FOREVER = 1e5  # simulated time of robots that are stopped from outside [s]
+FOREVER = 1e5  # simulated duration of robots that are stopped by the client [s]
 RESULT = "model.yaml"
-PATIENCE = 30.0  # a calibrator without processor time tells of gaps later than the robots run [s]
+PATIENCE = 30.0  # wall time for a busy calibrator to publish the last gaps [s]
 
 
 @dataclass(frozen=True)
 class LiveParams(Params):
-    """Course of a live calibration; times in periods of the excitation."""
+    """Schedule of a live calibration; times in periods of the excitation."""
 
     skip: float = parameter(1.5, "start of the run that is not used", "period", 0.0, 100.0)
     listen: float = parameter(5.0, "what is fitted", "period", 2.0, 1000.0)
@@ -74,8 +74,8 @@ class LiveProgress:
     generation: int = 0
     best: float = float("nan")
     eta: float = float("nan")
-    share: float = 0.0  # of a search for a gap that is done
-    found: str = ""  # best name of such a search so far
+    share: float = 0.0  # done share of a search for a gap
+    found: str = ""  # name of the best candidate of such a search so far
     gaps: list[GapRow] = field(default_factory=list)
 
 
@@ -85,8 +85,8 @@ class LiveOutcome:
 
     Attributes:
         run: End of the robots' run.
-        status: ``done``, ``cancelled`` or ``failed``; empty when it was interrupted.
-        result: Result of the action, None when it was interrupted.
+        status: ``done``, ``cancelled`` or ``failed``; empty if interrupted.
+        result: Result of the action; None if interrupted.
     """
 
     run: Outcome
@@ -100,11 +100,11 @@ class LiveOutcome:
 
     @property
     def exit_code(self) -> int:
-        """0 done, 1 the calibration failed, 130 interrupted."""
+        """0 if done, 1 if the calibration failed, 130 if interrupted."""
         return 130 if self.run.interrupted else 0 if self.status in ("done", "cancelled") else 1
 
 
-Tell = Callable[[LiveProgress], Any]  # a true answer cancels the calibration
+Tell = Callable[[LiveProgress], Any]  # a true return value cancels the calibration
 
 
 def calibrate_live(
@@ -115,15 +115,16 @@ def calibrate_live(
     live: LiveParams | None = None,
     on_progress: Tell = lambda progress: None,
 ) -> LiveOutcome:
-    """Calibrate a model against a robot that runs, both in one bag.
+    """Calibrate a model against a running robot, and record both in one bag.
 
     Args:
-        measured: Experiment of the measured robot; its excitation is the model's too.
-        robot: Model to begin with: a robot's name, robot.yaml or model.yaml.
+        measured: Experiment of the measured robot; the model gets the same excitation.
+        robot: Initial model: a robot's name, robot.yaml or model.yaml.
         folder: New folder of the bag.
         options: Parameters to fit, and settings of the search.
-        live: Course of the live run.
-        on_progress: Called about ten times a second; a true answer cancels the calibration.
+        live: Schedule of the live run.
+        on_progress: Called about ten times per second; a true return value cancels the
+            calibration.
 
     Raises:
         GraphError: A node died or never got ready.
@@ -146,7 +147,7 @@ def run_live(
     live: LiveParams,
     helper: Helper,
 ) -> LiveOutcome:
-    """Run both robots and the calibrator until the client says that it is over."""
+    """Run both robots and the calibrator until the client reports the end."""
     with client:
         outcome = run_robots(
             robots, folder, speed=live.speed, on_progress=client.step, helpers=[helper],
@@ -167,7 +168,7 @@ def period_of(measured: Experiment) -> float:
 
 
 def model_of(measured: Experiment, robot: str) -> Experiment:
-    """The model under the excitation of the measured robot."""
+    """Experiment of the model with the excitation of the measured robot."""
     return Experiment(
         name=f"{measured.name}_model",
         description=f"model {robot} of {measured.name}",
@@ -187,12 +188,12 @@ def _helper(options: CalibrationParams, live: LiveParams, period: float, robot: 
 
 
 def named(robot: str) -> str:
-    """Robot as a goal names it: its name, or its path from the root, since folders differ."""
+    """Robot in a goal: its name, or its absolute path, since working folders differ."""
     return robot if is_name(robot) else str(Path(robot).resolve())
 
 
 def folders_of(robot: str) -> dict[str, list[str]]:
-    """Parameter of the calibrator that lets goals name the robot of this run.
+    """Parameter `folders` of the calibrator that permits goals with the robot of this run.
 
     Args:
         robot: Name, robot.yaml or model.yaml.
@@ -201,7 +202,7 @@ def folders_of(robot: str) -> dict[str, list[str]]:
 
 
 class Client:
-    """Action client that is looked after from the loop that watches the run."""
+    """Action client that is polled in the monitoring loop of the run."""
 
     ACTION, NAME = "Calibrate", "calibrate"
 
@@ -218,16 +219,16 @@ class Client:
         self._handle: Any = None
         self._answer: Any = None
         self._cancelled = False
-        self._told, self._until = 0, float("inf")  # gaps when it ended, time to give up [s]
-        self._patient_until = 0.0  # wall time before which it does not give up [s]
-        self._models = 0  # that the model robot became
+        self._told, self._until = 0, float("inf")  # gaps at the end, time-out [s]
+        self._patient_until = 0.0  # earliest wall time of the time-out [s]
+        self._models = 0  # number of models that the model robot received
 
     def __enter__(self) -> Client:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = sealed_node("live_calibration", context=self._context)
         self._client = ActionClient(self._node, getattr(action, self.ACTION), self.NAME)
-        self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the other one
+        self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the client
         row = CALIBRATION_TOPICS["gap"]
         self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
         row, name = JOINT_TOPICS["events"], f"/{MODEL}/events"
@@ -243,7 +244,7 @@ class Client:
         self._context.try_shutdown()
 
     def step(self, run: RunProgress) -> bool:
-        """Handle what has come; whether the run is over."""
+        """Handle arrived messages; returns whether the run is over."""
         self._executor.spin_until_future_complete(self._forever, timeout_sec=0.01)
         self.progress.sim_time = run.sim_time
         if self._sent is None and run.sim_time > 0.0 and self._on_message():
@@ -258,7 +259,7 @@ class Client:
         return self._over()
 
     def _over(self) -> bool:
-        """It ended, and the last model has shown what it does."""
+        """Whether the action has ended and enough gaps of the last model have been measured."""
         if self.status != "done":
             return bool(self.status)
         rows = self.progress.gaps[self._told :]
@@ -267,11 +268,11 @@ class Client:
         return count >= self._live.after or late
 
     def _on_message(self) -> bool:
-        """Whether an answer of the calibrator reaches us.
+        """Whether answers of the calibrator reach this client.
 
-        A server that does not know yet where to send its answer drops it, and the goal's
-        would never come. Endpoints become known in the order they were made in: once a
-        question to the parameters is answered, the older action client is known too.
+        A server that has not yet discovered the client drops its answer, so the answer to a goal
+        would be lost. Endpoints are discovered in the order of their creation: once a parameter
+        request is answered, the older action client is known too.
         """
         if self._ping is not None and self._ping.done():
             return self._client.server_is_ready()
@@ -319,7 +320,7 @@ class Client:
         self._patient_until = time.monotonic() + PATIENCE
 
     def outcome(self, run: Outcome) -> LiveOutcome:
-        """The end of the calibration; the calibrated model is written beside the bag."""
+        """Outcome of the calibration; writes the calibrated model beside the bag."""
         run.text = self.result.message if self.result else run.text
         if self.result and self.result.model_yaml:
             (run.folder / RESULT).write_text(self.result.model_yaml, encoding="utf-8")
@@ -327,10 +328,10 @@ class Client:
 
 
 def measured_robot(name: str) -> Experiment:
-    """Experiment of the robot that stands for the real one.
+    """Experiment of the surrogate for the real robot.
 
     Raises:
-        ParameterError: The robot of the experiment follows no oscillators.
+        ParameterError: The robot of the experiment is not driven by oscillators.
     """
     experiment = experiments.load(name)
     if experiment.node_set != "joint":

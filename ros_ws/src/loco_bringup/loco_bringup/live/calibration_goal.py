@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One goal of the action ``calibrate``: connect, listen, fit, hand the models on."""
+"""Execution of a goal of the action ``calibrate``: connect, listen, fit, send the models."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Job:
-    """One goal: connect, listen, fit, hand the models on."""
+    """One goal: connect, listen, fit, send the models to the model robot."""
 
     WHAT = "a calibration"
 
@@ -30,12 +30,12 @@ class Job:
         self._node, self._handle, self._goal = node, handle, handle.request
         self.duration = node.listen.duration
         self._worker: Worker | None = None
-        self._offered, self._swapped = "", -1e9  # model that waits, time of the last swap [s]
+        self._offered, self._swapped = "", -1e9  # model to be sent, time of the last swap [s]
         self._fit: Done | None = None
         self._model = ""
 
     async def run(self) -> Calibrate.Result:
-        """The whole goal.
+        """Execute the goal.
 
         Raises:
             LocoError: The goal is wrong, or there is no result.
@@ -61,14 +61,14 @@ class Job:
         return self._result()
 
     def _options(self) -> CalibrationParams:
-        """Settings of the node, with what the goal says instead."""
+        """Settings of the node, overridden by the values of the goal."""
         goal = self._goal
         given = {"parameters": goal.parameter_set, "loss": goal.loss, "seed": int(goal.seed)}
         for name in ("generations", "evaluations", "population"):
             given[name] = int(getattr(goal, name))
         changes = {name: value for name, value in given.items() if value}
         if not goal.bag:
-            changes["skip"] = 0.0  # the listener left the start out
+            changes["skip"] = 0.0  # the listener has already skipped the start
         return replace(self._node.options, **changes)
 
     async def _record(self, rate: float) -> Recording | None:
@@ -89,7 +89,7 @@ class Job:
                 self._worker.cancel()
                 deadline = time.monotonic() + node.listen.patience
             if deadline and time.monotonic() > deadline:
-                return  # the best so far is known
+                return  # not better than the best so far
         self._hand_on(at_once=not self._cancelled())
 
     def _on_news(self, news: Any) -> None:
@@ -120,7 +120,7 @@ class Job:
         )  # fmt: skip
 
     def _hand_on(self, at_once: bool = False) -> None:
-        """Give the model robot the newest better model, when it has shown the last one."""
+        """Send the newest better model, once the gap of the previous one has been measured."""
         robot = self._node.model
         if not (robot and self._offered):
             return
@@ -144,6 +144,6 @@ class Job:
         )  # fmt: skip
 
     def close(self) -> None:
-        """End the worker."""
+        """Stop the worker process."""
         if self._worker:
             self._worker.close()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `calibrator`: actions ``calibrate`` and ``find_gap`` on a measured robot, or on bags.
 
-It listens to the measured robot, fits the model in a process of its own, gives each
-better model to the model robot (`model`), and says once per period how far the two
-are apart (`gap`). The gap goes on being told after the action has ended. ``find_gap`` does the
-same with `loco gap`: it names what the model lacks (`gap_search`) and hands that model on.
+It listens to the measured robot, fits the model in a separate process, sends each better
+model to the model robot (`model`), and publishes the difference of the two once per period
+(`gap`), also after the action has ended. ``find_gap`` does the same with `loco gap`: it
+publishes the effect that the model lacks (`gap_search`) and sends the extended model.
 
-It stands here and not in loco_learning because it reads bags.
+It is part of this package and not of loco_learning because it reads bags.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from .calibration_goal import Job
 from .gap_goal import Find, GapSearchJob, find
 from .robot import STATES, LiveRobot, robots, topic
 
-LONGEST = 1e4  # simulated time that a goal may listen [s]
-_POLL = 0.05  # wall time between two looks at what has changed [s]
+LONGEST = 1e4  # longest simulated listening time of a goal [s]
+_POLL = 0.05  # polling period, wall time [s]
 
 
 @dataclass(frozen=True)
 class ListenParams(Params):
-    """Settings by which the calibrator listens to robots that run."""
+    """Settings of the calibrator for listening to running robots."""
 
     duration: float = parameter(30.0, "simulated time to listen before fitting", "s", 0.1, LONGEST)
     skip: float = parameter(5.0, "start of a run that is not used", "s", 0.0, 1e4)
@@ -61,8 +61,8 @@ class CalibratorNode(LocoNode):
     """Two action servers; one calibration or search at a time.
 
     Args:
-        make: Makes a calibration in the worker process.
-        find: Searches for the cause of a gap in the worker process.
+        make: Function that creates a calibration in the worker process.
+        find: Function that searches for the cause of a gap in the worker process.
     """
 
     table = CALIBRATION_TOPICS
@@ -81,9 +81,9 @@ class CalibratorNode(LocoNode):
         self._meter: GapMeter | None = None
         self._awaited: tuple[Callable[[], bool], Future] | None = None
         self._job: Job | GapSearchJob | None = None
-        # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted 2 ms
-        # after it was sent, a cancel 2 ms, also while `execute` waits for a future. What
-        # blocks must not run in it: the executor has one thread.
+        # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted within
+        # 2 ms, a cancel request within 2 ms, also while `execute` waits for a future. Blocking
+        # calls must not run in it, since the executor has one thread.
         self._server = ActionServer(
             self,
             Calibrate,
@@ -114,7 +114,7 @@ class CalibratorNode(LocoNode):
         return await self._run(handle, GapSearchJob, FindGap.Result, self.tell_search)
 
     async def _run(self, handle: Any, kind: type, answer: type, on_progress: Callable) -> Any:
-        """Run a goal. Its end is told by the result, a mistake in the goal included."""
+        """Run a goal; the result reports its end, including an error in the goal."""
         if self._job:
             handle.abort()
             return answer(message=f"{self._job.WHAT} is running; cancel it first")
@@ -123,7 +123,7 @@ class CalibratorNode(LocoNode):
         self.search = GapSearch(phase="listening")
         try:
             result = await self._job.run()
-        except Exception as error:  # a goal is a stranger's: whatever it leads to, the node goes on
+        except Exception as error:  # goals come from other processes: no error may end the node
             if not isinstance(error, LocoError):
                 self.get_logger().error(traceback.format_exc())
             text = str(error) if isinstance(error, LocoError) else "the goal cannot be run"
@@ -140,38 +140,38 @@ class CalibratorNode(LocoNode):
         return result
 
     def allowed(self, path: str, what: str) -> str:
-        """Path that a goal names, if the operator lets goals read there.
+        """Path in a goal, if the operator permits goals to read there.
 
         Args:
             path: File or folder.
-            what: Kind of file, for messages.
+            what: Kind of file, for error messages.
 
         Raises:
-            ParameterError: It is not below the node's parameter `folders`.
+            ParameterError: The path is not below a folder in the node's parameter `folders`.
         """
         return str(allowed(path, self._folders, what))
 
     def robot_of(self, goal: Any) -> str:
-        """Name or path of the robot or model that a goal is about.
+        """Name or path of the robot or model in a goal.
 
         Raises:
-            ParameterError: It is a path that is not below the node's parameter `folders`.
+            ParameterError: The path is not below a folder in the node's parameter `folders`.
         """
         name = goal.robot or "tigrillo"
         return name if is_name(name) else self.allowed(name, "robot")
 
     def duration_of(self, goal: Any) -> float:
-        """Simulated time that a goal wants to listen [s].
+        """Simulated listening time of a goal [s].
 
         Raises:
-            ParameterError: It is no time in (0, 10000] s.
+            ParameterError: The time is not in (0, 10000] s.
         """
         if goal.duration and not 0.0 < goal.duration <= LONGEST:
             raise ParameterError(f"duration must be in (0, {LONGEST:g}] s, got {goal.duration}")
         return goal.duration or self.listen.duration
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Wait for a condition, which is looked at 20 times a second."""
+        """Wait until a condition holds; it is checked 20 times per second."""
         future = Future(executor=self.executor)
         self._awaited = condition, future
         await future
@@ -199,16 +199,16 @@ class CalibratorNode(LocoNode):
     # ---- the robots
 
     async def connect(self, measured: str, model: str, robot: Robot, span: float) -> None:
-        """Listen to robots by their namespaces; an empty name stands for none.
+        """Subscribe to robots in namespaces; an empty namespace means no robot.
 
         Args:
             measured: Namespace of the measured robot.
-            model: Namespace of the robot that gets the models.
+            model: Namespace of the robot that receives the models.
             robot: Description of both robots.
-            span: Simulated time to keep of what they say [s].
+            span: Simulated time for which signals are retained [s].
 
         Raises:
-            GraphError: Nobody publishes joint states there.
+            GraphError: There is no publisher of joint states in a namespace.
         """
         self._disconnect()
         for namespace in filter(None, (measured, model)):
@@ -246,13 +246,13 @@ class CalibratorNode(LocoNode):
             self._gap.publish(message)
 
     def diagnose(self) -> dict[str, Any]:
-        """Phase, generation and best loss; how far a search is."""
+        """Values for diagnostics: phase, generation, best loss, progress of a search."""
         s, g = self.state, self.search
         values = {"phase": s.phase, "generation": s.tick, "best": s.best}
         return values if g.phase == "idle" else {**values, "search": g.phase, "share": g.fraction}
 
     def close(self) -> None:
-        """End the worker, and what the node does not end by itself."""
+        """Stop the worker process and destroy the action servers."""
         if self._job:
             self._job.close()
         self._disconnect()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap --live`: two robots over topics, what the model lacks named and handed to it.
+"""`loco gap --live`: find what a model lacks against a running robot, over topics.
 
-As `live_calibration`, with the calibrator's action ``find_gap`` in place of ``calibrate``.
+As `live.calibration`, with the calibrator's action ``find_gap`` in place of ``calibrate``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from . import calibration as live
 
 
 class GapClient(live.Client):
-    """Sends a goal of ``find_gap``; its options are values of `GapParams`."""
+    """Client of the action ``find_gap``; its options are values of `GapParams`."""
 
     ACTION, NAME = "FindGap", "find_gap"
 
@@ -45,15 +45,15 @@ def find_live(
     params: live.LiveParams | None = None,
     on_progress: live.Tell = lambda progress: None,
 ) -> live.LiveOutcome:
-    """Find what a model lacks against a robot that runs, both in one bag.
+    """Find what a model lacks against a running robot, and record both in one bag.
 
     Args:
-        measured: Experiment of the measured robot; its excitation is the model's too.
-        robot: Model to begin with: a robot's name, robot.yaml or model.yaml.
+        measured: Experiment of the measured robot; the model gets the same excitation.
+        robot: Initial model: a robot's name, robot.yaml or model.yaml.
         folder: New folder of the bag.
         options: Values of `GapParams` that differ from their defaults.
-        params: Course of the live run.
-        on_progress: Called about ten times a second; a true answer cancels the search.
+        params: Schedule of the live run.
+        on_progress: Called about ten times per second; a true return value cancels the search.
 
     Raises:
         GraphError: A node died or never got ready.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One goal of the action ``find_gap``: connect, listen or read, search, hand the model on."""
+"""Execution of a goal of ``find_gap``: connect, listen or read, search, send the model."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from ..gap import text
 if TYPE_CHECKING:
     from .calibrator import CalibratorNode
 
-PARTS = 3  # of what was heard; the last is held out
+PARTS = 3  # records that the signals are split into; the last is held out
 Find = Callable[..., Mapping[str, Any]]  # (job, records, tell) -> contents of gap.json
 
 
 class GapSearchJob:
-    """One goal of ``find_gap``; see `calibrator_job.Job` for the goals of ``calibrate``."""
+    """One goal of ``find_gap``; see `calibration_goal.Job` for the goals of ``calibrate``."""
 
     WHAT = "a search"
 
@@ -41,7 +41,7 @@ class GapSearchJob:
         self._result: Mapping[str, Any] | None = None
 
     async def run(self) -> FindGap.Result:
-        """The whole goal.
+        """Execute the goal.
 
         Raises:
             LocoError: The goal is wrong, or there is no result.
@@ -61,7 +61,7 @@ class GapSearchJob:
         return self._answer()
 
     def _job(self) -> runner.Job:
-        """The request of a goal, checked as far as it can be at once."""
+        """Search request of a goal, checked as far as possible before listening."""
         goal = self._goal
         if not (goal.measured or goal.bags):
             raise ParameterError("a goal names the namespace of a measured robot, or bags")
@@ -113,7 +113,7 @@ class GapSearchJob:
         return self._handle.is_cancel_requested
 
     def _answer(self) -> FindGap.Result:
-        """Result of the action; the topic says the same and keeps it."""
+        """Result of the action, also published on the latched topic."""
         search, result = self._node.search, self._result
         if result is None:
             return FindGap.Result(message="cancelled before anything was found")
@@ -132,13 +132,13 @@ class GapSearchJob:
         )  # fmt: skip
 
     def close(self) -> None:
-        """End the worker."""
+        """Stop the worker process."""
         if self._worker:
             self._worker.close()
 
 
 def find(job: runner.Job, records: list[Record], on_progress: runner.Tell) -> Mapping[str, Any]:
-    """Search in the worker process; records that were heard take the place of bags."""
+    """Search in the worker process, with live records in place of bags."""
     if not records:
         model, fit, held = runner.read_records(job)
     else:
@@ -151,7 +151,7 @@ def find(job: runner.Job, records: list[Record], on_progress: runner.Tell) -> Ma
 
 
 def live_records(signals: Any, robot: Robot) -> list[Record]:
-    """Records of the messages of a robot, in `PARTS`; the last is held out.
+    """Records of a robot's live signals, split into `PARTS`; the last is held out.
 
     Args:
         signals: `calibration.live.Signals` of the robot.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco gap --live` at the terminal: live progress and summary."""
+"""Terminal output of `loco gap --live`: live progress and summary."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .terminal import show_outcome
 
 
 def show_live(a: argparse.Namespace) -> int:
-    """Find the gap of two running robots as the options say; returns the exit code.
+    """Find the gap between two running robots; returns the exit code.
 
     Raises:
-        LocoError: An option that is wrong, or that a live search does not have.
+        LocoError: An option is wrong or not available in a live search.
     """
     for name in ("bags", "hold_out", "add", "mapping"):
         if getattr(a, name):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of the joint graph as another node sees it: its signals, the models it gets."""
+"""Interface of another node to a running robot: its signals, and models sent to it."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from loco_msgs.msg import Event
 from loco_sim.robot.robot import Robot
 
 STATES, COMMANDS = "joint_states", "joint_command"
-_DEPTH = 2000  # messages that wait for this listener when the machine is busy; robots do not wait
+_DEPTH = 2000  # queue for a busy machine; robots do not wait
 
 
 class LiveRobot:
-    """Listens to a robot in a namespace.
+    """Subscriber to a robot in a namespace.
 
-    Its subscriptions are made when it is: before that, a plant that counts who listens
-    does not take this listener for one of its controllers.
+    Its subscriptions are created with the object. Earlier ones could be counted by a plant that
+    waits for its controllers.
 
     Args:
         node: `LocoNode` that listens.
         namespace: Namespace of the robot.
         robot: Description of the robot: names and order of its joints.
-        span: Simulated time that is kept [s].
-        skip: Simulated time at which listening begins [s]; before it the robot gets up.
+        span: Simulated time for which signals are retained [s].
+        skip: Simulated time at which listening begins [s], after the robot's start-up.
 
     Attributes:
         signals: Signals that the robot published.
-        heard: Wall time of its newest message [s].
-        models: Simulated times at which it became another model [s].
+        heard: Wall time of the robot's newest message [s].
+        models: Simulated times at which the robot switched to another model [s].
     """
 
     def __init__(self, node: Node, namespace: str, robot: Robot, span: float, skip: float) -> None:
@@ -47,7 +47,7 @@ class LiveRobot:
         self.signals = Signals(self.name, robot.joints, driven, span)
         self.heard = time.monotonic()
         self.models: list[float] = []
-        self._error = ""  # text: an exception would keep the frames of the executor alive
+        self._error = ""  # text only: an exception would keep the frames of the executor alive
         states = JointCodec(robot.joints, topic(self.name, STATES), frame=FRAME)
         commands = JointCodec(driven, topic(self.name, COMMANDS), ("position", "velocity"))
         self._subscriptions = [
@@ -81,18 +81,18 @@ class LiveRobot:
             self.models.append(event.stamp.sec + event.stamp.nanosec / 1e9)
 
     def model_at(self, t: float) -> int:
-        """Number of the model that ran at a simulated time [s]; 0 is the one it began with."""
+        """Index of the model that was active at a simulated time [s]; 0 is the initial one."""
         return sum(1 for since in self.models if since <= t)
 
     def check(self, silence: float) -> None:
-        """Raise what is wrong with the robot.
+        """Raise an error if the robot is silent or its messages do not match.
 
         Args:
-            silence: Wall time without a message after which it counts as gone [s].
+            silence: Wall time without a message after which the robot counts as gone [s].
 
         Raises:
-            GraphError: It has been silent for too long.
-            ParameterError: The messages are of other joints than those of the robot.
+            GraphError: The robot has been silent for too long.
+            ParameterError: The joints in the messages are not those of the robot.
         """
         if self._error:
             raise ParameterError(self._error)
@@ -103,7 +103,7 @@ class LiveRobot:
             )
 
     def send(self, text: str) -> None:
-        """Give the robot a model, the text of a model.yaml."""
+        """Send a model to the robot, as the text of a model.yaml."""
         if self._sender is None:
             row = JOINT_TOPICS["model"]
             name = topic(self.name, row.name)
@@ -125,7 +125,7 @@ def topic(namespace: str, name: str) -> str:
 
 
 def robots(node: Node) -> list[str]:
-    """Namespaces in which somebody publishes joint states."""
+    """Namespaces with a publisher of joint states."""
     names = [name for name, _ in node.get_topic_names_and_types()]
     states = [name for name in names if name.rsplit("/", 1)[-1] == STATES]
     return sorted(name[: -len(STATES) - 1] or "/" for name in states if node.count_publishers(name))

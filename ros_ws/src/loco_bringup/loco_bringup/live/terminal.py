@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco calibrate --live` at the terminal: live progress and summary."""
+"""Terminal output of `loco calibrate --live`: live progress and summary."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from . import calibration as runner
 
 
 def show_live(a: argparse.Namespace) -> int:
-    """Calibrate two running robots as the options say; returns the exit code.
+    """Calibrate a running model against a running robot; returns the exit code.
 
     Raises:
-        LocoError: An option that is wrong, or that a live calibration does not have.
+        LocoError: An option is wrong or not available in a live calibration.
     """
     if a.bag is not None:
         raise ParameterError("loco calibrate takes either a bag or --live")
@@ -51,7 +51,7 @@ def _state(p: runner.LiveProgress) -> str:
 
 
 def show_outcome(what: str, outcome: runner.LiveOutcome) -> None:
-    """Print the end of a live run: the gap before and after, the paths of page and bag."""
+    """Print the result of a live run: gap before and after, paths of page and bag."""
     console.print(f"{what}: {outcome.status or 'interrupted'}, {outcome.run.text}")
     if outcome.status == "done":
         run = read_live(Bag(outcome.folder))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as the `Log` that metrics and figures work on."""
+"""Read a bag as a `Log`, the input of metrics and figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from loco_learning.runs.log import Log, columns_of, empty
 
 from ..bag.reader import Bag, seconds
 
-TOPIC_OF = {  # messages of a robot with legs by the parts of a log, in the order of a tick
+TOPIC_OF = {  # topics of a legged robot by part of the log, in the order within a tick
     "state": "robot_state",
     "target": "gait_target",
     "command": "motion_command",
@@ -27,21 +27,20 @@ TOPIC_OF = {  # messages of a robot with legs by the parts of a log, in the orde
     "stance": "stance",
     "trunk": "trunk_torque",
 }
-JOINT_TOPICS = ("joint_states", "joint_target", "joint_command")  # of a robot of joints
+JOINT_TOPICS = ("joint_states", "joint_target", "joint_command")  # topics of a robot without legs
 TRUTH = "ground_truth/odom"
 _IMU, _PREDICTION = "imu/data", "joint_prediction"
 
 
 def read_log(bag: Bag, namespace: str = "") -> Log:
-    """Log of a recorded run: the ticks that every control topic has.
+    """Log of a recorded run, at the ticks that are present in every control topic.
 
-    Without IMU or ground truth in the bag those columns are NaN, and so is a prediction
-    that was never said. Forces and contacts of a robot of joints are in no standard message:
-    its log lacks these columns.
+    Columns of a missing IMU, ground truth or prediction are NaN. The log of a robot without
+    legs lacks forces and contacts, which are in no standard message.
 
     Args:
         bag: The recording.
-        namespace: Namespace of the robot, in a bag of several.
+        namespace: Namespace of the robot, in a bag of several robots.
 
     Raises:
         BagError: A control topic is missing, or the topics share no tick.
@@ -68,7 +67,7 @@ def _recorded(bag: Bag, name: str) -> bool:
 
 
 def _walking(bag: Bag, experiment: Experiment) -> Log:
-    """Log of the messages of `TOPIC_OF`, which carry their ticks."""
+    """Log from the messages of `TOPIC_OF`, which contain their tick numbers."""
     _need(bag, TOPIC_OF.values())
     truth_topics = (
         [TRUTH] if any(n.endswith(TRUTH) and t.count for n, t in bag.topics.items()) else []
@@ -98,7 +97,7 @@ def _select(records: np.ndarray, ticks: set[int]) -> np.ndarray:
 
 
 def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
-    """Ground truth at the times of the states; NaN where the bag has none."""
+    """Ground truth at the times of the states; NaN if the bag has none."""
     n = len(t)
     ground_truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
     if odometry is None:
@@ -118,7 +117,7 @@ def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
 
 
 def fall_of(bag: Bag, topic: str = "events") -> str:
-    """Why the robot of a bag fell; empty if it did not. Robots in namespaces have each a topic."""
+    """Reason for the fall of a robot; empty if it did not fall. Each robot has its own topic."""
     if not any(name.rsplit("/", 1)[-1] == "events" for name in bag.topics):
         return bag.metadata.get("fall", "")
     return next((e.text for e in bag.messages(topic) if e.kind == "fall"), "")
@@ -138,7 +137,7 @@ def _truth_columns(odometry: np.ndarray | None, t: np.ndarray) -> dict[str, np.n
 
 
 def _jointed(bag: Bag, experiment: Experiment, namespace: str) -> Log:
-    """Log of the ticks at which states, targets and commands have one stamp."""
+    """Log at the ticks at which states, targets and commands have the same stamp."""
     plant, topics = experiment.plant, _Topics(bag, namespace)
     driven = tuple(plant.joints[i] for i in plant.driven)
     names = (plant.joints, driven, driven)
@@ -161,13 +160,13 @@ def _jointed(bag: Bag, experiment: Experiment, namespace: str) -> Log:
 
 
 class _Series(NamedTuple):
-    """A topic: stamps [ns], ascending, (T,), and arrays with a row per stamp."""
+    """A topic: ascending stamps [ns], (T,), and arrays with one row per stamp."""
 
     time: np.ndarray
     values: tuple[np.ndarray, ...]
 
     def at(self, times: np.ndarray) -> list[np.ndarray]:
-        """Rows at given stamps; NaN where the topic has none."""
+        """Rows at the given stamps; NaN for stamps that the topic lacks."""
         row = np.searchsorted(self.time, times).clip(max=len(self.time) - 1)
         exact = self.time[row] == times
         return [np.where(exact[:, None], value[row], np.nan) for value in self.values]
@@ -180,11 +179,11 @@ class _Topics:
         self.bag, self._prefix = bag, namespace.strip("/")
 
     def full(self, name: str) -> str:
-        """Recorded name."""
+        """Recorded name of a topic."""
         return self.bag.resolve(f"/{self._prefix}/{name}" if self._prefix else name)
 
     def has(self, name: str) -> bool:
-        """The bag has messages of this topic."""
+        """Whether the bag has messages of this topic."""
         try:
             return self.bag.topics[self.full(name)].count > 0
         except NameUnknownError:
@@ -204,7 +203,7 @@ class _Topics:
         return _series([codec.read(d) for d in data])
 
     def imu(self) -> _Series:
-        """Orientation, turning rate and specific force."""
+        """Orientation, angular velocity and specific force."""
         data = self.bag.raw(self.full(_IMU))[1]
         reader = ImuReader()
         return _series([reader.read(d) for d in data])
@@ -232,7 +231,7 @@ def _learning(
     times: np.ndarray,
     columns: dict[str, np.ndarray],
 ) -> dict[str, np.ndarray]:
-    """Phase by the schedule, prediction as it was said, and how far it was off."""
+    """Scheduled learning phase, recorded prediction, and prediction error."""
     if not experiment.learner.enabled:
         return {"phase": np.full(len(times), TRAIN)}
     schedule = Schedule(experiment.learner, experiment.dt)
@@ -241,7 +240,7 @@ def _learning(
     if topics.has(_PREDICTION):
         positions = topics.joints(_PREDICTION, driven).at(times)[0]
     error = np.sqrt(np.mean((positions - columns["target"]) ** 2, axis=1))
-    # Predicted velocities are in no message, but they are the command while the readout drives.
+    # No message has the predicted velocities; while the readout drives, they equal the command.
     predicted = np.isfinite(positions) & (phase >= CLOSING)[:, None]
     velocities = np.where(predicted, columns["command_dq"], np.nan)
     prediction = np.concatenate((positions, velocities), axis=1)

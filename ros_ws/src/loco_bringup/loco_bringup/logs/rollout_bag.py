@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rollout without ROS, written as the same topics with the same bytes."""
+"""Rollout without ROS, recorded with the same topics and bytes as a graph."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ..bag.writer import BagWriter, Limits
 from ..outcome import Outcome, Progress, check_new, describe, duration_of
 from .bag_log import TOPIC_OF, TRUTH
 
-Encode = Callable[[dict[str, Any]], bytes]  # from the messages of a tick
+Encode = Callable[[dict[str, Any]], bytes]  # argument: messages of a tick by name
 _FIELDS = ("position", "velocity")
 DESCRIPTION = "robot_description"
 VIEWED = ("joint_states", "imu/data", "/tf", "/clock")  # standard messages, for viewers
@@ -43,11 +43,11 @@ def run_rollout(
     on_progress: Callable[[Progress], None],
     limits: Limits | None = None,
 ) -> Outcome:
-    """Run an experiment in this process, without nodes, into a bag with these limits of files.
+    """Run an experiment in this process, without nodes, and record it with these file limits.
 
     Raises:
-        ParameterError: It is of a network of masses and springs, which only runs as nodes, or the
-            folder holds a bag or cannot be written.
+        ParameterError: The experiment is a network of masses and springs, which only runs as
+            nodes, or the folder holds a bag or cannot be written.
     """
     check_new(folder)
     check_writable(folder)
@@ -74,7 +74,7 @@ def run_rollout(
 
 
 def _end_of(log: Log) -> str:
-    """End of a rollout, in the words of the plant node."""
+    """Text for the end of a rollout, as the plant node reports it."""
     length = len(log) * log.dt
     if log.fall:
         return f"fell at {length:.2f} s: {log.fall}"
@@ -100,7 +100,7 @@ def write_messages(log: Log, writer: BagWriter) -> None:
     robot = log.experiment.plant
     table, encode = _of_legs(robot) if log.experiment.gait else _of_joints(log, robot)
     by_topic, every = encoders(robot), {}
-    for name in VIEWED if log.experiment.gait else VIEWED[-2:]:  # others say the rest each tick
+    for name in VIEWED if log.experiment.gait else VIEWED[-2:]:  # else in each tick
         encode[name] = lambda said, pack=by_topic[name]: pack(said["state"], said["truth"])
         rate = table[name].rate or 1.0 / log.dt
         every[name] = max(1, round(1.0 / (log.dt * rate)))
@@ -118,7 +118,7 @@ def write_messages(log: Log, writer: BagWriter) -> None:
 
 
 def _of_legs(robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
-    """Topic table of a robot with legs, and what makes the bytes of each topic."""
+    """Topic table of a legged robot, and the encoder of each topic."""
     encode_truth = encoders(robot)[TRUTH]
     encode: dict[str, Encode] = {TRUTH: lambda row: encode_truth(row["state"], row["truth"])}
     for part, name in TOPIC_OF.items():
@@ -128,7 +128,7 @@ def _of_legs(robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
 
 
 def _of_joints(log: Log, robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]:
-    """Topic table of a robot of joints, and what makes the bytes of each topic."""
+    """Topic table of a robot without legs, and the encoder of each topic."""
     driven = [robot.joints[i] for i in robot.driven]
     by_topic, encode = encoders(robot), {}
     for name in ("joint_states", "imu/data", TRUTH):
@@ -147,7 +147,7 @@ def _of_joints(log: Log, robot: Any) -> tuple[dict[str, Any], dict[str, Encode]]
 
 
 def _attach(log: Log, writer: BagWriter) -> None:
-    """Put the experiment and trained weights into the bag, the experiment beside it too."""
+    """Attach the experiment and trained weights to the bag; write the experiment beside it."""
     folder = writer.folder
     text = yaml.safe_dump(to_dict(log.experiment), sort_keys=False)
     (folder / "experiment.yaml").write_text(text)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The toolkit of all HTML pages."""
+"""Building blocks of all HTML pages."""

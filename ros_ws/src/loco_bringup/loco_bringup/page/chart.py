@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts of a page: their data, which the page's script draws, and their words.
+"""Charts of a page: data for the page's script, and text alternatives.
 
-A reader can zoom into a frame, switch layers off, read what is under the pointer or go from mark
-to mark with the arrow keys, open what a mark leads to, and save everything as CSV.
+A reader can zoom into a frame, hide layers, read the values under the pointer, move from mark
+to mark with the arrow keys, open the link of a mark, and save the data as CSV.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from loco_learning.drawing.chart import BOXES, DASHED, DOTS, Chart, Frame, Layer
 
 from .plot import both, ends_of, pack, text
 
-BUDGET = 120_000  # points in one chart; longer lines are thinned
+BUDGET = 120_000  # largest number of points in one chart; longer lines are thinned
 
 
 def data_of(title: str, chart: Chart) -> dict[str, Any]:
-    """Data that the page's script draws.
+    """Data of a chart for the page's script.
 
     Args:
-        title: Name of the file that a reader saves, too.
+        title: Title, also the name of the saved file.
         chart: The chart.
     """
     layers = [layer for frame in chart.frames for layer in frame.layers]
@@ -47,7 +47,7 @@ def _axis(frame: Frame, horizontal: bool) -> dict[str, Any]:
 
 
 def _layer(layer: Layer, frame: Frame, every: int, steps: list[np.ndarray]) -> dict[str, Any]:
-    """Data of a layer; its places are added to `steps`."""
+    """Data of a layer; its packed coordinates are appended to `steps`."""
     thinned = slice(None, None, every if layer.shape not in (DOTS, BOXES) else 1)
     columns = {"x": layer.x, "right": layer.right, "y": layer.y, "top": layer.top}
     bounds = {}
@@ -66,7 +66,7 @@ def _layer(layer: Layer, frame: Frame, every: int, steps: list[np.ndarray]) -> d
 
 
 def seen(title: str, chart: Chart) -> str:
-    """Sentences with the range of every layer, for readers who cannot see the chart.
+    """Text alternative of a chart: the range of every layer, for readers who cannot see it.
 
     Args:
         title: Name of the chart.
@@ -86,7 +86,7 @@ def _frame(frame: Frame) -> str:
 
 
 def _marks(name: str, group: list[Layer], frame: Frame) -> str:
-    """Name of some layers, and their number of marks or their range."""
+    """Name of a group of layers, and their number of marks or their range."""
     if any(layer.shape == BOXES for layer in group):
         count = sum(len(layer.x) for layer in group)
         return f"{name} {count} {'box' if count == 1 else 'boxes'}"

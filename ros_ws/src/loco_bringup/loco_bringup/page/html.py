@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Building blocks of every HTML page: text becomes HTML here and nowhere else.
+"""Building blocks of every HTML page; the only place where text becomes HTML.
 
-All functions take plain text and return `Markup`, which is HTML. Text is escaped as it enters
-a template, so that a name in a bag cannot become part of the page; what is `Markup` already
-goes in as it is. Templates are in ``templates/``: ``page.html`` is the page with its style,
-``blocks.html`` holds a macro for each function here.
+All functions take plain text and return `Markup`, which is HTML. Templates escape text, so
+that a name in a bag cannot inject HTML; `Markup` is inserted unchanged. Templates are in
+``templates/``: ``page.html`` is the page with its style, ``blocks.html`` has one macro per
+function of this module.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Part:
         title: Heading.
         anchor: Name that the list of contents links to.
         content: HTML below the heading.
-        long: The section may be broken over printed pages.
+        long: Whether the section may be split over printed pages.
     """
 
     title: str
@@ -58,12 +58,12 @@ class Part:
 
 
 def part(title: str, make: Callable[[], Markup | str], long: bool = False) -> Part:
-    """Section with what `make` returns, or with the reason why it cannot return anything.
+    """Section with the result of `make`, or with its error message.
 
     Args:
         title: Heading.
-        make: Draws or writes the content; a `LocoError` is shown in its place.
-        long: The section may be broken over printed pages.
+        make: Function that returns the content; if it raises a `LocoError`, the message is shown.
+        long: Whether the section may be split over printed pages.
     """
     try:
         content = join([make()])
@@ -73,7 +73,7 @@ def part(title: str, make: Callable[[], Markup | str], long: bool = False) -> Pa
 
 
 def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
-    """A whole page, which names no address outside of itself."""
+    """A complete page without references to external addresses."""
     page, parts = _TEMPLATES.get_template("page.html"), list(parts)
     plotted = any('<figure class="plot"' in text for text in [header, *(p.content for p in parts)])
     return page.render(title=title, header=header, parts=parts, plotted=plotted, **_uplot())
@@ -81,7 +81,7 @@ def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
 
 @functools.lru_cache(maxsize=1)
 def _uplot() -> dict[str, Markup]:
-    """Script, style and licence of uPlot; its first line, an address, is left out."""
+    """Script, style and licence of uPlot, without its first line, which is an address."""
     folder = importlib.resources.files("loco_bringup.page") / "uplot"
     files = ("uplot.js", "uplot.css", "licence.txt")
     script, style, licence = ((folder / name).read_text(encoding="utf-8") for name in files)
@@ -90,12 +90,12 @@ def _uplot() -> dict[str, Markup]:
 
 
 def join(blocks: Iterable[Markup | str]) -> Markup:
-    """Pieces one after the other; plain text is escaped."""
+    """Concatenated pieces; plain text is escaped."""
     return Markup("\n").join(blocks)
 
 
 def paragraph(*content: Markup | str, soft: bool = False) -> Markup:
-    """Paragraph of some texts; a soft one is a remark."""
+    """Paragraph; `soft` marks it as a remark in a softer colour."""
     return _block("paragraph", content, soft)
 
 
@@ -105,37 +105,37 @@ def note(text: Markup | str) -> Markup:
 
 
 def strong(text: Markup | str) -> Markup:
-    """Text that stands out."""
+    """Emphasised text."""
     return Markup("<strong>{}</strong>").format(text)
 
 
 def code(text: str) -> Markup:
-    """Name of a topic, a file or a command."""
+    """Name of a topic, file or command in code style."""
     return Markup("<code>{}</code>").format(text)
 
 
 def link(text: str, target: str) -> Markup:
-    """Text that leads to a page beside this one.
+    """Link to another local page.
 
     Args:
-        text: The text.
-        target: Path of that page, from the folder of this one.
+        text: Text of the link.
+        target: Path of that page, relative to the folder of this page.
     """
     return Markup('<a href="{}">{}</a>').format(target, text)
 
 
 def good(text: str, well: bool = True) -> Markup:
-    """Text in the colour of what went well, or of what did not."""
+    """Text in the colour of success, or of failure if `well` is false."""
     return Markup('<span class="{}">{}</span>').format("good" if well else "bad", text)
 
 
 def missing(text: str) -> Markup:
-    """Box that stands where something is missing or wrong."""
+    """Box with a message about missing or wrong content."""
     return Markup('<p class="missing">{}</p>').format(text)
 
 
 def verdict(text: str, well: bool | None) -> Markup:
-    """The ending or the verdict, as a badge; grey where `well` is None and nothing was judged."""
+    """Outcome or verdict as a badge; grey if `well` is None, which means no verdict."""
     return _block("verdict", text, well)
 
 
@@ -143,25 +143,25 @@ def cards(rows: Iterable[tuple[str, str, str]], remark: str = "") -> Markup:
     """The main numbers of a page.
 
     Args:
-        rows: Name, value and what is said of it in small letters, perhaps nothing.
+        rows: Name, value and remark in small print (may be empty).
         remark: Sentence below the cards.
     """
     return _block("cards", list(rows), remark)
 
 
 def answer(rows: Iterable[tuple[str, str, str]], curve: Markup, place: Markup) -> Markup:
-    """Top of a page about a finding: its sizes, which are what people copy, its curve and place.
+    """Top of a page about a result: its sizes, curve and place.
 
     Args:
         rows: Name, value and remark of each size.
-        curve: Plot.
-        place: Drawing.
+        curve: HTML of the plot.
+        place: HTML of the drawing.
     """
     return _block("answer", list(rows), curve, place)
 
 
 def facts(rows: Mapping[str, Markup | str]) -> Markup:
-    """Table of texts by name."""
+    """Table of names and texts."""
     return _block("facts", rows)
 
 
@@ -177,19 +177,19 @@ def table(
         head: Names of the columns.
         rows: Cells of each row.
         numeric: Columns to align as numbers.
-        marks: Class of each row: ``good``, ``so``, ``bad`` or nothing; empty for none at all.
+        marks: Class of each row: ``good``, ``so``, ``bad`` or empty; no classes if omitted.
     """
     rows = [list(row) for row in rows]
     return _block("table", list(head), rows, set(numeric), list(marks) or [""] * len(rows))
 
 
 def bullets(items: Iterable[Markup | str]) -> Markup:
-    """List of sentences; nothing if there are none."""
+    """Bullet list of sentences; empty if there are none."""
     return _block("bullets", list(items))
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A value with so many digits, a dash where there is none."""
+    """A value with `digits` significant digits; a dash if it is not finite."""
     if not math.isfinite(value):
         return "–" if math.isnan(value) else "∞"
     return f"{value:.{digits}g}".replace("e-0", "e-").replace("-", "−")
@@ -198,12 +198,12 @@ def number(value: float, digits: int = 4) -> str:
 def figure(
     drawn: Plot | Chart | Callable[[], Plot | Chart], title: str, text: Markup | str
 ) -> Markup:
-    """A plot or a chart that a reader can explore, under its caption.
+    """An interactive plot or chart with its caption.
 
     Args:
-        drawn: Plot or chart, or the function that makes it.
-        title: Name of it, for readers who cannot see it.
-        text: Caption; none where it is empty.
+        drawn: Plot or chart, or a function that returns one.
+        title: Title, also for readers who cannot see it.
+        text: Caption; empty for none.
     """
     drawing = drawn() if callable(drawn) else drawn
     of = plot if isinstance(drawing, Plot) else chart
@@ -211,12 +211,12 @@ def figure(
 
 
 def beside(left: Markup, right: Markup) -> Markup:
-    """Two things side by side, below each other where the page is narrow."""
+    """Two blocks side by side; one below the other on a narrow page."""
     return Markup('<div class="beside"><div>{}</div><div>{}</div></div>').format(left, right)
 
 
 def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
-    """The place where ``#case-NAME``, which a mark of a chart leads to, shows a case.
+    """Panel with the details of a case, opened by links ``#case-NAME`` from the marks of a chart.
 
     Args:
         details: Texts of each case by its name.
@@ -225,26 +225,26 @@ def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
 
 
 def movie(gif: bytes, text: str) -> Markup:
-    """An animation above its caption."""
+    """An animation with its caption."""
     return _block("movie", text, _address(gif, "gif"))
 
 
 def yaml_block(values: Any) -> Markup:
-    """Values as YAML."""
+    """Code block with values as YAML."""
     return _block("pre", yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
 
 
 def folded(title: str, content: Markup) -> Markup:
-    """Content that a click opens."""
+    """Collapsed content that opens on a click."""
     return _block("folded", title, content)
 
 
 def matrix(head: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> Markup:
-    """Table of counts with upright names of columns.
+    """Table of counts with vertical column names.
 
     Args:
         head: Names of the columns.
-        rows: Name of each row, and text and class (``good``, ``so``, ``bad`` or nothing) of each
+        rows: Name of each row, and text and class (``good``, ``so``, ``bad`` or empty) of each
             cell.
     """
     return _block("matrix", list(head), list(rows))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interactive plots: signals over a common axis as data of the page, which uPlot draws.
+"""Interactive plots of signals over a common axis, drawn by uPlot from data in the page.
 
-A plot can be zoomed, its signals switched off, its values read under the cursor and saved as CSV.
-Values travel as 16-bit steps between the smallest and the largest of their line, as differences
-from one to the next, deflated: so a minute of a robot fits into a page of 3 MB.
+A plot can be zoomed, its signals hidden, its values read under the cursor and saved as CSV.
+Values are stored as 16-bit steps between the minimum and maximum of their line, as differences
+between successive values, deflated: one minute of a robot fits into a page of 3 MB.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-BUDGET = 120_000  # values in one plot; a longer one is thinned
-STEPS = 65_534  # of a line between its smallest and its largest value
-UNKNOWN = -32_768  # stands for a value that is not known
-# What is dark or pale on paper, as it looks on a dark page.
+BUDGET = 120_000  # largest number of values in one plot; longer ones are thinned
+STEPS = 65_534  # quantisation steps between the minimum and maximum of a line
+UNKNOWN = -32_768  # code of an unknown value
+# Colours for dark pages of the colours that are dark or pale on light pages.
 DARK = {
     "#222222": "#e3e7ec", "#0072b2": "#4aa8e0", "#d55e00": "#f08a3c", "#f1f1f1": "#24282e",
     "#e3eef7": "#1c2a36", "#fdf0d5": "#352c1a", "#e2f3ea": "#1b2f26", "#8cc5ea": "#2f6f9c",
@@ -34,11 +34,11 @@ class Line:
     """One signal.
 
     Attributes:
-        name: Name in the legend; lines of one name are switched together.
+        name: Name in the legend; lines with the same name are shown and hidden together.
         values: Values, (N,); NaN where unknown.
         color: Colour on a light page, as ``#rrggbb``.
         width: Width [pixel].
-        dashed: True for a bound, which is no signal.
+        dashed: True for a bound in place of a signal.
     """
 
     name: str
@@ -54,9 +54,9 @@ class Panel:
 
     Attributes:
         label: Name of the vertical axis, with its unit in brackets.
-        lines: The lines, first drawn first.
-        logarithmic: True for a logarithmic vertical axis, without values of zero and below.
-        limits: Smallest and largest value that is shown; None for what the lines need.
+        lines: The lines, in drawing order.
+        logarithmic: True for a logarithmic vertical axis; values of zero and below are omitted.
+        limits: Smallest and largest displayed value; None for the range of the lines.
     """
 
     label: str
@@ -67,14 +67,14 @@ class Panel:
 
 @dataclass(frozen=True)
 class Plot:
-    """Panels below each other over a common axis.
+    """Panels stacked vertically over a common axis.
 
     Attributes:
-        x: Common axis, (N,), increasing, with one value at least.
+        x: Common axis, (N,), increasing, with at least one value.
         panels: Panels from top to bottom.
-        spans: Stretches of `x` to be shaded.
-        axis: Name of `x` with its unit; plots of a page over the same axis are linked.
-        view: Stretch of `x` that is shown at first; None for all.
+        spans: Shaded intervals of `x`.
+        axis: Name of `x` with its unit; plots with the same axis name are linked.
+        view: Initially displayed interval of `x`; None for all.
     """
 
     x: np.ndarray
@@ -85,7 +85,7 @@ class Plot:
 
 
 def data_of(title: str, plot: Plot) -> dict[str, Any]:
-    """Data that the page's script draws; `title` names the file that a reader saves, too."""
+    """Data of a plot for the page's script; `title` is also the name of the saved file."""
     lines = [line for panel in plot.panels for line in panel.lines]
     every = max(1, -(-len(plot.x) * len(lines) // BUDGET))
     logs = [panel.logarithmic for panel in plot.panels for _ in panel.lines]
@@ -112,19 +112,19 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
 
 
 def _axis(x: np.ndarray) -> np.ndarray:
-    """First value and step of an even axis; all values of another one."""
+    """First value and step of a uniform axis, else all values."""
     step = (x[-1] - x[0]) / max(1, len(x) - 1)
     even = np.allclose(x, x[0] + step * np.arange(len(x)), rtol=0.0, atol=1e-6 * (step or 1.0))
     return np.array([x[0], step]) if even else x
 
 
 def text(values: np.ndarray) -> str:
-    """Bytes of an array, deflated, as text of a page."""
+    """Deflated bytes of an array as text."""
     return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
 
 
 def seen(title: str, plot: Plot) -> str:
-    """Sentences with the range of every line, for readers who cannot see the plot."""
+    """Text alternative of a plot: the range of every line, for readers who cannot see it."""
     span = f" from {_short(plot.x[0])} to {_short(plot.x[-1])}" if len(plot.x) else ""
     rows = []
     for panel in plot.panels:
@@ -139,16 +139,16 @@ def short(joint: str) -> str:
 
 
 def both(color: str) -> str:
-    """A colour for light and dark pages, as CSS has it."""
+    """CSS value of a colour for light and dark pages."""
     return f"light-dark({color}, {DARK.get(color, color)})"
 
 
 def pack(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.ndarray]:
-    """Smallest and largest value of a line, and its steps as differences, (N,).
+    """Minimum and maximum of a line, and its quantised values as differences, (N,).
 
     Args:
         values: Values, (N,); NaN where unknown.
-        logarithmic: True for steps of the logarithm, without values of zero and below.
+        logarithmic: True to quantise the logarithm; values of zero and below are omitted.
     """
     values = np.asarray(values, dtype=float)
     valid = np.isfinite(values) & ((values > 0.0) | (not logarithmic))
@@ -160,7 +160,7 @@ def pack(values: np.ndarray, logarithmic: bool) -> tuple[float, float, np.ndarra
 
 
 def ends_of(values: np.ndarray) -> str:
-    """Smallest and largest known value in words."""
+    """Minimum and maximum of the finite values as text."""
     finite = np.asarray(values)[np.isfinite(values)]
     if not len(finite):
         return "unknown"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line drawing of a robot as it stands, with some of its joints and links marked."""
+"""Line drawing of a robot in its standing pose, with selected links marked."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from markupsafe import Markup
 from loco_sim.robot.frames import link_frames
 from loco_sim.robot.robot import Robot
 
-# Seen from the right and a little from above: forward is right, what is left lies behind.
+# View from the right, slightly from above: forward points right, the left side lies behind.
 VIEW = np.array([[1.0, 0.3, 0.0], [0.0, -0.22, -1.0]])
-WIDTH, HEIGHT, EDGE = 360.0, 230.0, 26.0  # of the drawing [pixel]
+WIDTH, HEIGHT, EDGE = 360.0, 230.0, 26.0  # size and margin of the drawing [pixel]
 
 
 def marked(robot: Robot, places: Sequence[str]) -> set[str]:
-    """Links that places name: links themselves, or those that a named joint moves.
+    """Links at the given places: named links, and links moved by named joints.
 
     Args:
         robot: The robot.
@@ -38,7 +38,7 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
     Args:
         robot: The robot, in its standing pose.
         links: Links whose joint is marked.
-        where: Words for what is marked.
+        where: Description of the marked places.
     """
     frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None])
     points = {link: VIEW @ origin[0] for link, (_, origin) in frames.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Look of a report's figures: one colour per meaning, phases shaded."""
+"""Style of a report's figures: one colour per meaning, shaded phases."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from loco_learning.runs.log import Log
 from .plot import Plot
 
 # Colours of Okabe and Ito, safe for colour-blind readers. The target is a broad pale line, so
-# that a thin line exactly on it still shows.
+# that a thin line on top of it remains visible.
 TARGET, COMMAND, MEASURED = "#8cc5ea", "#d55e00", "#222222"
-OTHER = "#0072b2"  # anything that is none of the three
+OTHER = "#0072b2"  # signals other than these three
 BOUND = "#222222"
-BROAD = 3.0  # width of a target [pixel]
+BROAD = 3.0  # line width of a target [pixel]
 TINTS = {"stand": "#f1f1f1", "train": "#e3eef7", "closing": "#fdf0d5", "test": "#e2f3ea"}
 TINTS[OPEN] = TINTS["train"]
 
 
 def spans(log: Log) -> list[tuple[str, str, float, float]]:
-    """Colour, name, start and end [s] of the phases that were reached."""
+    """Colour, name, start and end [s] of the phases that the run reached."""
     return [
         (TINTS[name], name, float(log.t[s.start]), float(log.t[s.stop - 1]) + log.dt)
         for name, s in log.phases().items()
@@ -34,7 +34,7 @@ def spans(log: Log) -> list[tuple[str, str, float, float]]:
 
 
 def flag_spans(t: np.ndarray, flag: np.ndarray, dt: float) -> list[tuple[float, float]]:
-    """Start and length [s] of each stretch in which a flag is up."""
+    """Start and length [s] of each interval in which a flag is true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flag, [False])).astype(int)))
     return [
         (float(t[a]), float(t[b - 1] - t[a]) + dt)
@@ -47,15 +47,15 @@ class Chapter:
     """One figure of a report."""
 
     title: str
-    text: str  # what it shows, for people
-    draw: Callable[[Any], Plot | Chart]  # from a log
+    text: str  # description for readers
+    draw: Callable[[Any], Plot | Chart]  # argument: a log
 
 
 def chapters() -> tuple[list[Chapter], Callable[[str, str], Callable]]:
-    """Figures of a report in their order, and the decorator that puts one there.
+    """List of a report's figures in order, and the decorator that appends one.
 
-    The decorator takes title and text. Its function raises `BagError` where the bag lacks
-    its data.
+    The decorator takes title and text. The decorated function raises `BagError` if the bag
+    lacks its data.
     """
     listed: list[Chapter] = []
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records graphs, replays bags and verifies controllers against them."""
+"""Record graphs, replay bags and verify controllers against bags."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded and live messages compared: byte for byte, a difference told by its field."""
+"""Byte-wise comparison of recorded and live messages; differences are reported by field."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from rclpy.serialization import deserialize_message
 from loco_control.exceptions import LocoError
 from loco_control.ros.messages.codec import Codec
 
-KEPT = 20  # differences kept in full, of each topic
+KEPT = 20  # largest number of differences stored per topic
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One field of one message that is not as it was recorded."""
+    """A field of a live message that differs from the recorded one."""
 
     topic: str
     tick: int
-    field: str  # path, with the index of an array's element
+    field: str  # path, with the index of an array element
     recorded: Any
     live: Any
 
@@ -35,11 +35,11 @@ class Verdict:
     """Outcome of a comparison.
 
     Attributes:
-        ticks: Fed.
-        compared: Messages by topic.
-        different: Messages that differ, by topic.
+        ticks: Number of ticks fed to the controllers.
+        compared: Number of compared messages by topic.
+        different: Number of differing messages by topic.
         first: The first differences, in order of tick and dataflow.
-        trouble: Why it ended early; empty if it did not.
+        trouble: Reason for an early end; empty if there was none.
     """
 
     ticks: int = 0
@@ -50,11 +50,11 @@ class Verdict:
 
     @property
     def identical(self) -> bool:
-        """Every recorded message was said again, and none differs."""
+        """Whether every recorded message was reproduced without a difference."""
         return not self.trouble and not self.different and bool(self.compared)
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Outcome as a dictionary for JSON."""
         return {
             "identical": self.identical,
             "ticks": self.ticks,
@@ -66,11 +66,11 @@ class Verdict:
 
 
 class Comparison:
-    """Compares answers with recorded ones.
+    """Comparison of live answers with recorded ones.
 
     Args:
         kinds: Message class of each topic.
-        tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
+        tolerance: Largest difference at which two numbers count as equal; 0 requires equal bytes.
     """
 
     def __init__(self, types: dict[str, type], tolerance: float = 0.0):
@@ -80,11 +80,11 @@ class Comparison:
         self._counts: Counter[str] = Counter()
 
     def add(self, topic: str, tick: int, recorded: bytes, live: bytes) -> None:
-        """One message of a tick."""
+        """Compare one message of a tick."""
         verdict = self.verdict
         verdict.compared[topic] += 1
         if recorded[: len(live)] == live and not any(recorded[len(live) :]):
-            return  # until version 0.2 unused zeros followed what was written
+            return  # up to version 0.2 messages ended with unused zeros
         differences = self._differences(topic, tick, recorded, live)
         if not differences:
             return
@@ -111,7 +111,7 @@ class Comparison:
         return differences
 
     def _equal(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Elements of equal bytes, or of numbers that are close enough."""
+        """Mask of the elements with equal bytes or a difference within the tolerance."""
         bits = f"u{a.dtype.itemsize}"
         same = a.view(bits) == b.view(bits)
         if self._tolerance and a.dtype.kind == "f":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that stands for the plant: says what a bag's plant said, hears the answers."""
+"""Node that replaces the plant: publishes a bag's sensor messages and receives the answers."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from ..graph.start import StartMonitor
 from .compare import Comparison
 
 ANSWER_TIMEOUT = 10.0  # wall time for the answers to one tick [s]
-_HEARING = 5.0  # wall time for a controller to say that it heard a person [s]
+_HEARING = 5.0  # wall time for a controller to acknowledge an operator's message [s]
 
 
 @dataclass
 class Step:
-    """One tick of a recording: what the plant said, and what the controllers answered."""
+    """One tick of a recording: messages of the plant, and answers of the controllers."""
 
     tick: int
     key: int  # number that all messages of the tick share
     said: dict[str, bytes]
     answers: dict[str, bytes]
-    before: list[tuple[str, bytes]] = field(default_factory=list)  # what people said before it
+    before: list[tuple[str, bytes]] = field(default_factory=list)  # operator messages
 
 
 class Feed:
-    """Gives ticks to live controllers, each when the one before is answered.
+    """Publisher of ticks to live controllers; each tick waits for the answers to the previous one.
 
     Args:
         steps: The recording.
-        said: Rows of the topics that it publishes.
-        heard: Rows of the topics that the controllers publish.
-        key_of: Number of the tick that a message belongs to, from its bytes.
-        comparison: Gets the answers.
+        said: Topic rows of the published topics.
+        heard: Topic rows of the topics that the controllers publish.
+        key_of: Function from the bytes of a message to the number of its tick.
+        comparison: Comparison that receives the answers.
         namespace: Namespace of the controllers.
     """
 
@@ -59,15 +59,15 @@ class Feed:
         self._at = -1
         self._waiting: dict[str, bytes] = {}
         self._ready: set[str] = set()
-        self._n_ready = 0  # nodes whose readiness counts as progress already
+        self._n_ready = 0  # ready nodes already counted as progress
         self._moved = time.monotonic()
-        # Ctrl-C must reach us as KeyboardInterrupt while the context lives on.
+        # Ctrl-C must raise KeyboardInterrupt here and leave the context valid.
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = sealed_node("robot_sim", context=self._context, namespace=namespace)
         self._readers = {row.name: set(row.readers) for row in said}
         self._error = ""
-        self._unheard = 0  # messages of people on their way
+        self._unheard = 0  # operator messages not acknowledged yet
         self._outputs = {
             row.name: self._node.create_publisher(row.type, row.name, row.qos.writer())
             for row in said
@@ -81,11 +81,11 @@ class Feed:
         self._forever = rclpy.task.Future()
 
     def hear_events(self, row: Topic) -> None:
-        """Listen to who is ready and to errors."""
+        """Subscribe to the events that report readiness and errors."""
         self._node.create_subscription(row.type, row.name, self._on_event, row.qos.reader(100))
 
     def close(self) -> None:
-        """Leave the graph; an executor that lives on would keep the endpoints alive."""
+        """Leave the graph; also destroy the executor, which would keep the endpoints alive."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -101,12 +101,12 @@ class Feed:
 
         Args:
             nodes: Controllers that must be ready first.
-            check: Called now and then; raises if a process died.
-            on_progress: Called now and then with the share of ticks that is done.
-            start: Progress of the controllers until they are ready.
+            check: Called periodically; raises if a process died.
+            on_progress: Called periodically with the share of completed ticks.
+            start: Monitor of the controllers' progress until they are ready.
 
         Raises:
-            GraphError: A controller makes no progress before it is ready, or says an error.
+            GraphError: A controller makes no progress before it is ready, or reports an error.
         """
         while self._at < len(self._steps):
             self._executor.spin_until_future_complete(self._forever, timeout_sec=0.1)
@@ -150,7 +150,7 @@ class Feed:
                 self._publish()
 
     def _next(self) -> None:
-        """Go on to the next tick: first what people said before it."""
+        """Proceed to the next tick, starting with the operator messages before it."""
         self._at += 1
         self._moved = time.monotonic()
         if self._at >= len(self._steps):
@@ -163,7 +163,7 @@ class Feed:
             self._publish()
 
     def _publish(self) -> None:
-        """Publish what the plant said at this tick."""
+        """Publish the plant's messages of this tick."""
         step, self._unheard = self._steps[self._at], 0
         self._moved = time.monotonic()
         self._waiting = dict(step.answers)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a bag in the order of their log times, a few chunks in memory at a time."""
+"""Iterate over the messages of a bag in order of log time, with few chunks in memory."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from loco_control.exceptions import ParameterError
 
 from ..bag.reader import Bag
 
-_COLUMNS = 8  # unpacked chunks in memory
+_COLUMNS = 8  # decompressed chunks in memory
 
 
 class Order:
-    """Iterates over (seconds from the bag's begin, topic, bytes).
+    """Iterator over (seconds from the start of the bag, topic, bytes).
 
     Args:
         bag: The recording.
         names: Topics, as recorded.
-        start: Leave out what is earlier [s from the bag's begin].
-        end: Leave out what is later, None for nothing.
+        start: Time of the first message [s from the start of the bag].
+        end: Time of the last message [s from the start of the bag]; None for no limit.
 
     Attributes:
-        length: Time from the bag's begin to the last chosen message [s].
-        count: Messages chosen.
+        length: Time from the start of the bag to the last selected message [s].
+        count: Number of selected messages.
 
     Raises:
-        ParameterError: The times are not of the bag.
+        ParameterError: `start` is outside the bag, or `end` is before `start`.
     """
 
     def __init__(self, bag: Bag, names: list[str], start: float = 0.0, end: float | None = None):
@@ -49,7 +49,7 @@ class Order:
         self.length = (self._table[-1, 0] - self._zero) / 1e9 if self.count else 0.0
 
     def _rows(self, block: int, records) -> np.ndarray:
-        """Time, channel, chunk, first and last byte of each chosen message."""
+        """Time, channel, chunk, first byte and end of each selected message, (n, 5)."""
         mask = np.isin(records.channels, list(self._name))
         columns = (
             records.times[mask],

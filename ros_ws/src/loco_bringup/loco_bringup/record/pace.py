@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the next message of a replay is due: speed, pause, steps, and keys that change them."""
+"""Timing of a replay: speed, pause, single steps, and the keys that control them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from collections.abc import Callable
 
 from loco_control.exceptions import ParameterError
 
-_SLICE = 0.05  # longest wait without looking at keys and commands [s]
+_SLICE = 0.05  # longest wait between two checks for keys and commands [s]
 KEYS = {" ": "toggle", "s": "step", "+": "faster", "-": "slower", "q": "quit"}
 
 
 class Keys:
-    """Keys pressed in the terminal, one at a time without Enter; none without a terminal."""
+    """Reader of single key presses in the terminal, without Enter; inactive without a terminal."""
 
     def __enter__(self) -> Keys:
         self._fd = sys.stdin.fileno() if _is_terminal() else -1
@@ -29,7 +29,7 @@ class Keys:
         return self
 
     def pressed(self) -> str:
-        """Key since the last call, empty if none."""
+        """Key pressed since the last call; empty if none."""
         if self._fd < 0 or not select.select([self._fd], [], [], 0.0)[0]:
             return ""
         return os.read(self._fd, 1).decode(errors="ignore")
@@ -46,33 +46,33 @@ def _is_terminal() -> bool:
 
 
 class Pace:
-    """Holds messages back until they are due.
+    """Delay of messages until they are due.
 
     Args:
-        speed: Times real time, 0 for no limit.
-        paused: Wait for a command first.
+        speed: Multiple of real time, 0 for no limit.
+        paused: Whether the replay starts paused.
         keys: Source of pressed keys; None without a terminal.
 
     Attributes:
-        over: Somebody said quit.
+        over: Whether the command quit was given.
     """
 
     def __init__(self, speed: float = 1.0, paused: bool = False, keys: Keys | None = None):
         self._speed, self._paused, self._keys = speed, paused, keys
         self._steps = 0
-        self._newest: float | None = None  # time of the newest message let go
-        self._anchor: tuple[float, float] | None = None  # wall time and message time
+        self._newest: float | None = None  # time of the newest released message
+        self._anchor: tuple[float, float] | None = None  # reference wall time and message time
         self.over = False
 
     def begin(self) -> None:
-        """The bag begins (again)."""
+        """Reset the timing at the start of the bag."""
         self._newest = self._anchor = None
 
     def command(self, text: str) -> None:
-        """Pause, resume, toggle, step [N], speed X, faster, slower or quit.
+        """Execute a command: pause, resume, toggle, step [N], speed X, faster, slower or quit.
 
         Raises:
-            ParameterError: It is none of these.
+            ParameterError: The command is unknown.
         """
         verb, _, value = text.strip().partition(" ")
         self._anchor = None
@@ -96,11 +96,11 @@ class Pace:
             ) from None
 
     def wait(self, t: float, idle: Callable[[float], None]) -> bool:
-        """Hold the message of time `t` [s] back until it is due; False when all is over.
+        """Wait until the message of time `t` [s] is due; returns False after the command quit.
 
         Args:
-            t: Seconds from the bag's begin.
-            idle: Called for the time left [s], in slices; what it hears may be commands.
+            t: Seconds from the start of the bag.
+            idle: Called with a remaining time [s], in short slices; it may receive commands.
         """
         while True:
             self._press()
@@ -118,7 +118,7 @@ class Pace:
             self.command(KEYS[key])
 
     def _left(self, t: float) -> float:
-        """Wall time until a message is due [s]; a step is all messages of one time."""
+        """Wall time until a message is due [s]; one step covers all messages of the same time."""
         if self._paused:
             if t == self._newest:
                 return 0.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proof, from a bag alone, that the readout drives the joints in the test phase.
+"""Proof, from the bag only, that the readout drives the joints in the test phase.
 
-The bag holds the network as it was at the first tick of test, and all that it
-felt from there on. The network is run again over that, without any target, and
-must give the recorded commands. No recorded flag is read.
+The bag contains the network at the first tick of the test phase and all its inputs
+from then on. The network is run again on these inputs, without a target, and must
+reproduce the recorded commands. No recorded flag is used.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from ..bag.reader import Bag
 from ..logs.bag_log import read_log
 
 WEIGHTS = "weights.npz"
-TOLERANCE = 1e-9  # on one machine the difference is 0; another may round differently [rad]
+TOLERANCE = 1e-9  # [rad]; the difference is 0 on the same machine, another may round differently
 
 
 @dataclass(frozen=True)
 class ReadoutCheck:
-    """Commands of the test phase beside those of the network run again.
+    """Commands of the test phase compared with those of the recomputed network.
 
-    Columns are the positions that the network gives [rad], then as many velocities [rad/s]:
-    of HyQ the 8 of HFE and KFE, of a joint robot those of its driven joints.
+    Columns are the k positions that the network outputs [rad], then k velocities [rad/s]: for
+    HyQ the 8 joints HFE and KFE, for other robots the driven joints.
     """
 
     t: np.ndarray  # [s], (T,)
     commanded: np.ndarray  # recorded commands, (T, 2k)
-    recomputed: np.ndarray  # network of the bag, run over what was recorded of its senses, (T, 2k)
+    recomputed: np.ndarray  # output of the network on its recorded inputs, (T, 2k)
     target: np.ndarray  # recorded target, (T, 2k)
-    abduction: float  # largest distance of all other commands (HAA) from their targets
-    what: str = "HFE and KFE"  # the joints
+    abduction: float  # largest difference of the other commands (HAA) from their targets
+    what: str = "HFE and KFE"  # names of the driven joints
 
     @property
     def error(self) -> float:
-        """Largest difference of command and network over ticks and columns."""
+        """Largest difference between command and network over ticks and columns."""
         return float(np.max(np.abs(self.commanded - self.recomputed)))
 
     @property
     def target_distance(self) -> np.ndarray:
-        """Largest difference of command and target at each tick, (T,)."""
+        """Largest difference between command and target at each tick, (T,)."""
         return np.max(np.abs(self.commanded - self.target), axis=1)
 
     @property
     def drives(self) -> bool:
-        """The network gives every command, and the target gives none."""
+        """Whether every command equals the network's output, and none equals the target."""
         return self.error <= TOLERANCE < float(np.min(self.target_distance))
 
     def summary(self) -> str:
@@ -71,10 +71,10 @@ class ReadoutCheck:
 
 
 def check_readout(bag: Bag | str | Path) -> ReadoutCheck:
-    """Run the network of a bag again over its test phase.
+    """Recompute the network of a bag over its test phase.
 
     Raises:
-        BagError: The bag has no network, no test phase, or misses ticks in it.
+        BagError: The bag has no network or no test phase, or ticks of the test phase are missing.
         MissingFileError: There is no such bag.
     """
     bag = bag if isinstance(bag, Bag) else Bag(bag)
@@ -82,10 +82,10 @@ def check_readout(bag: Bag | str | Path) -> ReadoutCheck:
 
 
 def weights_of(bag: Bag) -> bytes:
-    """The network that a bag carries, as the bytes of its file.
+    """Bytes of the network file in a bag.
 
     Raises:
-        BagError: It carries none: an open-loop run, or one that ended before test.
+        BagError: The bag has none: the run is open-loop or ended before the test phase.
     """
     if WEIGHTS not in bag.attachments():
         raise BagError(
@@ -95,19 +95,19 @@ def weights_of(bag: Bag) -> bytes:
 
 
 def check_log(log: Log, weights: bytes) -> ReadoutCheck:
-    """`check_readout` of a log that is read already.
+    """`check_readout` for a log.
 
     Args:
         log: The run.
-        weights: Network file, written right after the first tick of test.
+        weights: Bytes of the network file, written after the first tick of the test phase.
 
     Raises:
-        BagError: The run has no network, no test phase, or misses ticks or senses in it.
+        BagError: The run has no network or no test phase, or ticks or network inputs are missing.
     """
     network = _load(weights)
     rows = _rows(log, network)
     felt, m = _felt(log, rows), log.target.shape[1]
-    # The network is given no target: what it answers cannot come from there.
+    # The network gets no target, so its output cannot depend on it.
     nowhere = MotionCommand(0, 0.0, np.full(m, np.nan), np.full(m, np.nan))
     recomputed, ticks = [], log.ticks()
     for row, senses in zip(range(rows.start, rows.stop), felt, strict=True):
@@ -128,7 +128,7 @@ def check_log(log: Log, weights: bytes) -> ReadoutCheck:
 
 
 def _felt(log: Log, rows: slice) -> np.ndarray:
-    """Input of the network, a row per tick."""
+    """Inputs of the network, one row per tick."""
     if log.experiment.gait:
         return log.grf[rows, :, 2]
     robot, log = log.experiment.plant, log.cut(rows)
@@ -140,7 +140,7 @@ def _felt(log: Log, rows: slice) -> np.ndarray:
 
 
 def _rows(log: Log, network: ReflexNetwork) -> slice:
-    """Ticks of test after the first, which the saved network has seen already."""
+    """Ticks of the test phase after the first, which the saved network has already processed."""
     if not network.params.enabled:
         raise BagError("open loop: the network of this run is switched off")
     start = int(np.searchsorted([network.phase_at(t) for t in log.t], TEST))

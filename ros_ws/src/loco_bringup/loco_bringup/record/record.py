@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco record`: topics of any running graph, ours or not, into a bag.
+"""`loco record`: record topics of any running ROS graph to a bag.
 
-Types and QoS are taken from the publishers that are found; topics that appear
-later are recorded from then on. Bytes are written as they arrive.
+Types and QoS are taken from the discovered publishers; topics that appear
+later are recorded from then on. Message bytes are written unchanged.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from loco_control.ros.parameters import sealed_node
 from ..bag.writer import BagWriter, Limits, qos_dict
 from ..terminal import console
 
-DEPTH = 1000  # messages that wait while the disk is slow
-_CHECK_PERIOD = 0.25  # wall time between two looks at the graph [s]
+DEPTH = 1000  # queue length, for a slow disk
+_CHECK_PERIOD = 0.25  # wall time between two checks for new topics [s]
 _FLUSH = 1.0  # wall time after which a chunk is written even if it is not full [s]
-_HIDDEN = ("/rosout", "/parameter_events")  # only by name
+_HIDDEN = ("/rosout", "/parameter_events")  # recorded only if requested by name
 
 
 def record(
@@ -50,23 +50,24 @@ def record(
     messages: int = 0,
     limits: Limits | None = None,
 ) -> int:
-    """Record until Ctrl-C, for a time, up to a number of messages, or until the disk is full.
+    """Record until Ctrl-C, a time limit, a number of messages, or a full disk.
 
     Args:
-        topics: Names; empty for all but ``/rosout`` and ``/parameter_events``.
+        topics: Names; empty for all topics except ``/rosout`` and ``/parameter_events``.
         out: New bag folder; default ``bags/record_TIME``.
         exclude: Regular expression of names to leave out.
-        duration: Stop after so many seconds of wall time; 0 for never.
-        stamps: Log by the stamps of messages that begin with one, the others by the newest
-            stamp; else by the time of arrival.
-        messages: Stop after so many (about, they come in batches); 0 for no limit.
+        duration: Wall time after which to stop [s]; 0 for no limit.
+        stamps: Whether log times are message stamps (for messages without a stamp, the newest
+            stamp) in place of arrival times.
+        messages: Approximate number of messages after which to stop (they arrive in batches); 0
+            for no limit.
         limits: Size and time after which the next file of the bag begins.
 
     Returns:
-        Exit code: 0, or 1 if nothing came or the disk was full.
+        Exit code: 0, or 1 if no message arrived or the disk was full.
 
     Raises:
-        ParameterError: `exclude` is no expression, or `duration` is negative.
+        ParameterError: `exclude` is no regular expression, or `duration` is negative.
         BagError: The folder holds a bag, or cannot be written.
     """
     if not duration >= 0.0:
@@ -125,18 +126,18 @@ def _tell(tap: Tap, writer: BagWriter) -> int:
 
 
 class Tap:
-    """Subscribes to what it finds and writes it.
+    """Subscriber to all discovered topics, which writes their messages to a bag.
 
     Args:
         node: Node that subscribes.
         writer: The bag.
-        topics: Names wanted; empty for all.
-        exclude: Names to leave out.
-        stamps: Source of the stamps of messages, as `record` takes it.
+        topics: Names of the topics; empty for all.
+        exclude: Regular expression of names to leave out.
+        stamps: Whether log times are message stamps; see `record`.
 
     Attributes:
-        counts: Messages by topic.
-        refused: Why a topic cannot be recorded, by name.
+        counts: Number of messages by topic.
+        refused: Reason why a topic cannot be recorded, by name.
     """
 
     def __init__(
@@ -150,19 +151,19 @@ class Tap:
         self.writer, self.counts, self.refused = writer, Counter[str](), dict[str, str]()
         self._node, self._exclude, self._stamps = node, exclude, stamps
         self._requested = {name if name.startswith("/") else f"/{name}" for name in topics}
-        self._newest = 0  # stamp [ns]
+        self._newest = 0  # newest stamp [ns]
 
     @property
     def missing(self) -> set[str]:
-        """Topics wanted that never appeared."""
+        """Requested topics that never appeared."""
         return self._requested - set(self.counts) - set(self.refused)
 
     def about(self) -> dict[str, str]:
-        """For the bag's metadata."""
+        """Metadata for the bag."""
         return {"log_time": "stamp" if self._stamps else "arrival"}
 
     def look(self) -> None:
-        """Subscribe to topics that are new in the graph."""
+        """Subscribe to new topics of the graph."""
         for name, types in self._node.get_topic_names_and_types():
             if name in self.counts or name in self.refused or not self._wants(name):
                 continue
@@ -208,7 +209,7 @@ class Tap:
 
 
 def matching(offers: list[Any]) -> QoSProfile:
-    """Profile that hears every publisher: as reliable and as lasting as the weakest of them."""
+    """QoS profile compatible with every publisher: the weakest reliability and durability."""
     profiles = [offer.qos_profile for offer in offers]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `recorder`: every topic of the table into one bag, in a process of its own.
+"""Node `recorder`: writes every topic of the topic table to one bag, in its own process.
 
-It tells the plant how far it is (`recorder_status`), so that a lockstep run
-waits for the disk and loses nothing; ticks that are missing are counted. A full
-disk ends the recording with the event `recording stopped`; the run goes on.
-Several robots, each in a namespace, can go into the same bag; each plant then
-hears of its own ticks.
+It publishes its progress to the plant (`recorder_status`), so that a lockstep run
+waits for the disk and loses no message; missing ticks are counted. A full
+disk ends the recording with the event `recording stopped`; the run continues.
+Several robots, each in a namespace, can be recorded in the same bag; each plant
+receives the progress of its own ticks.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from ..bag.writer import BagWriter, Limits
 log = logging.getLogger(__name__)
 
 FAULTS = LOST_TICK.writer
-_STAMP_AT = 4  # bytes: after the CDR header
-_LATEST = 2**31 * 10**9  # end of what a stamp can say [ns]
-_MOST_TICKS = 2**40  # of a run, 35 years at 1 kHz: a larger number is no tick
-_MOST_LOST = 10**6  # ticks in a row; what is further ahead is a wrong number
+_STAMP_AT = 4  # byte offset of the stamp, after the CDR header
+_LATEST = 2**31 * 10**9  # largest time that a stamp can represent [ns]
+_MOST_TICKS = 2**40  # 35 years at 1 kHz: a larger number is no valid tick
+_MOST_LOST = 10**6  # largest gap in ticks; a larger jump is a wrong number
 _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_states"}  # by table
 
 
@@ -47,15 +47,15 @@ class RecorderNode(LocoNode):
         folder = Path(self.declare_parameter("bag", "bags/unnamed").value)
         custom = json.loads(self.declare_parameter("custom_data", "{}").value)
         names = [n for n in self.declare_parameter("topics", [""]).value if n]
-        # Nodes wait for a recorder on every topic; one that is not written is heard all the same.
+        # Nodes wait for a recorder on every topic, so it subscribes to unwritten topics too.
         self._written = [n for n in self.declare_parameter("written", [""]).value if n]
         graphs = self._graphs()
         self._rate = self.declare_parameter("control_rate", 250.0).value
         # With flow control no queue can overflow, and acknowledging each message would
-        # cost the writers more than writing it. Not so what people say: the recorder may hear
-        # of them later than the controllers do.
+        # cost the writers more than writing it. Operator messages stay reliable: the recorder may
+        # discover their publishers later than the controllers do.
         self._reliable = self.declare_parameter("reliable", True).value
-        # Ticks between two recorder_status messages: half of what the plant lets us lag behind.
+        # Ticks between two recorder_status messages: half of the lag that the plant allows.
         self.status_every = self.declare_parameter("status_every", 20).value
         self._attachments = [Path(p) for p in self.declare_parameter("attach", [""]).value if p]
         self.table = {**self.table, **_merged(graphs, self.faulted)}
@@ -98,18 +98,18 @@ class RecorderNode(LocoNode):
     def _subscribe(self, robot: _Robot, row: Topic) -> None:
         key = _key(robot.namespace, row.name)
         if key in self._inputs:
-            return  # a topic of all robots, such as /diagnostics
+            return  # a topic shared by all robots, such as /diagnostics
         name = self.resolve_topic_name(key)
         written = not self._written or row.name in self._written
         if written:
             self.writer.add_row(name, row)
         fields = list(row.type.get_fields_and_field_types())
         tick_of = self._tick_of(robot, row, fields)
-        # Topics of other people and /diagnostics are stamped with wall time.
+        # Topics of foreign publishers and /diagnostics have wall-time stamps.
         from_graph = row.name == "events" or row.writer not in (
             "any",
             FAULTS,
-        )  # who may say any time
+        )  # their stamps may have any time
         stamped = from_graph and fields[:1] in (["stamp"], ["header"])
         write = self.writer.write if written else _exit
 
@@ -142,7 +142,7 @@ class RecorderNode(LocoNode):
     def _tick_of(
         self, robot: _Robot, row: Topic, fields: list[str]
     ) -> Callable[[bytes], int] | None:
-        """Function that reads the tick of a message, None for topics that skip ticks."""
+        """Function that reads the tick of a message; None for topics that skip ticks."""
         if fields[:2] == ["stamp", "tick"] and row.rate > 0:
             return lambda data: int.from_bytes(data[TICK], "little")
         paces = TABLES[robot.table].get(robot.starts_tick)
@@ -170,14 +170,14 @@ class RecorderNode(LocoNode):
                 robot.tell()
 
     def _tell_again(self) -> None:
-        """Somebody else may have said how far we are: the plant would wait for it for good."""
+        """Repeat the status, since a wrong one of another publisher would block the plant."""
         for robot in self.robots:
             robot.settle()
             if robot.tick >= 0:
                 robot.tell()
 
     def status(self, stamp: int, tick: int) -> RecorderStatus:
-        """State of the recorder, for a robot whose newest tick had this stamp [ns]."""
+        """Status of the recorder for a robot whose newest tick has this stamp [ns]."""
         return RecorderStatus(
             stamp=to_stamp(stamp / 1e9),
             tick=max(0, tick),
@@ -195,19 +195,19 @@ class RecorderNode(LocoNode):
             self._outputs[name].publish(message)
 
     def diagnose(self) -> dict[str, Any]:
-        """Messages received and ticks missing."""
+        """Values for diagnostics: received messages and missing ticks."""
         tick = max((robot.tick for robot in self.robots), default=-1)
         return {"received": self._received, "dropped": self._dropped, "tick": tick}
 
     def drain(self) -> None:
-        """Write what has arrived and was not yet handled, so that a stop loses no message."""
+        """Write messages that have arrived but are not handled yet, so that a stop loses none."""
         for subscription in self._inputs.values():
             with subscription.handle:
                 while message := subscription.handle.take_message(subscription.msg_type, True):
                     subscription.callback(message[0])
 
     def close(self) -> None:
-        """Write what still waits, attach the run's files, then write index and metadata."""
+        """Write the pending messages, attach the run's files, then write index and metadata."""
         self.drain()
         for path in self._attachments:
             if path.is_file():
@@ -221,7 +221,7 @@ class RecorderNode(LocoNode):
 
 
 class _Robot:
-    """Newest tick of one robot's graph, and whom to tell about it."""
+    """Newest tick of one robot's graph, and the publisher of the recorder's status."""
 
     def __init__(self, recorder: RecorderNode, namespace: str, table: str):
         self._recorder = recorder
@@ -229,19 +229,19 @@ class _Robot:
         self.starts_tick = _STARTS_TICK.get(table, "")
         self.now = 0  # simulated time of the newest tick [ns]
         self.tick = self.told = -1
-        self._odd = -2  # newest tick that did not follow on another
-        self._waiting: tuple[int, int] | None = None  # its time [ns] and itself, if none came since
-        self._waited = False  # it was there the last time, too
+        self._odd = -2  # newest tick that is not consecutive
+        self._waiting: tuple[int, int] | None = None  # time [ns] and number of that tick
+        self._waited = False  # whether it was already pending at the last call of `settle`
         if namespace:
             recorder.output(_key(namespace, "events"))
         if self.starts_tick:
             self._status = recorder.output(_key(namespace, "recorder_status"))
 
     def moved(self, time_ns: int, tick: int) -> None:
-        """A tick begins, if it follows on one before: the plant waits for what we say of it.
+        """Accept a new tick if it is consecutive, and publish the status the plant waits for.
 
-        Another writer's numbers do not follow each other. Those of a plant that started again, or
-        of which some were lost, do from the second on, or from the first if it is the last.
+        Ticks of a foreign writer are not consecutive. After a restart of the plant or lost ticks,
+        numbers are consecutive again from the second tick on; `settle` accepts a single one.
         """
         if self.tick >= 0 and tick not in (self.tick + 1, self._odd + 1):
             self._odd, self._waiting, self._waited = tick, (time_ns, tick), False
@@ -252,25 +252,25 @@ class _Robot:
             self.tell()
 
     def settle(self) -> None:
-        """Take a tick that did not follow on another, and after which none came, as the newest."""
+        """Accept a pending non-consecutive tick as the newest if no other tick followed."""
         if self._waiting and self._waited:
             (self.now, self.tick), self._waiting = self._waiting, None
         self._waited = True
 
     def tell(self) -> None:
-        """Publish how far the recorder is, unless the run has ended."""
+        """Publish the status of the recorder, unless the run has ended."""
         self.told = self.tick
         if self._recorder.context.ok():
             self._status.publish(self._recorder.status(self.now, self.tick))
 
 
 def _key(namespace: str, name: str) -> str:
-    """Topic name seen from the recorder."""
+    """Topic name relative to the recorder's namespace."""
     return name if name.startswith("/") or not namespace else f"{namespace}/{name}"
 
 
 def _merged(graphs: list[tuple[str, str]], faulted: set[str]) -> dict[str, Topic]:
-    """One table of all graphs, with the namespaces in the names."""
+    """One topic table of all graphs, with the namespaces in the names."""
     merged = {}
     for space, table in graphs:
         rows = TABLES[table].values()
@@ -281,12 +281,12 @@ def _merged(graphs: list[tuple[str, str]], faulted: set[str]) -> dict[str, Topic
 
 
 def _heard(row: Topic) -> Topic:
-    """Row of what the readers of a damaged topic hear; its ticks are not counted."""
+    """Row of the damaged copy of a topic, which the readers receive; its ticks are not counted."""
     return dataclasses.replace(row, name=faulty(row.name), writer=FAULTS, rate=0.0)
 
 
 def _exit(topic: str, data: bytes, t: int) -> None:
-    """In the place of the writer, for topics that are not written."""
+    """Do nothing: replaces the write function for topics that are not written."""
 
 
 def _time(data: bytes) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `replayer`: publishes the recorded bytes of a bag again, unchanged, in log order."""
+"""Node `replayer`: publishes the recorded bytes of a bag, unchanged, in log order."""
 
 from __future__ import annotations
 
@@ -45,25 +45,25 @@ def replay_bag(
     pause: bool = False,
     remap: Iterable[str] = (),
 ) -> int:
-    """Publish the messages of a bag at `speed` times the recorded (simulated) pace.
+    """Publish the messages of a bag at `speed` times the recorded (simulated) time.
 
-    While it runs, keys and the topic ``/replayer/control`` (pause, resume, step [N],
-    speed X, quit) steer it.
+    It is controlled by keys and by the topic ``/replayer/control`` (pause, resume, step [N],
+    speed X, quit).
 
     Args:
         path: Bag folder or file.
-        speed: Times real time; 0 publishes as fast as it goes.
-        topics: Only these; all when None.
+        speed: Multiple of real time; 0 for as fast as possible.
+        topics: Names of the topics; None for all.
         cut: Part of the bag to publish.
-        loop: Begin again at the end.
-        pause: Begin paused.
+        loop: Restart at the end.
+        pause: Start paused.
         remap: ``FROM:=TO`` texts; a topic is published under another name.
 
     Returns:
         0 at the end of the bag, 130 after Ctrl-C.
 
     Raises:
-        ParameterError: `speed`, `cut` or `remap` is not legal.
+        ParameterError: `speed`, `cut` or `remap` is invalid.
         NameUnknownError: The bag has no such topic.
     """
     if not speed >= 0.0:
@@ -86,7 +86,7 @@ def replay_bag(
         return 130
     finally:
         rclpy.try_shutdown()
-        uninstall_signal_handlers()  # try_shutdown leaves them, and SIGTERM would do nothing
+        uninstall_signal_handlers()  # try_shutdown keeps them, and SIGTERM would have no effect
     return 0
 
 
@@ -101,7 +101,7 @@ def _renamed(bag: Bag, remap: Iterable[str]) -> dict[str, str]:
 
 
 class _Player:
-    """Publishers of the topics, and a node that listens to `CONTROL`."""
+    """Publishers of the topics, and a node that subscribes to `CONTROL`."""
 
     def __init__(self, bag: Bag, names: list[str], renamed: dict[str, str], pace: Pace):
         self.pace, self._bag = pace, bag
@@ -117,7 +117,7 @@ class _Player:
             self._publish[name] = publisher.publish
 
     def close(self) -> None:
-        """Leave the graph at once: what waits for the garbage collector is still seen there."""
+        """Leave the graph immediately, since uncollected objects would remain visible in it."""
         self._executor.shutdown()
         self._node.destroy_node()
 
@@ -128,13 +128,13 @@ class _Player:
             self._node.get_logger().warning(str(error))
 
     def _spin(self, seconds: float) -> None:
-        """Hear what comes for at most so long."""
+        """Handle incoming messages for at most this time [s]."""
         self._executor.spin_once(timeout_sec=seconds)
         if not rclpy.ok():
             raise KeyboardInterrupt
 
     def play(self, order: Order, loop: bool) -> int:
-        """Publish all messages; returns how many."""
+        """Publish all messages; returns their number."""
         sent, columns = 0, "{task.completed:6.1f}/{task.total:.1f} s"
         with bar(columns) as progress:
             task = progress.add_task(self._bag.path.stem, total=order.length)
@@ -153,7 +153,7 @@ class _Player:
 
 
 def _qos(bag: Bag, name: str) -> Qos:
-    """As it was offered when it was recorded; our table if the bag does not say."""
+    """Recorded QoS of a topic; that of loco's topic table if the bag has none."""
     row = TOPICS.get(name) or TOPICS.get(name.rsplit("/", 1)[-1])
     if row is not None:
         return row.qos

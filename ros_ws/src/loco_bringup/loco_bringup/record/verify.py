@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco replay --verify`: live controllers get a bag's sensor topics; their commands must be its.
+"""`loco replay --verify`: feed a bag's sensor topics to live controllers, compare commands.
 
-The regression test of every controller: the nodes run as in `loco run`, only the
-plant is the bag. They get each tick when the one before is answered.
+This is the regression test of every controller: the nodes run as in `loco run`, but the
+bag replaces the plant. Each tick is sent when the previous one is answered.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ def verify(
     tolerance: float = 0.0,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Verdict:
-    """Feed a recorded run to live controllers and compare what they answer.
+    """Feed a recorded run to live controllers and compare their answers with the bag.
 
     Args:
-        path: Bag of a run, from its first tick on.
-        layout: ``composed`` (controllers in one process) or ``processes`` (one each).
-        nodes: Node set, by name or path; default the one of the experiment.
+        path: Bag of a run that includes its first tick.
+        layout: ``composed`` (controllers in one process) or ``processes`` (one per node).
+        nodes: Name or path of the node set; default that of the experiment.
         overrides: Values of the experiment to change, by dotted name.
-        tolerance: Largest difference of two numbers that counts as equal; 0: equal bytes.
-        on_progress: Called now and then with the share that is done.
+        tolerance: Largest difference at which two numbers count as equal; 0 requires equal bytes.
+        on_progress: Called periodically with the completed share.
 
     Raises:
         BagError: The bag is no run, or ticks are missing.
         GraphError: A controller died or never got ready.
-        ParameterError: `layout`, `tolerance` or an override is not legal.
+        ParameterError: `layout`, `tolerance` or an override is invalid.
     """
     if layout not in LAYOUTS:
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
@@ -101,7 +101,7 @@ def _check(processes: list[Process]) -> None:
 
 
 class _Plan:
-    """The nodes that run, the messages they get and the answers they should give."""
+    """The controllers, the messages they receive and the expected answers."""
 
     def __init__(self, bag: Bag, experiment: Any, nodes: str):
         self._bag, self._experiment = bag, experiment
@@ -164,7 +164,7 @@ class _Plan:
         return {self.key_of(data): data for data in self._bag.raw(row.name)[1]}
 
     def _refuse_gaps(self, keys: list[int]) -> None:
-        """Controllers have memory: they must get every tick, from the first."""
+        """Raise an error for missing ticks: controllers have state and need every tick."""
         ticks = keys
         if self.key_of is not _tick:
             ticks = [round(key * self._experiment.control_rate / 1e9) for key in keys]
@@ -176,11 +176,11 @@ class _Plan:
                 )
 
     def _put(self, row: Topic, steps: list[Step]) -> None:
-        """Messages of people, before the tick that they first counted for.
+        """Assign operator messages to the tick at which they first took effect.
 
-        The controller said which one it was and what it heard; discovery can make it miss the
-        first messages. In a bag without its events it is the tick after the newest one when the
-        message was recorded.
+        The controller's event ``heard`` gives this tick and the message, since the controller can
+        miss the first messages during discovery. In a bag without such events it is the tick after
+        the newest one at the time of recording.
         """
         times, data = self._bag.raw(row.name)
         received = self._events_heard(row.name)
@@ -204,7 +204,7 @@ class _Plan:
                 steps[tick].before.append((row.name, message))
 
     def _events_heard(self, name: str) -> list[tuple[int, str]]:
-        """From which tick on which value of a topic counted, as its reader said."""
+        """Ticks at which values of a topic took effect, with the values, by the reader's events."""
         events = self._bag.messages("events") if self._has(self.table["events"]) else []
         start = f"{name} "
         received = [e for e in events if e.kind == "heard" and e.text.startswith(start)]
@@ -236,9 +236,9 @@ def _tick(data: bytes) -> int:
 
 
 def _said(message: Any) -> tuple[str, ...]:
-    """Texts of a person's message that the event ``heard`` may have.
+    """Possible texts of the event ``heard`` for an operator message.
 
-    Of a twist controllers of earlier versions told the speed alone.
+    For a twist, controllers of earlier versions reported only the speed.
     """
     if hasattr(message, "data"):
         return (str(message.data),)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lines that `loco replay --verify` prints."""
+"""Terminal output of `loco replay --verify`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..terminal import bar, console
 from .compare import Verdict
 from .verify import verify
 
-_MAX_SHOWN = 3  # differences of each topic
+_MAX_SHOWN = 3  # largest number of printed differences per topic
 
 
 def verify_bag(a: argparse.Namespace) -> int:
@@ -29,7 +29,7 @@ def verify_bag(a: argparse.Namespace) -> int:
 
 
 def show_verify(path: Path, run: Callable[[Callable[[float], None]], Verdict]) -> Verdict:
-    """Run a comparison with a progress bar and print what it found."""
+    """Run a comparison with a progress bar and print its outcome."""
     with bar("{task.percentage:3.0f} %") as progress:
         task = progress.add_task(path.name, total=1.0)
         verdict = run(lambda share: progress.update(task, completed=share))
@@ -48,7 +48,7 @@ def show_verify(path: Path, run: Callable[[Callable[[float], None]], Verdict]) -
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
-    """The first differences of each topic, in columns; values are not cut."""
+    """The first differences of each topic, in columns, with untruncated values."""
     rows, counts = [("topic", "tick", "field", "recorded", "live")], Counter[str]()
     for d in verdict.first:
         counts[d.topic] += 1

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The third learning step on the terminal, and its page."""
+"""Commands `loco reinforce` (third learning step: reinforcement), and their page."""

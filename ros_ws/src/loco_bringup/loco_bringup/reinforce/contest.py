@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco reinforce contest`: four ways to a gait on equal simulated time, in one table."""
+"""`loco reinforce contest`: compare four methods to learn a gait on equal simulated time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MEASURES = (("calm", "speed"), ("calm", "cost"), ("calm", "falls"), ("pushed", "
 
 
 def run(a: argparse.Namespace) -> int:
-    """`loco reinforce contest`."""
+    """`loco reinforce contest`: run the comparison; returns the exit code."""
     params = ContestParams(seconds=a.seconds, seeds=a.seeds)
     folder = a.out or within("results", "reinforce_contest", "name of a folder")
     check_writable(folder)
@@ -51,7 +51,7 @@ def run(a: argparse.Namespace) -> int:
 
 
 def rows(cases: list[Case]) -> list[list[str]]:
-    """A row of texts for each way that has cases with a controller."""
+    """Table rows, one for each method that has cases with a controller."""
     made = []
     for method in METHODS:
         its = [case for case in cases if case.method == method and not case.reason]
@@ -72,7 +72,7 @@ def _cell(cases: list[Case], condition: str, key: str) -> str:
 
 
 def markdown(cases: list[Case]) -> str:
-    """Table of all ways, and one with every case."""
+    """Markdown text: a table of the methods, and a table of all cases."""
     lines: Callable[[list[str]], str] = lambda cells: f"| {' | '.join(cells)} |"  # noqa: E731
     text = [lines(list(HEAD)), lines(["---"] * len(HEAD)), *map(lines, rows(cases)), ""]
     head = ["way", "seed", "simulated [s]", *(f"{c} {k}" for c, k in MEASURES)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One self-contained HTML page about a readout that was reinforced."""
+"""Self-contained HTML page about the reinforcement learning of a readout."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write(
     trials: dict[str, dict[str, Row]],
     folder: Path,
 ) -> Path:
-    """Write the page, whole or not at all; returns its path."""
+    """Write the page; returns its path. After an error no incomplete file remains."""
     header = html.join(
         [
             html.paragraph(

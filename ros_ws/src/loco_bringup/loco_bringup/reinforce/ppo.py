@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco reinforce ppo`: the same readout learnt by PPO of stable-baselines3."""
+"""`loco reinforce ppo`: learn the same readout with PPO of stable-baselines3."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .terminal import begin, compared, loaded, tried
 
 
 def run(a: argparse.Namespace) -> int:
-    """`loco reinforce ppo`."""
+    """`loco reinforce ppo`: learn a readout; returns the exit code."""
     experiment = loaded(a)
     params = ReinforceParams(seed=a.seed, seconds=a.seconds, lead=a.lead, episode=a.episode)
     folder = a.out or within("results", f"{experiment.name}_ppo", "name of an experiment")

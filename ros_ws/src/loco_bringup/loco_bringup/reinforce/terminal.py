@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco reinforce`: a readout improved by reinforcement, with a live line, and what it came to."""
+"""`loco reinforce`: improve a readout by reinforcement learning, with live line and summary."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from . import page
 
 
 def run(a: argparse.Namespace) -> int:
-    """`loco reinforce`."""
+    """`loco reinforce`: improve a readout; returns the exit code."""
     experiment = loaded(a)
     keys = ("seed", "seconds", "lead", "episode", "batch", "exploration", "step", "push")
     params = ReinforceParams(randomise=a.randomise, **{key: getattr(a, key) for key in keys})
@@ -60,15 +60,16 @@ def run(a: argparse.Namespace) -> int:
 
 
 def loaded(a: argparse.Namespace) -> Experiment:
-    """Experiment of a command line, if its readout can be reinforced."""
+    """Experiment of a command line; raises an error if its readout cannot be reinforced."""
     return checked(load(a.experiment, overrides(a.set, None, a.engine)))
 
 
 def begin(experiment: Experiment, folder: Path, weights: Path | None, zero: bool) -> None:
-    """Make the readout to begin with, unless the folder has it with a record of what followed.
+    """Write the initial readout, unless the folder already has it with a record of the learning.
 
     Raises:
-        ParameterError: Both a file and zeros are asked for, or the folder began otherwise.
+        ParameterError: Both a file and zeros are requested, or the folder has another initial
+            readout.
     """
     if weights and zero:
         raise ParameterError(f"--zero and --weights {weights} exclude each other; give one")
@@ -97,7 +98,7 @@ def line(p: Progress) -> str:
 def tried(
     experiment: Experiment, lead: float, folder: Path, params: TrialParams
 ) -> dict[str, dict[str, Row]]:
-    """Trials of the readout before and after, by these words and by condition."""
+    """Trials of the readout, by ``before`` or ``after`` and by condition."""
     files = {"before": learn.START, "after": learn.WEIGHTS}
     rows = {}
     for name, file in files.items():
@@ -115,7 +116,7 @@ HEAD = (
 
 
 def cells(rows: dict[str, Row]) -> list[str]:
-    """Cells of a row of a table, without its name."""
+    """Cells of a table row, without the first cell with its name."""
     calm, pushed, bodies = (rows[name] for name in ("calm", "pushed", "bodies"))
     said = [f"{calm.speed:.3f}", f"{calm.cost:.3f}", f"{calm.falls} of {calm.count}"]
     for row in (pushed, bodies):

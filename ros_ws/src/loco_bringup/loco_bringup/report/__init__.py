@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report pages of runs."""
+"""Report pages about runs."""

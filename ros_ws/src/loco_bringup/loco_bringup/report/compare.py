@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco compare`: runs of one robot on the same axes, and which of their metrics differ."""
+"""`loco compare`: plot runs of one robot on the same axes, and find metrics that differ."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from .parts import label, unit
 
 
 def show_comparison(a: argparse.Namespace) -> int:
-    """Write the page of some bags; print the verdict, what differs, and its path."""
+    """Write the page about some bags; print the verdict, the differing metrics and the path."""
     logs = read_runs(a.bag)
     written, found = write_whole(a.out, page(logs)), compared(logs)
     for line in (verdict(logs, found)[0], *falls(logs), *map(sentence, found)):
@@ -51,12 +51,12 @@ def show_comparison(a: argparse.Namespace) -> int:
 
 
 def read_runs(bags: list[Path]) -> dict[str, Log]:
-    """Runs by the name of their bag.
+    """Logs of runs, by the name of their bag.
 
     Raises:
-        ParameterError: There are fewer than two, more than there are colours, two of one name, or
-            runs of different robots or control periods.
-        BagError: One is no run of a robot.
+        ParameterError: There are fewer than two runs, more than colours, two with the same name,
+            or runs of different robots or control periods.
+        BagError: A bag is no run of a robot.
     """
     names = [bag.resolve().name for bag in bags]
     if not 2 <= len(bags) <= len(PALETTE):
@@ -77,12 +77,12 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
 
 @dataclass(frozen=True)
 class Compared:
-    """One run beside the first, in one phase.
+    """Comparison of a run with the first one, in one phase.
 
     Attributes:
         run: Name of the run.
-        window: Blocks that were compared.
-        rows: Metrics, those that differ first.
+        window: Compared blocks.
+        rows: Metrics; differing ones first.
     """
 
     run: str
@@ -91,12 +91,12 @@ class Compared:
 
     @property
     def differing(self) -> list[Difference]:
-        """Metrics that differ beyond noise and by more than matters."""
+        """Metrics whose difference exceeds the noise and the threshold of relevance."""
         return [row for row in self.rows if row.kind]
 
 
 def compared(logs: Mapping[str, Log]) -> list[Compared]:
-    """Differences of all runs from the first, phase by phase.
+    """Differences of all runs from the first, by phase.
 
     Raises:
         ParameterError: The runs have no phase in common.
@@ -136,7 +136,7 @@ def page(logs: Mapping[str, Log]) -> str:
 
 
 def verdict(logs: Mapping[str, Log], found: Sequence[Compared]) -> tuple[str, bool | None]:
-    """Verdict in a few words, and whether it is a good one; None where nothing was judged."""
+    """Verdict as short text, and whether it is positive; None if nothing could be compared."""
     name, *others = logs
     ends = [run for run in others if logs[run].fall != logs[name].fall]
     apart = [run for run in others
@@ -157,7 +157,7 @@ def falls(logs: Mapping[str, Log]) -> list[str]:
 
 
 def sentence(one: Compared) -> str:
-    """Names of the metrics that differ in a phase of a run, or why none was judged."""
+    """Names of the metrics that differ in a phase of a run, or why none was compared."""
     where = f"{one.run}, phase “{one.window.phase}”"
     judged = sum(row.judged for row in one.rows)
     if not judged:
@@ -177,19 +177,19 @@ def _card(row: Difference, one: Compared) -> tuple[str, str, str]:
 
 
 def unit_of(row: Difference) -> str:
-    """Unit of a metric; nothing where there is none."""
+    """Unit of a metric; empty if there is none."""
     return unit(metrics.METRICS[row.metric].unit)
 
 
 def _when(row: Difference) -> str:
-    """Verdict on a metric in words."""
+    """Verdict on a metric as text."""
     if row.kind == PASSING:
         return f"passing, by {html.number(row.largest, 3)} from {html.number(row.at)} s on"
     return row.kind if row.judged else "not judged"
 
 
 def repeated(logs: Mapping[str, Log]) -> str:
-    """Sentence that says how far the joints of the runs are from those of the first."""
+    """Sentence on the differences of the runs' joint angles from those of the first run."""
     first, *others = logs.values()
     apart = []
     for log in others:
@@ -201,7 +201,7 @@ def repeated(logs: Mapping[str, Log]) -> str:
 
 
 def joints(logs: Mapping[str, Log]) -> Plot:
-    """Angles of the joints of all runs."""
+    """Plot of the joint angles of all runs."""
     names = next(iter(logs.values())).experiment.plant.joints[:12]
     return _overlay(
         logs, {f"{short(n)} [rad]": (lambda log, i=i: log.q[:, i]) for i, n in enumerate(names)}
@@ -209,7 +209,7 @@ def joints(logs: Mapping[str, Log]) -> Plot:
 
 
 def base(logs: Mapping[str, Log]) -> Plot:
-    """Height and forward speed of the base of all runs."""
+    """Plot of the height and forward speed of the base in all runs."""
     return _overlay(
         logs,
         {

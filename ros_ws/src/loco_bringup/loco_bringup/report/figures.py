@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a report: each draws one thing about a log, or says why it cannot.
+"""Figures of a report; a figure whose data is missing raises an error with the reason.
 
-A new figure is a function with the decorator `chapter`; its place in this file
-is its place on the page. `report_motion` goes on after it.
+A new figure is a function with the decorator `chapter`; the order in this file is
+the order on the page. The figures of `motion` follow.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from ..page.style import (
 )
 from ..record.readout_check import ReadoutCheck
 
-WINDOW = 1.5  # length of a close look [s]
-STRIDES = 6  # of a foot cycle or of an animation
-SHOWN_TICKS = 200  # of the check of a readout at first
-JOINED = 0.2  # pauses of learning that the timeline does not show [s]
-# Bars of phases, stronger than their tints behind signals.
+WINDOW = 1.5  # length of the initial view of a plot [s]
+STRIDES = 6  # number of strides in a foot cycle or an animation
+SHOWN_TICKS = 200  # initially displayed ticks of the readout check
+JOINED = 0.2  # largest pause of learning that the timeline omits [s]
+# Colours of the bars of phases, stronger than the tints behind signals.
 PHASE_COLOURS = {"stand": "#c9c9c9", "train": "#8cb8dc", "closing": "#f0cf86", "test": "#8fcfae"}
 PHASE_COLOURS[OPEN] = PHASE_COLOURS["train"]
 
@@ -50,12 +50,12 @@ def tail(log: Log, length: float) -> slice:
 
 
 def whole_strides(log: Log) -> slice:
-    """The last few whole strides of a log."""
+    """Ticks of the last complete strides of a log."""
     return tail(log, STRIDES * quantities.period(log) * log.dt)
 
 
 def moving(log: Log) -> Log:
-    """The log from the end of standing on."""
+    """The log after the initial standing phase."""
     stand = log.phase_of("stand")
     if len(log) - stand.stop < quantities.period(log):
         raise BagError("the run ended before the robot had made a stride")
@@ -63,7 +63,7 @@ def moving(log: Log) -> Log:
 
 
 def motion_of_base(log: Log) -> Plot:
-    """Height, roll, pitch, yaw and forward speed of the base; with a gait, the speed asked for.
+    """Height, roll, pitch, yaw and forward speed of the base; with a gait also the target speed.
 
     Args:
         log: A run with ground truth.
@@ -94,7 +94,11 @@ def motion_of_base(log: Log) -> Plot:
 
 
 def posed(log: Log) -> Log:
-    """The log, if its bag has ground truth; ticks without it get that of the tick before."""
+    """The log with ground truth at every tick; gaps repeat the previous tick.
+
+    Raises:
+        BagError: The run has no ground truth.
+    """
     known = ~np.isnan(log.position[:, 0])
     if not known.any():
         raise BagError("the bag has no ground_truth/odom")
@@ -104,7 +108,7 @@ def posed(log: Log) -> Log:
 
 
 def learned(log: Log) -> Log:
-    """The moving part of a run with a network."""
+    """The log of a run with a network, after the initial standing phase."""
     if not log.experiment.learner.enabled:
         raise BagError("open loop: this run has no network")
     return moving(log)
@@ -143,7 +147,7 @@ def timeline(log: Log) -> Chart:
     if log.fall:
         end = float(log.t[-1])
         layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], BOUND, size=3.0))
-    # The first lane is on top.
+    # The first lane is at the top.
     layers = [turned(layer, len(lanes)) for layer in layers]
     whole = (float(log.t[0]), float(log.t[-1]) + log.dt)
     axes = Axis("time [s]", limits=whole), Axis("signal", names=lanes[::-1])
@@ -151,7 +155,7 @@ def timeline(log: Log) -> Chart:
 
 
 def turned(layer: Layer, lanes: int) -> Layer:
-    """A layer upside down, so that lane 0 is on top of an axis of names.
+    """A layer with inverted lanes, so that lane 0 is at the top of an axis of names.
 
     Args:
         layer: The layer.
@@ -163,7 +167,7 @@ def turned(layer: Layer, lanes: int) -> Layer:
 
 
 def _joined(spans: list[tuple[float, float]], gap: float = JOINED) -> list[tuple[float, float]]:
-    """Stretches with start and length [s]; those with less than `gap` [s] between are one."""
+    """Intervals (start, length) [s]; intervals less than `gap` [s] apart are merged."""
     joined: list[tuple[float, float]] = []
     for start, length in spans:
         if joined and start - sum(joined[-1]) < gap:
@@ -174,7 +178,7 @@ def _joined(spans: list[tuple[float, float]], gap: float = JOINED) -> list[tuple
 
 
 def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which the target, and at which the readout, drives HFE and KFE, each (T,)."""
+    """Masks of the ticks at which the target and the readout drive HFE and KFE, (T,) each."""
     command = quantities.outputs_commanded(log)
     by_target = np.all(command == quantities.outputs_wanted(log), axis=1)
     return by_target, np.all(command == log.prediction, axis=1) & ~by_target
@@ -198,12 +202,12 @@ def joint_tracking(log: Log) -> Plot:
 
 
 def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
-    """Beginning and end [s] of the last strides of a log."""
+    """Start and end [s] of the last strides of a log."""
     return max(log.t[0], log.t[-1] - strides * quantities.period(log) * log.dt), log.t[-1]
 
 
 def tracked(target: np.ndarray, command: np.ndarray, measured: np.ndarray) -> list[Line]:
-    """Target, command and measurement of a joint, each (T,), in the colours of all pages."""
+    """Lines of target, command and measurement of a joint, (T,) each, in the common colours."""
     return [
         Line("target", target, TARGET, 3.0),
         Line("command", command, COMMAND),
@@ -234,7 +238,7 @@ def prediction_error(log: Log) -> Plot:
 
 
 def error_panel(error: np.ndarray, bound: float) -> Panel:
-    """Smoothed NRMSE, (T,), and the bound of the failure criterion."""
+    """Panel with the smoothed NRMSE, (T,), and the bound of the failure criterion."""
     lines = [
         Line("error", error, COMMAND),
         Line("bound", np.full(len(error), bound), MEASURED, dashed=True),
@@ -282,10 +286,10 @@ def component_frame(layers: list[Layer], title: str) -> Frame:
 
 
 def of_one_range(frames: list[Frame]) -> list[Frame]:
-    """Frames with the axes that all of them need.
+    """Frames with common axis ranges.
 
     Args:
-        frames: The frames, one at least.
+        frames: The frames, at least one.
     """
     ends = [np.array([limits(f, horizontal) for f in frames]) for horizontal in (True, False)]
     across, up = ((float(e[:, 0].min()), float(e[:, 1].max())) for e in ends)
@@ -298,7 +302,7 @@ def of_one_range(frames: list[Frame]) -> list[Frame]:
 
 
 def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
-    """One joint with the network run again, and the differences through test."""
+    """Command of one joint and the recomputed network, and their differences in the test phase."""
     off = np.max(np.abs(check.commanded - check.recomputed), axis=1)
     panels = [
         Panel(
@@ -322,4 +326,4 @@ def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
     return Plot(check.t, panels, view=(float(shown[0]), float(shown[1])))
 
 
-_ZERO = 1e-16  # what a difference of exactly 0 is drawn as
+_ZERO = 1e-16  # drawn in place of a difference of 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a joint robot's report: each draws one thing about a log, or says why it cannot."""
+"""Figures of the report of a robot without legs; missing data raises an error."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ from .figures import (
     tracked,
 )
 
-MOST = 12  # joints in one plot
-STRIDES = 6  # of a foot path or a limit cycle
+MOST = 12  # largest number of joints in one plot
+STRIDES = 6  # number of strides in a foot path or a limit cycle
 
 
 CHAPTERS, chapter = chapters()
 OF_GAITS = {"Passive joints", "Prediction error", "Limit cycle", "Path", "Base motion", "Feet"}
 
 
-# ---- what is drawn of a log
+# ---- parts of a log
 
 
 def tail(log: Log, strides: float) -> slice:
-    """The last strides of a log."""
+    """Ticks of the last strides of a log."""
     return slice(max(0, len(log) - round(strides * quantities.period(log))), len(log))
 
 
 def learned(log: Log) -> Log:
-    """The log, if a readout drove for two strides."""
+    """The log; raises an error unless a readout drove for two strides."""
     if not log.experiment.learner.enabled:
         raise BagError("open loop: this run has no network")
     if len(driven(log)) < 2 * quantities.period(log):
@@ -164,7 +164,7 @@ def limit_cycle(log: Log) -> Chart:
 
 @chapter("Path", "The base from above. Dots: every fifth stride.")
 def path(log: Log) -> Chart:
-    """Position of the base in the plane, one colour per phase."""
+    """Position of the base in the horizontal plane, one colour per phase."""
     log = posed(log)
     layers, step = list[Layer](), 5 * quantities.period(log)
     for i, (name, ticks) in enumerate(log.phases().items()):
@@ -217,7 +217,7 @@ def feet(log: Log) -> Chart:
 
 
 def _down(quaternion: np.ndarray) -> np.ndarray:
-    """Last row of the rotation base to world, (T, 3): what makes the height of a point."""
+    """Last row of the rotation base to world, (T, 3), which gives the height of a point."""
     x, y, z, w = quaternion.T
     return np.stack(
         [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x**2 + y**2)], axis=1

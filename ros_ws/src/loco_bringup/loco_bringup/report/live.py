@@ -49,7 +49,7 @@ def page(run: LiveRun) -> str:
 
 
 def header(run: LiveRun) -> Markup:
-    """A sentence on the two robots and the end of the calibration."""
+    """Sentence on the two robots and the outcome of the calibration."""
     before, after = run.error(run.before), run.error(run.after)
     phase, text = run.ending
     cards = [
@@ -82,7 +82,7 @@ def _robots(run: LiveRun) -> str:
 
 
 def gap(run: LiveRun) -> Chart:
-    """Gap per period over the time of the measured robot, a colour step at each model."""
+    """Gap per period over the time of the measured robot; the colour changes with each model."""
     if not len(run.gap):
         raise BagError("no period of both robots was compared")
     t, values, model, mixed = run.gap.T
@@ -149,7 +149,7 @@ def search(run: LiveRun) -> Chart:
 
 
 def parameters(run: LiveRun) -> Markup:
-    """Calibrated parameters beside those that the model began with."""
+    """Table of the calibrated and the initial parameters."""
     rows = []
     for p, value in run.parameters():
         unit, scale = _MILLI.get(p.unit, (p.unit, 1.0))
@@ -160,7 +160,7 @@ def parameters(run: LiveRun) -> Markup:
 
 
 def found(run: LiveRun) -> Markup:
-    """Terms and rivals of the search, as on the page of `loco gap`."""
+    """Tables of terms and alternatives of the search, as on the page of `loco gap`."""
     if not run.states[-1].gap_json:
         raise BagError("the search ended without a result")
     result = json.loads(run.states[-1].gap_json)
@@ -169,7 +169,7 @@ def found(run: LiveRun) -> Markup:
 
 
 def models(run: LiveRun) -> Markup:
-    """When the model robot became which model."""
+    """Table of the times at which the model robot switched models."""
     loaded = [e for e in run.bag.messages(f"/{MODEL}/events") if e.kind == "model loaded"]
     if not loaded:
         raise BagError("the model robot kept the model it began with")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of a live calibration as arrays: both robots, the models in turn, the gap."""
+"""Read a bag of a live calibration: both robots, the sequence of models, the gap."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..calibrate.bag import read_recording
 
 MEASURED, MODEL = "measured", "model"  # namespaces
 TOPICS = ("/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
-SAID = ("/calibration", "/gap_search")  # by the calibrator: one of them
-SETTLE = 1.5  # periods after the start that are not used; half as many after a change of model
+SAID = ("/calibration", "/gap_search")  # state topics of the calibrator, one of them per run
+SETTLE = 1.5  # periods ignored after the start; half as many after a change of model
 
 
 def is_live(bag: Bag) -> bool:
-    """Whether the bag is of a live calibration, or of a live search for a gap."""
+    """Whether the bag contains a live calibration or a live search for a gap."""
     return not _missing(bag) and bool(_said(bag))
 
 
@@ -32,7 +32,7 @@ def _missing(bag: Bag) -> list[str]:
 
 
 def _said(bag: Bag) -> str:
-    """Topic on which the calibrator told what it did; empty if it told nothing."""
+    """State topic of the calibrator; empty if it has no messages."""
     return next((n for n in SAID if n in bag.topics and bag.topics[n].count), "")
 
 
@@ -43,13 +43,14 @@ class LiveRun:
     Attributes:
         bag: The bag.
         experiments: Experiment of each robot, by namespace.
-        joints: Passive joints, columns of the periods.
+        joints: Passive joints, the columns of the periods.
         measured: Periods of the measured robot.
-        before: Periods of the model as given, None if there is no whole one.
-        after: Periods of the last model, None if there was no other or no whole period.
-        swaps: Simulated times of the model robot at which it became another model [s], (S,).
-        gap: Rows of the topic `gap`: end of the period [s], gap [rad], number of the model,
-            whether another took over within the period, (P, 4).
+        before: Periods of the initial model; None if no period is complete.
+        after: Periods of the last model; None if the model never changed or no period is
+            complete.
+        swaps: Simulated times at which the model robot switched models [s], (S,).
+        gap: Rows of the topic `gap`: end of the period [s], gap [rad], index of the model,
+            whether the model changed within the period, (P, 4).
         states: Messages of the topic `calibration`, or of `gap_search`.
     """
 
@@ -69,23 +70,23 @@ class LiveRun:
         return self.measured.period
 
     def error(self, model: segments.Segments | None, loss: str = "thesis") -> float:
-        """Windowed error between the averages of the measured robot and a model; nan for none."""
+        """Windowed error between the averages of the measured robot and a model; NaN without it."""
         if model is None:
             return float("nan")
         return mawe.loss(loss)(self.measured.mean, model.mean, self.period)[0]
 
     @property
     def ending(self) -> tuple[str, str]:
-        """Phase that the calibration ended in, and what it said."""
+        """Final phase of the calibration and its message."""
         return self.states[-1].phase, self.states[-1].text
 
     @property
     def names_gap(self) -> bool:
-        """It was `loco gap --live`: the states are those of a search for a cause."""
+        """Whether the run is of `loco gap --live`, with the states of a gap search."""
         return hasattr(self.states[-1], "gap_json")
 
     def parameters(self) -> list[tuple[BodyParameter, float]]:
-        """Each calibrated parameter and its value, best of the run; empty if none was found."""
+        """Calibrated parameters and their best values; empty if there are none."""
         if self.names_gap:
             return []
         names, values = list(self.states[-1].names), list(self.states[-1].values)
@@ -141,7 +142,7 @@ def _time(message) -> float:
 def _periods(
     recording: Recording, joints: tuple[str, ...], start: float, stop: float
 ) -> segments.Segments | None:
-    """Whole periods between two times."""
+    """Complete periods between two times [s]; None if there are none."""
     in_window = (recording.t >= start) & (recording.t <= stop)
     t, columns = recording.t[in_window], [recording.joints.index(name) for name in joints]
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a report about how the robot moves: forces, gait, feet, trunk and power."""
+"""Figures of a report about the motion: forces, gait, feet, trunk and power."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .figures import (
     whole_strides,
 )
 
-SLOW = 0.03  # below, a cost of transport means nothing [m/s]
+SLOW = 0.03  # speed below which the cost of transport is meaningless [m/s]
 
 
 @chapter(
@@ -61,7 +61,7 @@ def ground_reaction_forces(log: Log) -> Plot:
     "trunk controller uses, and by measured contact.",
 )
 def gait_diagram(log: Log) -> Chart:
-    """Stance bars per leg from the clock, the estimator and contact."""
+    """Stance phases per leg as bars: from the gait clock, the estimator and contact."""
     ticks = tail(log, 2 * WINDOW)
     t = log.t[ticks]
     rows = (
@@ -88,7 +88,7 @@ def gait_diagram(log: Log) -> Chart:
     "(thesis section 3.6.2.6). Forward is right.",
 )
 def foot_cycles(log: Log) -> Chart:
-    """Foot x and z in the base frame: target, command and measured."""
+    """Foot x and z in the base frame [m]: target, command and measured."""
     log = log.cut(whole_strides(log))
     paths = (
         (log.target_feet, "target", TARGET, BROAD),
@@ -96,7 +96,7 @@ def foot_cycles(log: Log) -> Chart:
         (quantities.feet(log), "measured", MEASURED, 0.8),
     )
     frames = []
-    for leg in (2, 0, 3, 1):  # front is right, left on top
+    for leg in (2, 0, 3, 1):  # front legs at the right, left legs at the top
         layers = [line(label, path[:, leg, 0], path[:, leg, 2], color, size=size)
                   for path, label, color, size in paths]  # fmt: skip
         axes = Axis("x [m]"), Axis("z [m]")
@@ -120,7 +120,7 @@ def trunk_motion(log: Log) -> Plot:
     "power takes it as lost.",
 )
 def power_and_cost(log: Log) -> Plot:
-    """Power, speed and cost of transport through time."""
+    """Power, speed and cost of transport over time."""
     log = moving(posed(log))
     window = 2 * quantities.period(log)
     each = log.dq * log.tau

@@ -32,10 +32,10 @@ from ..page.plot import Line, Panel, Plot, Span
 from ..page.style import BROAD, COMMAND, OTHER, TARGET, TINTS, Chapter
 from . import parts
 
-SHOWN = 6.0  # seconds of the animation
-LEAST = 1e-6  # error that a smaller one is drawn as
+SHOWN = 6.0  # length of the animation [s]
+LEAST = 1e-6  # lower bound of drawn errors
 SKY, SOIL, MASS = (255, 255, 255), (222, 214, 202), (34, 34, 34)
-SHORT, LONG = np.array([213, 94, 0]), np.array([0, 114, 178])  # links driven so
+SHORT, LONG = np.array([213, 94, 0]), np.array([0, 114, 178])  # colours of links
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class MsdLog:
     experiment: NetworkExperiment
     network: Network
     t: np.ndarray  # [s], (T,)
-    position: np.ndarray  # of the nodes [m], (T, nodes, axes)
+    position: np.ndarray  # node positions [m], (T, nodes, axes)
     acceleration: np.ndarray  # [m/s²]
-    command: np.ndarray  # driven over rest lengths, (T, links)
-    prediction: np.ndarray  # by the readout
-    target: np.ndarray  # by the open loop
+    command: np.ndarray  # commanded over rest lengths, (T, links)
+    prediction: np.ndarray  # of the readout
+    target: np.ndarray  # of the open loop
 
     @property
     def dt(self) -> float:
@@ -58,12 +58,12 @@ class MsdLog:
 
     @property
     def distance(self) -> np.ndarray:
-        """Of the centre of mass along x [m], (T,)."""
+        """Distance of the centre of mass along x [m], (T,)."""
         x = centre_of_mass(self.network, self.position)[:, 0]
         return x - x[0]
 
     def spans(self) -> list[tuple[str, float, float]]:
-        """Name, begin and end [s] of the phases that were recorded."""
+        """Name, start and end [s] of the recorded phases."""
         loop, start, out = self.experiment.loop, 0.0, []
         for name in PHASES[1:]:
             end = start + getattr(loop, name)
@@ -74,7 +74,7 @@ class MsdLog:
 
 
 def is_msd(bag: Bag) -> bool:
-    """The bag says that a network of masses and springs ran."""
+    """Whether the bag is a run of a mass-spring network."""
     if "experiment.yaml" not in bag.attachments():
         return False
     values = bag.yaml("experiment.yaml")
@@ -82,7 +82,7 @@ def is_msd(bag: Bag) -> bool:
 
 
 def read_msd_log(bag: Bag) -> MsdLog:
-    """Ticks at which all topics have one stamp.
+    """Log at the ticks at which all topics have the same stamp.
 
     Raises:
         BagError: The topics have no stamp in common.
@@ -118,7 +118,7 @@ def _read(bag: Bag, topic: str, codec: JointCodec) -> tuple[np.ndarray, ...]:
 
 
 def page(bag: Bag, log: MsdLog, gif: Path | None) -> str:
-    """HTML text of a report; `gif` is where the animation goes, None for none."""
+    """HTML text of a report; `gif` is the path of the animation, None for no animation."""
     figures: Sequence[tuple] = (
         ("Distance", "Centre of mass along x, and the driven lengths it costs.", distance_figure),
         ("Learning", "Error of the readout against the open loop, rms over links.", error_figure),
@@ -138,7 +138,7 @@ def page(bag: Bag, log: MsdLog, gif: Path | None) -> str:
 
 
 def header(bag: Bag, log: MsdLog) -> Markup:
-    """Table of the run: its settings, and how far the network got, driven by itself."""
+    """Header of the page: settings, and distance of the network when driven by its readout."""
     names = " · ".join(f"{name} {a:g}–{b:.4g} s" for name, a, b in log.spans())
     facts = {"Phases": names, **parts.run_facts(bag, log.experiment.seed, "msd")}
     return html.join(
@@ -151,7 +151,7 @@ def header(bag: Bag, log: MsdLog) -> Markup:
 
 
 def sentence(log: MsdLog) -> str:
-    """The run in words."""
+    """Summary of the run as a sentence."""
     speed = {name: _speed(log, a, b) for name, a, b in log.spans() if b - a > 0.5}
     words = ", ".join(f"{value:.2f} m/s in {name}" for name, value in speed.items())
     text = f"{log.network.nodes} masses and {log.network.count} springs went "
@@ -200,7 +200,7 @@ def links_figure(log: MsdLog) -> Plot:
 
 
 def cycle_figure(log: MsdLog) -> Chart:
-    """Accelerations, a tenth of a second smoothed, in their principal components."""
+    """Accelerations, smoothed over 0.1 s, in their principal components."""
     begin = next((a for name, a, _ in log.spans() if name == "test"), log.t[-1] / 2.0)
     a = log.acceleration[log.t >= begin].reshape(np.count_nonzero(log.t >= begin), -1)
     width = max(1, round(0.1 / log.dt))
@@ -220,7 +220,7 @@ def cycle_figure(log: MsdLog) -> Chart:
 
 
 def animation(log: MsdLog, path: Path | None) -> Markup:
-    """The end of the run as a GIF, written to `path` and put into the page."""
+    """GIF of the end of the run, written to `path` and embedded in the page."""
     if path is None:
         raise BagError("the animation was left out on request")
     data = render(log, max(0.0, log.t[-1] - SHOWN))
@@ -231,7 +231,7 @@ def animation(log: MsdLog, path: Path | None) -> Markup:
 
 
 def render(log: MsdLog, start: float, fps: float = parts.FPS) -> bytes:
-    """GIF of a run from `start` [s] on; the view follows the centre of mass."""
+    """GIF of a run from `start` [s]; the view follows the centre of mass."""
     stride = max(1, round(1.0 / (fps * log.dt)))
     rows = np.flatnonzero(log.t >= start)[::stride]
     width, height = parts.SIZE

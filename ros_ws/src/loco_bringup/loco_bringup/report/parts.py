@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts that reports share: facts, metrics, effects, messages, configuration."""
+"""Sections common to all reports: facts, metrics, effects, messages, configuration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SIZE = (400, 268)  # of animations [pixel]
 
 
 def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:
-    """A section for each figure of a log."""
+    """Sections, one per figure of a log."""
     return [
         part(c.title, lambda c=c: html.figure(lambda: c.draw(log), c.title, c.text))
         for c in chapters
@@ -36,7 +36,7 @@ def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:
 
 
 def ending(log: Log) -> Markup:
-    """The ending of the run: to the end, broken off or fallen."""
+    """Badge for the end of the run: completed, interrupted or fallen."""
     end = f"{len(log) * log.dt:.1f}"
     if log.fall:
         return html.verdict(f"fell at {end} s: {log.fall}", False)
@@ -52,12 +52,12 @@ def cards(
     shown: Iterable[str],
     references: Mapping[str, str] | None = None,
 ) -> Markup:
-    """The main numbers of the last phase that was long enough.
+    """Main numbers of the last sufficiently long phase.
 
     Args:
         values: Values by phase and metric; NaN where a metric does not apply.
         shown: Names of the metrics to show.
-        references: Text with the value to compare a metric with, by its name.
+        references: Text with a reference value, by name of the metric.
     """
     long = [(name, row) for name, row in values.items() if math.isfinite(row["torque_max"])]
     if not long:
@@ -77,7 +77,7 @@ def _remark(name: str, references: Mapping[str, str]) -> str:
 
 
 def label(name: str) -> str:
-    """A metric's name for people."""
+    """Display name of a metric."""
     words = name.replace("_", " ")
     for short in ("nrmse", "grf", "mse", "mae", "fmse", "mawe", "snr"):
         words = " ".join(w.upper() if w == short else w for w in words.split())
@@ -85,12 +85,12 @@ def label(name: str) -> str:
 
 
 def unit(name: str) -> str:
-    """A unit; nothing where there is none."""
+    """Unit of a metric; empty if there is none."""
     return "" if name == "-" else name
 
 
 def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
-    """Facts that any bag of a run holds: seed, robot, clock, drops, versions."""
+    """Facts that every bag of a run contains: seed, robot, clock, drops, versions."""
     meta = bag.metadata
     dropped = "not counted: no recorder"
     if "received" in meta:
@@ -106,7 +106,7 @@ def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
 
 
 def verdict_text(found: Verdict, bounds: CriterionParams) -> str:
-    """The parts of a failure criterion that were met."""
+    """Text with the conditions of the failure criterion that were met."""
     text = f"failed: {', '.join(found.failed)}" if found.failed else "no failure"
     if math.isnan(found.nrmse):
         return f"{text} (the prediction never drove for two strides)"
@@ -118,7 +118,7 @@ def verdict_text(found: Verdict, bounds: CriterionParams) -> str:
 
 
 def metric_table(values: Mapping[str, Mapping[str, float]]) -> Markup:
-    """Every metric of each phase, with unit, equation and meaning; a dash where it is missing."""
+    """Table of every metric per phase with unit, equation and meaning; a dash if missing."""
     present = {name for row in values.values() for name in row}
     rows = [
         [
@@ -136,7 +136,7 @@ def metric_table(values: Mapping[str, Mapping[str, float]]) -> Markup:
 
 
 def effect_table(log: Log) -> Markup:
-    """Effects of the plant with the parameters that differ from their defaults.
+    """Table of the plant's effects with parameters that differ from their defaults.
 
     Raises:
         BagError: The experiment has no effects.
@@ -161,7 +161,7 @@ def effect_table(log: Log) -> Markup:
 
 
 def message_table(bag: Bag) -> Markup:
-    """Topics of a bag with type, count and rate in simulated time."""
+    """Table of a bag's topics with type, count and rate in simulated time."""
     length = bag.end - bag.start
     rows = [
         [
@@ -176,7 +176,7 @@ def message_table(bag: Bag) -> Markup:
 
 
 def configuration(experiment: object) -> Markup:
-    """The experiment as YAML, folded."""
+    """The experiment as YAML in a collapsed block."""
     return html.folded("Experiment, all values", html.yaml_block(to_dict(experiment)))
 
 

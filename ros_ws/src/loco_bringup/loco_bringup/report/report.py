@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco report`: one self-contained HTML page about a bag.
+"""`loco report`: write a self-contained HTML page about a bag.
 
-Every figure, the animation included, is inside the page; it names no address.
-A part that the bag has no data for says so in its place.
+All figures and the animation are embedded; the page has no external references.
+A section without data in the bag shows the reason instead.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
 
     Args:
         bag: Bag folder or ``.mcap`` file.
-        out: HTML file; by default ``report.html`` in the folder of the bag.
-        gif: Draw the animation, and write it as ``gait.gif`` beside the page too.
+        out: HTML file; default ``report.html`` in the folder of the bag.
+        gif: Whether to draw the animation; it is also written as ``gait.gif`` beside the page.
 
     Returns:
         The HTML file.
@@ -42,7 +42,7 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page_of(bag, out.parent / GIF if gif else None), encoding="utf-8")
-    except LocoError:  # a missing file is an OSError, too
+    except LocoError:  # first: a MissingFileError is also an OSError
         raise
     except OSError as error:
         raise MissingFileError(f"cannot write the report to {out}: {error.strerror}") from None
@@ -50,7 +50,7 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
 
 
 def page_of(bag: Bag, gif: Path | None) -> str:
-    """HTML text of the page that suits what the bag holds.
+    """HTML text of the page for this kind of bag.
 
     Args:
         bag: The bag.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Report page of a robot that ran; `report.write_report` writes it."""
+"""Report page about a run of a robot; written by `report.write_report`."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from ..page.html import document, number, part
 from ..page.style import spans
 from ..record.readout_check import ReadoutCheck, check_log, weights_of
 from . import figures, joint_figures, parts
-from . import motion as motion  # its figures enter the chapters of `figures`
+from . import motion as motion  # its import registers its figures in `figures`
 
-# Strides of the animation, and how fast: a small robot is quick.
+# Strides and speed of the animation; small robots move fast.
 SHOWN, SHOWN_SMALL = (figures.STRIDES, 1.0), (2.0, 0.5)
-WALKING = (  # metrics of the cards on top, of a robot with legs
+WALKING = (  # metrics of the cards at the top, legged robots
     "speed", "nrmse", "stride_frequency", "cost_of_transport", "positive_power", "grf_max",
 )  # fmt: skip
-JOINTED = (  # and of a robot of joints
+JOINTED = (  # the same, robots without legs
     "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
     "positive_power", "passive_range", "pitch_range",
 )  # fmt: skip
@@ -37,7 +37,7 @@ BOLTED = ("tracking_error", "torque_max", "positive_power", "passive_range")  # 
 
 
 def page(bag: Bag, log: Log, gif: Path | None) -> str:
-    """HTML text of a report; `gif` is where the animation goes, None for none."""
+    """HTML text of a report; `gif` is the path of the animation, None for no animation."""
     values, check = metrics.table(log), checked(bag, log)
     walks = bool(log.experiment.gait)
     bolted = log.experiment.plant.fixed_base
@@ -65,7 +65,7 @@ def page(bag: Bag, log: Log, gif: Path | None) -> str:
 
 
 def checked(bag: Bag, log: Log) -> ReadoutCheck | LocoError:
-    """Result of the readout check, or why it cannot be made."""
+    """Result of the readout check, or the error with the reason why it is not possible."""
     try:
         return check_log(log, weights_of(bag))
     except LocoError as error:
@@ -79,7 +79,7 @@ def header(
     check: ReadoutCheck | LocoError,
     moving: Markup,
 ) -> Markup:
-    """End of the run, its main numbers, and beside them the robot as it moves."""
+    """Header of the page: end of the run, main numbers, animation."""
     walks = bool(log.experiment.gait)
     said = Markup() if walks else html.paragraph(sentence(log, values))
     shown = WALKING if walks else BOLTED if log.experiment.plant.fixed_base else JOINTED
@@ -94,7 +94,7 @@ def header(
 
 
 def references(log: Log) -> dict[str, str]:
-    """Values to compare the main numbers with, in words, by metric."""
+    """Texts with reference values for the main numbers, by metric."""
     known = {"nrmse": f"bound {log.experiment.criterion.nrmse:g}"}
     if quantities.walks(log):
         last = list(log.phases().values())[-1]
@@ -104,7 +104,7 @@ def references(log: Log) -> dict[str, str]:
 
 
 def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
-    """The run in words: distance, speed and who drove."""
+    """Summary of the run: distance, speed, and whether the target or the readout drove."""
     name, robot = log.experiment.name, log.experiment.plant.name
     if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
         return f"{robot} ran {name} for {len(log) * log.dt:.1f} s.{_tracked(log, values)}"
@@ -124,7 +124,7 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
 
 
 def _tracked(log: Log, values: dict[str, dict[str, float]]) -> str:
-    """Sentence on how well the drives followed their command; empty where that is not known."""
+    """Sentence on the tracking error of the drives; empty if unknown."""
     last = list(values.values())[-1] if values else {}
     error, motion = last.get("tracking_error", math.nan), quantities.columns(
         log.q, log.experiment.plant.driven
@@ -152,7 +152,7 @@ def facts(bag: Bag, log: Log, check: ReadoutCheck | LocoError) -> Markup:
 
 
 def animation(log: Log, path: Path | None) -> Markup:
-    """The last strides as a GIF, written to `path` and put into the page."""
+    """GIF of the last strides, written to `path` and embedded in the page."""
     if path is None:
         raise BagError("the animation was left out on request")
     strides, speed = SHOWN if log.experiment.gait else SHOWN_SMALL
@@ -175,10 +175,10 @@ def animation(log: Log, path: Path | None) -> Markup:
 
 
 def driver(log: Log, check: ReadoutCheck | LocoError) -> Markup:
-    """Result of the readout check, in words and as a figure.
+    """Result of the readout check as text and figure.
 
     Raises:
-        LocoError: The check could not be made.
+        LocoError: The check was not possible.
     """
     if isinstance(check, LocoError):
         raise check

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco report`."""
+"""Terminal command `loco report`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from .report import write_report
 
 
 def show_report(a: argparse.Namespace) -> int:
-    """Write the page of a bag and print its path."""
+    """Write the report page of a bag and print its path."""
     console.print(str(write_report(a.bag, a.out, gif=not a.no_gif)))
     return 0

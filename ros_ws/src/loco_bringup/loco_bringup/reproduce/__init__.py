@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco reproduce`: chapters of the thesis run again, and the page that judges its claims."""
+"""`loco reproduce`: repeat experiments of the thesis and check its claims."""

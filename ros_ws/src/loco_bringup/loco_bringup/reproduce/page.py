@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page that judges the claims of the thesis: one table, a row a claim, and the figures."""
+"""Page with the verdicts on the claims of the thesis: a table, one row per claim, and figures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write(
     what: str,
     folder: Path,
 ) -> Path:
-    """Write ``thesis.html``, the same as ``README.md``, ``verdicts.csv`` and the figures.
+    """Write ``thesis.html``, the same content as ``README.md``, ``verdicts.csv``, and the figures.
 
     Returns:
         Path of ``thesis.html``.
@@ -70,7 +70,7 @@ def write(
 
 
 def write_msd(plan: str, preset: str, folder: Path) -> tuple[Path, list[msd_claims.Verdict]]:
-    """Write ``thesis.html`` about chapter 6, the same as ``README.md``, and the figures.
+    """Write ``thesis.html`` on chapter 6, the same content as ``README.md``, and the figures.
 
     Args:
         plan: Name of the plan.
@@ -97,10 +97,10 @@ def page(
 
     Args:
         title: Heading.
-        command: Command that made it.
-        verdicts: Verdicts on the claims, those of chapter 6 included.
+        command: Command that reproduces it.
+        verdicts: Verdicts on the claims, including those of chapter 6.
         drawn: Title, caption and chart of each figure.
-        runs: Page or table of each run by its name; "" where there is none.
+        runs: Path of the page or table of each run, by its name; "" if there is none.
     """
     counts = Counter(v.verdict for v in verdicts)
     header = html.join([
@@ -125,7 +125,7 @@ def _claims(verdicts: Sequence[Verdict | msd_claims.Verdict], runs: Mapping[str,
     for v in verdicts:
         links = [html.link(name, runs[name]) if runs.get(name) else Markup.escape(name)
                  for name in getattr(v, "evidence", ()) if name in runs]  # fmt: skip
-        statement = getattr(v, "says", "")  # those of chapter 6 say it in what they want
+        statement = getattr(v, "says", "")  # chapter 6 has it in the field of the expected value
         rows.append((html.strong(v.claim), v.item, statement, v.wanted, v.found, v.verdict,
                      Markup(", ").join(links)))  # fmt: skip
     head = ("Claim", "Thesis", "Says", "Wanted", "Found", "Verdict", "Runs")
@@ -145,7 +145,7 @@ def _linked(name: str, folder: Path) -> str:
 
 
 def _target(name: str, folder: Path) -> str:
-    """Page of a run, from the folder of the reproduction; nothing without one."""
+    """Path of a run's page relative to the folder of the reproduction; empty without a page."""
     for file in ("study.html", "thesis.html", "calibration.html"):
         if (folder / name / file).is_file():
             return f"{name}/{file}"
@@ -153,7 +153,7 @@ def _target(name: str, folder: Path) -> str:
 
 
 def _explained(verdicts: list[Verdict]) -> list[str]:
-    """Disagreements with what is known about them, and those that nothing explains yet."""
+    """Disagreements with their known explanation, and disagreements without explanation."""
     against = [v for v in verdicts if v.verdict == registry.DISAGREES]
     lines = ["## Disagreements", ""] if against else []
     lines += [f"- **{v.claim}** {_why(v)}" for v in against]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco reproduce`: experiments of the thesis run again, claim by claim."""
+"""`loco reproduce`: repeat experiments of the thesis and judge each claim."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from ..study.terminal import run_study, write
 from ..terminal import bar, console
 from . import page
 
-# Things to reproduce: numbers of their claims begin so.
+# Parts of the thesis by name: prefixes of their claims' numbers.
 WHAT = {"tigrillo": ("5.",), "msd": ("6.",), "hyq": ("7.", "9."), "clock": ("8.",),
         "all": ("5.", "6.", "7.", "8.", "9.")}  # fmt: skip
-MEASURES = (chapter5, chapter7, chapter8)  # the modules register their functions
+MEASURES = (chapter5, chapter7, chapter8)  # imported since these modules register their functions
 BAG, GAITS = "bags/surrogate_sine", ("bags/surrogate_bound", "bags/surrogate_walk")
 
 
 def run(a: argparse.Namespace) -> int:
-    """Run what is missing, judge all claims, write the page.
+    """Run the missing entries, judge all claims, write the page.
 
     Returns:
-        0: a claim that disagrees is a result, too.
+        0, also if claims disagree, which is a valid result.
 
     Raises:
-        NameUnknownError: There is nothing of that name to reproduce, or no such plan or preset.
+        NameUnknownError: There is no such part of the thesis, plan or preset.
         ParameterError: `workers` is below 1.
     """
     if a.what not in WHAT:
@@ -75,7 +75,7 @@ def reproduce(
 
 
 def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bool) -> None:
-    """Run what is missing of an entry, in its folder."""
+    """Run the missing cases of an entry, in its folder."""
     if entry.study:
         loaded = entry.load()
         results = run_study(loaded, folder, workers, scheduler, only_cost)
@@ -95,7 +95,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
 
 
 def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
-    """Readers of what is no study, where it was run."""
+    """Readers of results that are not studies, for the entries that have been run."""
     readers = {}
     if (folder / "calibration" / calibrator.results.FILE).is_file():
         readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
@@ -107,7 +107,7 @@ def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
 
 
 def judge(claims: Iterable[Claim], evidence: Evidence) -> list[Verdict]:
-    """Verdicts of claims; those of chapter 6 by their own judges."""
+    """Verdicts on claims; chapter 6 has its own functions."""
     verdicts = []
     for claim in claims:
         if claim.measure != "msd":
@@ -126,7 +126,7 @@ def judge(claims: Iterable[Claim], evidence: Evidence) -> list[Verdict]:
 
 
 def show(verdicts: list[Verdict], written: Path) -> int:
-    """Print verdicts and where their page is; returns 0."""
+    """Print the verdicts and the path of their page; returns 0."""
     for v in verdicts:
         statement = getattr(v, "says", "")  # those of chapter 6 say it in what they want
         lines = (
@@ -142,7 +142,7 @@ def show(verdicts: list[Verdict], written: Path) -> int:
 def reproduce_msd(
     plan: str, preset: str, folder: Path | None = None, workers: int = 2, scheduler: str = ""
 ) -> int:
-    """Chapter 6, mass-spring-damper networks."""
+    """Reproduce chapter 6, mass-spring-damper networks."""
     known(preset)
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     check_writable(folder)

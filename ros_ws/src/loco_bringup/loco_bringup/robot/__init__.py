@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots at the terminal: a new one from a URDF, and those that there are."""
+"""Commands `loco robot`: list robots, and create one from a URDF."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco robot`: what was found in a URDF, what was guessed, and what to type next."""
+"""Terminal output of `loco robot`: values read from a URDF, guessed values, next commands."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ def show_new(a: argparse.Namespace) -> int:
 
 
 def tried(urdf: Path, out: Path) -> Result:
-    """Robot of a URDF, tried in a process of its own: an engine may end on one that nobody knows.
+    """Create a robot from a URDF in a separate process, since an engine may crash on it.
 
     Args:
         urdf: The URDF.
         out: New folder.
 
     Raises:
-        ParameterError: No robot comes of the URDF; nothing is left.
+        ParameterError: The URDF cannot be converted; no files remain.
     """
     before = _unfinished(out)
     child = Child("the process that tries the robot", Result, _make, (urdf, out))
@@ -71,19 +71,19 @@ def _make(pipe: Connection, urdf: Path, out: Path) -> None:
 
 
 def _unfinished(out: Path) -> set[Path]:
-    """Folders in which robots of this name are being written."""
+    """Temporary folders of unfinished robots with this name."""
     above = next(folder for folder in out.resolve().parents if folder.is_dir())
     return set(above.glob(f".{glob.escape(out.name)}.*"))
 
 
 def show_robots(_: argparse.Namespace) -> int:
-    """`loco robot`: the list of robots."""
+    """`loco robot`: print the list of robots."""
     console.print(table(*robot_table()))
     return 0
 
 
 def robot_table() -> tuple[str, tuple, list]:
-    """Title, columns and rows of the robots of loco and of the folders here."""
+    """Title, columns and rows of a table: robots of loco, and in the current folder."""
     here = sorted(str(path.parent) for path in Path().glob("*/robot.yaml"))
     rows = []
     for name in [*robots.names(), *here]:

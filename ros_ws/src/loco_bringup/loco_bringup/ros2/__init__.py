@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ros2 commands that our pages print, for machines without an apt installation of ROS."""
+"""`loco ros2`: the ros2 commands of the documentation, without an apt installation of ROS."""

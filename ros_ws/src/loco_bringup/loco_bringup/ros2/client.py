@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node of the command line: sees the graph, waits, and leaves nothing behind."""
+"""Temporary node of a command: graph discovery, waiting, clean shutdown."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from loco_control.exceptions import GraphError, NameUnknownError
 from loco_control.ros.parameters import sealed_node
 
 T = TypeVar("T")
-DISCOVERY = 10.0  # wall time in which what is named has to be seen [s]
-ANSWER = 60.0  # wall time in which who was seen has to answer: a busy one is not dead [s]
-SETTLE = 1.0  # wall time in which a list of the graph fills [s]
+DISCOVERY = 10.0  # longest wall time to discover a named topic, node or service [s]
+ANSWER = 60.0  # longest wall time for a discovered node to answer, long for busy nodes [s]
+SETTLE = 1.0  # wall time without new names after which a list is complete [s]
 
 
 class Client:
-    """Context of one command.
+    """Context manager with the node of one command.
 
     Attributes:
-        node: Node of the command, hidden as those of the original are.
+        node: Node of the command, hidden as for the original ros2 commands.
     """
 
     def __enter__(self) -> Client:
@@ -41,11 +41,11 @@ class Client:
         self._context.try_shutdown()
 
     def spin(self, seconds: float) -> None:
-        """Let callbacks run for a while."""
+        """Process callbacks for a time [s]."""
         self.wait(lambda: False, seconds)
 
     def wait(self, condition: Callable[[], Any], seconds: float = float("inf")) -> bool:
-        """Let callbacks run until a condition holds; False if it did not in time."""
+        """Process callbacks until a condition holds; returns False after the time-out [s]."""
         end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > end:
@@ -57,14 +57,14 @@ class Client:
         """Answer of a call.
 
         Raises:
-            GraphError: None came within `ANSWER`.
+            GraphError: No answer arrived within `ANSWER`.
         """
         if not self.wait(future.done, ANSWER):
             raise GraphError(f"{what} did not answer within {ANSWER:g} s")
         return future.result()
 
     def settle(self) -> None:
-        """Wait until somebody is seen, and then until no new name has been for a while."""
+        """Wait until a node is discovered, then until no new name appears for `SETTLE`."""
         self.wait(self.nodes, DISCOVERY)
         previous, since = -1, time.monotonic()
         while time.monotonic() - since < SETTLE:
@@ -74,10 +74,10 @@ class Client:
                 previous, since = count, time.monotonic()
 
     def topic_type(self, name: str) -> str:
-        """Type of a topic that somebody writes or reads.
+        """Type of a topic with a publisher or subscription.
 
         Raises:
-            NameUnknownError: Nobody does.
+            NameUnknownError: The topic has neither.
         """
         types: dict[str, list[str]] = {}
 
@@ -97,10 +97,10 @@ class Client:
         )
 
     def existing(self, name: str) -> str:
-        """Full name of a node that runs.
+        """Full name of a running node.
 
         Raises:
-            NameUnknownError: No such node runs.
+            NameUnknownError: No such node is running.
         """
         name = name if name.startswith("/") else f"/{name}"
         if not self.wait(lambda: name in self.nodes(), DISCOVERY):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco ros2`: words and output of the original's commands, over rclpy alone."""
+"""`loco ros2`: arguments and output of the original ros2 commands, based on rclpy only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..cli.table import Parser
 from . import nodes, topics
 from .client import Client
 
-# Nodes that `ros2 run` finds, by package and executable: the function that starts each.
+# Start functions of the nodes for `ros2 run`, by package and executable.
 EXECUTABLES = {
     ("loco_bringup", "calibrator"): "loco_bringup.live.calibrator:main",
     ("loco_bringup", "recorder"): "loco_bringup.record.recorder:main",
@@ -38,7 +38,7 @@ def run(arguments: list[str]) -> int:
     """Run one command of ``loco ros2``; returns the exit code.
 
     Raises:
-        LocoError: A mistake in the words, or the graph does not have what they name.
+        LocoError: An argument is wrong, or the graph lacks a named topic, node or service.
     """
     if arguments[:1] == ["run"]:
         return _start(arguments[1:])
@@ -49,7 +49,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _start(arguments: list[str]) -> int:
-    """Become a node, in this process."""
+    """Run a node in this process."""
     names = {" ".join(pair) for pair in EXECUTABLES}
     target = EXECUTABLES.get(tuple(arguments[:2]))
     if target is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 node`, `param`, `service` and `action`."""
+"""Commands `ros2 node`, `param`, `service` and `action`."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def info(client: Client, a: argparse.Namespace) -> None:
 
 
 def list_parameters(client: Client, a: argparse.Namespace) -> None:
-    """Print the parameters of a node, or of all."""
+    """Print the parameters of a node, or of all nodes."""
     if a.node is None:
         client.settle()
     for name in [client.existing(a.node)] if a.node else client.nodes():
@@ -90,7 +90,7 @@ def set_parameter(client: Client, a: argparse.Namespace) -> None:
 
     Raises:
         GraphError: The node refuses the value.
-        ParameterError: The value is no number, text or list of one kind.
+        ParameterError: The value is no number, text or list of one type.
     """
     name = client.existing(a.node)
     try:
@@ -121,7 +121,7 @@ def call_service(client: Client, a: argparse.Namespace) -> None:
     """Call a service and print its answer.
 
     Raises:
-        GraphError: Nobody offers or answers it.
+        GraphError: The service does not exist or does not answer.
     """
     cls = type_of(a.type, "srv")
     request = filled(cls.Request, a.values)
@@ -135,10 +135,10 @@ def call_service(client: Client, a: argparse.Namespace) -> None:
 
 
 def send_goal(client: Client, a: argparse.Namespace) -> None:
-    """Send a goal, print feedback if asked for, and the result.
+    """Send a goal, and print the feedback (if requested) and the result.
 
     Raises:
-        GraphError: Nobody offers the action, the goal is refused, or it did not succeed.
+        GraphError: The action does not exist, or the goal is refused or fails.
     """
     cls = type_of(a.type, "action")
     goal = filled(cls.Goal, a.values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 topic`: list, info, echo, hz and pub."""
+"""Commands `ros2 topic` list, info, echo, hz and pub."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ say = sys.stdout.write
 
 
 def list_topics(client: Client, a: argparse.Namespace) -> None:
-    """Print the topics, with their types if asked for."""
+    """Print the topics, with their types if requested."""
     client.settle()
     for name, types in sorted(client.node.get_topic_names_and_types()):
         say(f"{name} [{', '.join(types)}]\n" if a.show_types else f"{name}\n")
 
 
 def info(client: Client, a: argparse.Namespace) -> None:
-    """Print type and number of ends of a topic."""
+    """Print the type of a topic and its numbers of publishers and subscriptions."""
     say(f"Type: {client.topic_type(a.topic)}\n")
     client.settle()
     say(f"Publisher count: {client.node.count_publishers(a.topic)}\n")
@@ -35,7 +35,7 @@ def info(client: Client, a: argparse.Namespace) -> None:
 
 
 def echo(client: Client, a: argparse.Namespace) -> None:
-    """Print messages as they come; the first alone with ``--once``."""
+    """Print messages on arrival; only the first with ``--once``."""
     got = _listen(client, a.topic, a.type)
     while True:
         client.wait(lambda: got)
@@ -48,7 +48,7 @@ def echo(client: Client, a: argparse.Namespace) -> None:
 
 
 def hz(client: Client, a: argparse.Namespace) -> None:
-    """Print once a second the rate of a topic over its newest messages, in wall time."""
+    """Print the rate of a topic over its newest messages once per second, in wall time."""
     times: list[float] = []
     _listen(client, a.topic, None, lambda _: times.append(time.monotonic()))
     while True:
@@ -66,7 +66,7 @@ def hz(client: Client, a: argparse.Namespace) -> None:
 
 
 def _listen(client: Client, name: str, kind: str | None, receive: Any = None) -> list[Any]:
-    """Messages of a topic as they come; latched ones too where a writer latches."""
+    """List that receives the messages of a topic, including latched ones if a writer latches."""
     got: list[Any] = []
     cls = type_of(kind or client.topic_type(name), "msg")
     client.wait(lambda: client.node.get_publishers_info_by_topic(name), DISCOVERY)
@@ -79,10 +79,10 @@ def _listen(client: Client, name: str, kind: str | None, receive: Any = None) ->
 
 
 def pub(client: Client, a: argparse.Namespace) -> None:
-    """Publish a message at a rate, some times or once.
+    """Publish a message at a rate, a number of times or once.
 
     Raises:
-        GraphError: Nobody listened within `DISCOVERY` though a number of times was given.
+        GraphError: A number of times is given, and no subscription appeared within `DISCOVERY`.
     """
     cls = type_of(a.type, "msg")
     message = filled(cls, a.values)
@@ -104,6 +104,6 @@ def pub(client: Client, a: argparse.Namespace) -> None:
         say(f"publishing #{count}: {message!r}\n\n")
         sys.stdout.flush()
         if count == times:
-            client.spin(a.keep_alive)  # or it would be gone before it is sent
+            client.spin(a.keep_alive)  # else the node would be gone before the message is sent
             return
         client.spin(1.0 / a.rate)

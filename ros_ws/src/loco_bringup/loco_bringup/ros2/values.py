@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types by name, messages from YAML as people type it, and YAML of messages as ROS prints it."""
+"""Message types by name, messages from typed YAML, and messages as YAML in ROS's format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def type_of(name: str, group: str) -> Any:
     """Class of ``package/group/Type``; the middle part may be left out.
 
     Args:
-        name: Name as typed.
+        name: Name on the command line.
         group: ``msg``, ``srv`` or ``action``.
 
     Raises:
@@ -36,14 +36,14 @@ def type_of(name: str, group: str) -> Any:
 
 
 def filled(cls: Any, text: str) -> Any:
-    """Message with the fields that a text sets.
+    """Message with fields set from a YAML text.
 
     Args:
         cls: Class of the message, goal or request.
         text: YAML mapping of fields, such as ``{twist: {linear: {x: 0.1}}}``.
 
     Raises:
-        ParameterError: The text is no mapping, or a value does not fit its field.
+        ParameterError: The text is no mapping, or a value does not match its field.
         NameUnknownError: There is no such field.
     """
     values = parse_yaml(text, "the message")
@@ -56,7 +56,7 @@ def _fill(message: Any, values: Any, where: str) -> None:
     if not isinstance(values, Mapping):
         raise ParameterError(f"{where} must be a mapping of fields, such as '{{data: 1.0}}'")
     types = message.get_fields_and_field_types()
-    message._check_fields = True  # or a wrong type would end the process when it is sent
+    message._check_fields = True  # else sending a wrong type would crash the process
     for name, value in values.items():
         if name not in types:
             raise NameUnknownError(f"field of {where}", str(name), types)
@@ -85,6 +85,6 @@ def _value(current: Any, kind: str, value: Any, name: str) -> Any:
 
 
 def as_yaml(message: Any, indent: int = 0) -> str:
-    """YAML of a message, each line indented."""
+    """YAML text of a message, with indented lines."""
     text = yaml.safe_dump(plain(message), sort_keys=False, allow_unicode=True, width=10_000)
     return "".join(" " * indent + line for line in text.splitlines(keepends=True))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Studies on the terminal, and the page with the maps of a grid."""
+"""Command `loco study`, and the page about a study."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One self-contained HTML page about a study: maps, figures, trials, and every case by a click."""
+"""Self-contained HTML page about a study: maps, figures, trials, details of every case."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ REGIONS = (
     "rule says; the share of them is in the legend. Click a cell for its case."
 )
 SEEDS = "A dot for each trial, in the phase {phase!r}. Click one for its case."
-MOST_ROWS = 400  # cases in the table of the page; all are in cases.csv
+MOST_ROWS = 400  # largest number of cases in the table; all are in cases.csv
 
 
 def write(study: Study, results: list[CaseResult], folder: Path) -> Path:
-    """Write ``study.html``, and each map as a picture beside it; returns the page's path.
+    """Write ``study.html`` and each map as an image beside it; returns the path of the page.
 
     Args:
         study: The study.
-        results: Cases of the study, one at least.
+        results: Results of the study's cases, at least one.
         folder: Folder of the results.
     """
     drawn = _maps(study, results) if study.map else []
@@ -55,8 +55,8 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
 
     Args:
         study: The study.
-        results: Cases of the study, one at least.
-        drawn: Title, caption and chart of its maps.
+        results: Results of the study's cases, at least one.
+        drawn: Title, caption and chart of each map.
     """
     sections = [html.part(title, partial(html.figure, chart, title, text))
                 for title, text, chart in drawn]  # fmt: skip
@@ -82,7 +82,7 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
 
 
 def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
-    """Title, caption and chart of each metric and of the regions, in every plane of the grid."""
+    """Title, caption and chart of each map (metrics and regions), for every plane of the grid."""
     blocks = []
     for sheet in maps.sheets(study, results):
         for metric in study.map.metrics:
@@ -143,7 +143,7 @@ def _details(result: CaseResult, case: Case, study: Study) -> dict[str, str]:
 
 
 def command(study: Study, case: Case) -> str:
-    """Command that runs a case again and writes the report with its animation."""
+    """Command line that repeats a case and writes its report with animation."""
     name, changes = study.origins[case.variant]
     parts = ["./loco", "run", name, "--layout", "rollout", "--seed", str(case.seed)]
     for key, value in {**changes, **case.settings}.items():

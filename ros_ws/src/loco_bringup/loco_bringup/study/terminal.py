@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco study`: many runs with progress and cost, their tables, figures and maps."""
+"""`loco study`: run many cases with progress and cost; write tables, figures and maps."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from loco_learning.study.study import Study
 from ..terminal import bar, console
 from . import page
 
-MOST_ROWS = 40  # cases on the terminal; more are in the table only
+MOST_ROWS = 40  # largest number of cases printed; cases.csv has all
 
 
 def show_study(a: argparse.Namespace) -> int:
-    """Run what is missing of a study; print its table, write tables, figures and maps.
+    """Run the missing cases of a study; print its table, write tables, figures and maps.
 
     Returns:
-        0 when every case ran, whatever its verdict: a failed trial is a result.
+        0 if every case ran, also if trials failed, which is a valid result.
 
     Raises:
         ParameterError: The number of workers, seeds or points is below 1.
@@ -60,14 +60,14 @@ def show_study(a: argparse.Namespace) -> int:
 def run_study(
     loaded: Study, folder: Path, workers: int, scheduler: str = "", only_cost: bool = False
 ) -> list[CaseResult]:
-    """Run a study with a progress bar that tells the time left, and its cost beforehand.
+    """Estimate the cost of a study, then run it with a progress bar and the remaining time.
 
     Args:
         loaded: The study.
         folder: Folder of the results.
-        workers: Processes.
-        scheduler: Address of a dask scheduler instead.
-        only_cost: Stop when the cost is told.
+        workers: Number of processes.
+        scheduler: Address of a dask scheduler to use instead of processes.
+        only_cost: Stop after the estimate of the cost.
     """
     if not only_cost:
         check_writable(folder)
@@ -87,12 +87,12 @@ def run_study(
 
 
 def write(loaded: Study, results: list[CaseResult], folder: Path) -> list[Path]:
-    """Tables, figures and the page; of a grid of two axes or more, its maps, too."""
+    """Write tables, figures and the page; for a grid of at least two axes also its maps."""
     return [*figures.write(loaded, results, folder), page.write(loaded, results, folder)]
 
 
 def _upright(rows: list[dict[str, Any]]) -> Table:
-    """One column per row, so that many figures fit a terminal."""
+    """Transposed table, one column per row, so that many values fit a terminal."""
     table = Table(box=None)
     for key in [next(iter(rows[0])), *(next(iter(row.values())) for row in rows)]:
         table.add_column(str(key), justify="right")

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests against a running graph: start it, publish, expect messages, look at exit codes.
+"""Tools for tests against a running graph: start it, publish, expect messages, exit codes.
 
 As a pytest plugin (``pytest_plugins = ["loco_bringup.testing"]`` in the top conftest.py)
-it gives every worker a ROS domain of its own and the fixture `loco_graph`; see
-``docs/testing.md``. ROS is imported when the first graph starts, so that the environment
-is settled before.
+it gives every worker its own ROS domain and provides the fixture `loco_graph`; see
+``docs/testing.md``. ROS is imported when the first graph starts, after the environment
+is set.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ __all__ = ["Graph", "claim_domain", "isolate", "loco_graph", "servo_bus"]
 
 ASSETS = Path(str(resources.files("loco_sim"))) / "assets"
 
-DOMAINS = range(1, 102)  # above 101 the ports of Fast DDS meet those of the system
+DOMAINS = range(1, 102)  # above 101 the ports of Fast DDS overlap with ephemeral ports
 
 
 def claim_domain() -> int:
-    """Take a ROS domain that no other test process uses, until this process ends.
+    """Reserve a ROS domain that no other test process uses, until this process ends.
 
-    The claim is a lock on a file in the user's runtime folder: the system drops it
-    however the process ends, and it is seen by xdist workers and other test runs.
-    Programs that the process starts do not inherit it.
+    The reservation is a lock on a file in the user's runtime folder: the system releases
+    it however the process ends, and xdist workers and other test runs respect it.
+    Child processes do not inherit it.
 
     Raises:
         GraphError: No domain is free.
     """
     for step in range(len(DOMAINS)):
-        # Neighbours start at different places: a process that was killed may still be
+        # Processes start at different domains, since a killed process may still be
         # leaving its domain.
         domain = DOMAINS[(os.getpid() + step) % len(DOMAINS)]
         lock = contextlib.ExitStack()
@@ -61,10 +61,10 @@ def claim_domain() -> int:
 
 
 def isolate() -> None:
-    """Set what rclpy and NumPy read once: domain, discovery on this machine, logs, threads.
+    """Set environment variables that rclpy and NumPy read once: domain, discovery, logs, threads.
 
-    A script that starts tests in its background lets them ignore SIGINT. Processes of the graph
-    would inherit that and outlive a Ctrl-C, so it is undone.
+    Tests started in the background of a script ignore SIGINT. Processes of the graph would
+    inherit this and survive a Ctrl-C, so the default handler is restored.
     """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -91,10 +91,10 @@ def servo_bus(
     Args:
         robot: Robot, by name or path.
         file: Wiring file; default ``servos.yaml`` of the robot.
-        effects: Departures from the ideal robot, as experiments list them.
+        effects: Deviations from the ideal robot, in the format of experiments.
 
     Yields:
-        A `loco_sim.hardware.simulated_bus.SimulatedBus` with `file`, its wiring file.
+        A `loco_sim.hardware.simulated_bus.SimulatedBus` whose attribute `file` is the wiring file.
     """
     from ..hardware.simulated import make_bus
 
@@ -114,23 +114,23 @@ def servo_bus(
 
 
 class Graph:
-    """A node set that runs while a test looks at it; use it as a context manager.
+    """A running node set under test; use it as a context manager.
 
     Args:
-        experiment: Name, path, or an experiment.
+        experiment: Name or path of an experiment, or an `Experiment`.
         folder: New folder for the bag and the logs.
         changes: Values of the experiment by dotted name.
-        layout: ``composed`` (one process) or ``processes`` (one each).
+        layout: ``composed`` (one process) or ``processes`` (one per node).
         clock: ``lockstep``, ``asap`` or ``realtime``.
         speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Node set, by name or path; default the one of the experiment's class.
+        nodes: Name or path of the node set; default that of the experiment's class.
         namespace: Namespace of all nodes.
-        ready: Wall time until it must have begun [s].
+        ready: Longest wall time until the run begins [s].
 
     Attributes:
         folder: Folder of the bag and the logs.
-        outcome: End of the run, None before.
-        progress: State of the run.
+        outcome: Outcome of the run; None before its end.
+        progress: Progress of the run.
     """
 
     def __init__(
@@ -193,7 +193,7 @@ class Graph:
                 self._experiment, self.folder, layout, clock, speed, nodes, self._on_progress,
                 self._namespace,
             )  # fmt: skip
-        except BaseException as error:  # told to the test
+        except BaseException as error:  # raised in the test's thread
             self._error = error
 
     def _on_progress(self, progress: Any) -> bool:
@@ -213,7 +213,7 @@ class Graph:
         """Wait for the end of the experiment; returns the `Outcome`.
 
         Raises:
-            GraphError: It failed, or took longer.
+            GraphError: The run failed, or did not end within the time-out.
         """
         self._wait(lambda: not self._thread.is_alive(), timeout, "the end of the run")
         if self._error is not None:
@@ -223,17 +223,17 @@ class Graph:
 
     @property
     def exit_codes(self) -> dict[str, int]:
-        """Exit code of each process, once the run has ended; minus the signal that killed it."""
+        """Exit code of each process after the run; negative signal number if it was killed."""
         return {} if self.outcome is None else self.outcome.exit_codes
 
     # ---- topics
 
     def listen(self, topic: str, type: Any = None) -> list[Any]:  # noqa: A002 (as in rclpy)
-        """Messages of a topic from now on, in a list that grows while the test waits.
+        """List that collects the messages of a topic from now on.
 
         Args:
-            topic: Name; one of ``docs/topics.md`` needs no type.
-            type: Message class.
+            topic: Name of the topic.
+            type: Message class; not needed for topics of ``docs/topics.md``.
         """
         if topic not in self._heard:
             kind, qos = self._row(topic, type)
@@ -251,17 +251,17 @@ class Graph:
         timeout: float = 30.0,
         type: Any = None,  # noqa: A002
     ) -> list[Any]:
-        """Wait for messages; returns those of the topic that fit, at least `count`.
+        """Wait for messages; returns the matching messages of the topic, at least `count`.
 
         Args:
-            topic: Name of the topic, as `listen` takes it.
+            topic: Name of the topic, as for `listen`.
             count: Number of messages to wait for.
-            where: Condition that a message must meet to count.
+            where: Condition that a message must satisfy.
             timeout: Wall time [s].
-            type: Message class of a topic that is not in our tables.
+            type: Message class; not needed for topics of ``docs/topics.md``.
 
         Raises:
-            GraphError: They did not come, or the run failed.
+            GraphError: Too few messages arrived, or the run failed.
         """
         messages = self.listen(topic, type)
         self._wait(
@@ -270,14 +270,14 @@ class Graph:
         return [message for message in messages if where(message)]
 
     def expect_event(self, kind: str, timeout: float = 30.0) -> Any:
-        """Wait for an event, e.g. ``phase`` or ``fall``; returns the first of its kind."""
+        """Wait for an event, e.g. ``phase`` or ``fall``; returns the first of this kind."""
         return self.expect("events", where=lambda event: event.kind == kind, timeout=timeout)[0]
 
     def publish(self, topic: str, message: Any, readers: int = 1, timeout: float = 20.0) -> None:
-        """Publish once that many nodes listen.
+        """Publish a message once at least `readers` subscriptions exist.
 
         Raises:
-            GraphError: Nobody listens.
+            GraphError: There are too few subscriptions within the time-out.
         """
         if topic not in self._publishers:
             kind, qos = self._row(topic, type(message))
@@ -289,7 +289,7 @@ class Graph:
         publisher.publish(message)
 
     def pid(self, node: str, timeout: float = 20.0) -> int:
-        """Process of a node, from its diagnostics."""
+        """Pid of a node, from its diagnostics."""
         name = self._full(node).lstrip("/")
         pids: list[int] = []
 
@@ -336,14 +336,14 @@ class Graph:
 
 
 def pytest_configure(config: Any) -> None:
-    """A domain for this worker, unless the tests have one already."""
+    """Reserve a domain for this worker, unless one is set already."""
     if os.environ.get("LOCO_TEST_PROCESS") != str(os.getpid()):
         isolate()
 
 
 @pytest.fixture
 def loco_graph(tmp_path: Path) -> Iterator[Callable[..., Graph]]:
-    """Function that makes a `Graph` in a folder of the test; arguments as `Graph`'s."""
+    """Function that creates a `Graph` in the temporary folder of the test, with its arguments."""
     graphs: list[Graph] = []
 
     def make(experiment: Any, **options: Any) -> Graph:

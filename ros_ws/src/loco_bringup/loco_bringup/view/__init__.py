@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs in viewers: what to show, and how Rerun, Foxglove and RViz show it."""
+"""Display of runs in the viewers Rerun, Foxglove and RViz."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of `loco gap` as a viewer shows them: the robot that was measured, and both models."""
+"""Scenes from results of `loco gap`: the measured robot and both models."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ def is_gap(path: Path) -> bool:
 
 
 def scenes_of(folder: Path) -> dict[str, Scene]:
-    """Scenes of the measured robot, the model as given and the model that was found.
+    """Scenes of the measured robot, the initial model and the resulting model.
 
-    All recordings follow each other, those that judge first. Joints that were not measured stand;
-    so does the base, as recordings do not tell where it was.
+    All recordings follow one another, held-out ones first. Unmeasured joints keep the standing
+    pose and the base is fixed, since recordings do not contain its position.
 
     Args:
         folder: Results of `loco gap`.
 
     Raises:
-        BagError: No angle of a joint was measured.
-        LocoError: The results cannot be read, or their robot is not there any more.
+        BagError: No joint angle was measured.
+        LocoError: The results cannot be read, or their robot no longer exists.
     """
     loaded, robot = curves.load(folder / ARRAYS), models.load(folder / MODEL).make_robot()
     return {name: _scene(loaded, robot, name) for name in ROBOTS}
@@ -68,7 +68,7 @@ def _scene(recorded: Curves, robot: Robot, which: str) -> Scene:
 
 
 def _height(robot: Robot) -> float:
-    """Height of the base [m]: as the robot is put up, or with its feet on the ground."""
+    """Height of the base [m]: of the fixed base, or with the feet on the ground."""
     if robot.height is not None:
         return robot.height
     frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None], robot.feet)
@@ -76,6 +76,6 @@ def _height(robot: Robot) -> float:
 
 
 def _filled(t: np.ndarray, values: np.ndarray, default: float) -> np.ndarray:
-    """Values with those that are missing drawn between their neighbours."""
+    """Values with missing ones interpolated linearly; `default` if all are missing."""
     finite = np.isfinite(values)
     return np.interp(t, t[finite], values[finite]) if finite.any() else np.full(len(t), default)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco view --layouts`: what other viewers need to show a run of loco."""
+"""`loco view --layouts`: layout files for Foxglove and RViz."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..terminal import console
 
 
 def show_layouts(a: argparse.Namespace) -> int:
-    """Copy the layouts of Foxglove and RViz into a folder, and say how they are opened."""
+    """Copy the layouts for Foxglove and RViz to a folder, and print how to open them."""
     a.layouts.mkdir(parents=True, exist_ok=True)
     for source in sorted(files(__package__).joinpath("layouts").iterdir(), key=lambda p: p.name):
         target = a.layouts / source.name

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene in Rerun: links that move, arrows of force, curves, in a file or in its viewer."""
+"""Display of scenes in Rerun: moving links, force arrows, curves; in a file or the viewer."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from scipy.spatial.transform import Rotation
 from .scene import Scene
 
 TIMELINE = "sim_time"
-NEWTONS_PER_METRE = 1000.0  # length of the arrows of force
+NEWTONS_PER_METRE = 1000.0  # scale of the force arrows [N/m]
 GHOST = 0.35  # opacity of every robot but the first
-PART = 50.0  # curves at most so often [Hz]; links move as often
+PART = 50.0  # largest sampling rate of curves and link poses [Hz]
 
 
 def show(scenes: Mapping[str, Scene], save: Path | None = None) -> None:
-    """Write scenes into one recording, side by side in time and place.
+    """Write scenes to one recording, with common time axis and world frame.
 
     Args:
         scenes: Scenes by the name of their run; the first is solid, the others are ghosts.
-        save: File to write, ``.rrd``; without one the viewer is started.
+        save: File to write, ``.rrd``; None starts the viewer.
     """
     stream = rr.RecordingStream("loco")
     if save is None:
@@ -73,7 +73,7 @@ def _mesh(triangles: np.ndarray, colours: np.ndarray, opacity: float) -> rr.Mesh
 
 
 def _layout(scenes: Mapping[str, Scene]) -> rrb.Blueprint:
-    """Robots at the left, a plot per group of curves at the right, phases below."""
+    """Layout: robots at the left, one plot per group of curves at the right, phases below."""
     groups = dict.fromkeys(s.partition("/")[0] for scene in scenes.values() for s in scene.signals)
     plots = [rrb.TimeSeriesView(origin=f"signals/{group}", name=group) for group in groups]
     world = rrb.Spatial3DView(origin="/", contents=["robots/**", "forces/**"], name="robots")

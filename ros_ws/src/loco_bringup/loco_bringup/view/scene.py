@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run as a viewer shows it: links that move, forces under the feet, signals."""
+"""Scene of a recorded run for a viewer: link poses, foot forces, signals."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from loco_learning.runs.log import Log
 from loco_sim.robot.frames import link_frames
 from loco_sim.world.figure import Figure
 
-Shape = tuple[np.ndarray, np.ndarray]  # triangles [m], (t, 3, 3), and their colours, (t, 3)
+Shape = tuple[np.ndarray, np.ndarray]  # triangles [m], (t, 3, 3), and colours, (t, 3)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything of a run that is shown.
+    """Displayed data of a run.
 
     Attributes:
         t: Time of each tick [s], (T,).
-        turns: Attitude of each link in the world, (T, 3, 3), by name.
-        places: Origin of each link in the world [m], (T, 3), by name.
-        shapes: Shape of each link that has one, by name.
+        turns: Rotation matrix of each link, link to world, (T, 3, 3), by name.
+        places: Origin of each link in the world frame [m], (T, 3), by name.
+        shapes: Triangle mesh of each link that has one, by name.
         forces: Force of the ground on each foot [N], (T, 3), by name; empty if not recorded.
         signals: Curves, (T,), by ``group/name``.
-        phases: Beginning of each phase of learning [s], by name.
+        phases: Start of each learning phase [s], by name.
     """
 
     t: np.ndarray
@@ -39,7 +39,7 @@ class Scene:
 
 
 def scene_of(log: Log) -> Scene:
-    """Scene of a run; a base whose place was not recorded stays at the origin."""
+    """Scene of a run; a base without recorded position stays at the origin."""
     robot, ticks = log.experiment.plant, len(log)
     base, position = np.tile(np.eye(3), (ticks, 1, 1)), np.zeros((ticks, 3))
     if log.has("position", "orientation"):
@@ -56,7 +56,7 @@ def scene_of(log: Log) -> Scene:
 
 
 def _signals(log: Log) -> dict[str, np.ndarray]:
-    """Joint angles and torques, what the drives are told, stance, and the error of the network."""
+    """Joint angles and torques, commands of the drives, stance, and the network's error."""
     robot, curves = log.experiment.plant, {}
     groups = {"angle": ("q", robot.joints), "torque": ("tau", robot.joints),
               "stance": ("stance", robot.feet)}  # fmt: skip

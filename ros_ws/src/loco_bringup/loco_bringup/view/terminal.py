@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco view`."""
+"""Terminal command `loco view`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .scene import scene_of
 
 
 def show_view(a: argparse.Namespace) -> int:
-    """Show bags or results of `loco gap` in Rerun, or write the recording that it opens.
+    """Show bags or results of `loco gap` in Rerun, or write a Rerun recording.
 
     Raises:
-        ParameterError: There is no bag, two have one name, results of a gap are not alone, or the
-            file is there already.
+        ParameterError: No bag is given, two have the same name, results of a gap are combined with
+            other paths, or the file exists already.
     """
     if not a.bag:
         raise ParameterError("name a bag to show; `loco list` shows those that are here")

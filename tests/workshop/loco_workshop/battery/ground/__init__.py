@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trotting robots with hidden effects, integrated by another engine than that of the search."""
+"""Trotting robots with hidden effects, simulated by another engine than in the search."""

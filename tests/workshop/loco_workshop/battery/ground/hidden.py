@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that a walking robot may hide, their sizes, and what they do to its bodies.
+"""Hidden effects of walking robots: their sizes, and their changes of the bodies.
 
-Sizes are ranges of the physics, as no run without the effect can be laid beside a run with it: the
-first contact that comes late parts them. Medium and large are halves of a range, small is below it.
+Sizes are ranges of physical parameters. They cannot be derived from a comparison of runs with
+and without the effect, since such runs diverge at the first delayed contact. Medium and large
+are the halves of a range, small is below it.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ class Kind:
 
     Attributes:
         strength: Name of the parameter that gives its size.
-        low: Smallest size, and `high`, in what `draw` takes.
-        draw: Place and parameters from a size.
+        low: Smallest size, in the unit of `draw`; `high` is the largest.
+        draw: Function that returns place and parameters for a size.
         family: Effects of one family are never hidden together.
     """
 
@@ -46,7 +47,7 @@ def _slippery(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[
 
 
 def _soft(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
-    give = x * w.leg / (0.5 * w.mass * GRAVITY)  # two feet carry a trot
+    give = x * w.leg / (0.5 * w.mass * GRAVITY)  # in a trot two feet carry the weight
     return "", {"compliance": give, "damping": float(rng.uniform(0.008, 0.03)) / give}
 
 
@@ -91,7 +92,7 @@ def _late(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str,
 
 
 def _ripple(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
-    first = next(iter(w.gains))  # a hip's, which hardly turns
+    first = next(iter(w.gains))  # the hip's, which hardly moves
     joint = str(rng.choice([j for j in w.joints if not j.endswith(first)]))
     return joint, {"joint": joint, "torque": x * w.effort()[joint],
                    "teeth": float(rng.uniform(40.0, 80.0))}  # fmt: skip
@@ -113,14 +114,14 @@ KINDS: dict[str, Kind] = {
     "torque_constant_error": Kind("error", 0.08, 0.25, _weak, "joint"),
     "command_delay": Kind("delay", 0.002, 0.008, _late, "time"),
 }
-OUTSIDERS: dict[str, Kind] = {  # nothing of this kind is in the registry
+OUTSIDERS: dict[str, Kind] = {  # effects that are not in the registry
     "gear_ripple": Kind("torque", 0.02, 0.08, _ripple, "joint"),
     "trunk_drag": Kind("drag", 0.05, 0.15, _fluid, "mass"),
 }
 
 
 def draw(name: str, walker: Walker, size: str, rng: np.random.Generator) -> Hidden:
-    """An effect at a random place, of a size in its half of the range."""
+    """An effect at a random place, with a random size in the part of the range for `size`."""
     kind = {**KINDS, **OUTSIDERS}[name]
     half = rng.uniform(0.0, 0.5) + {"small": -0.5, "medium": 0.0, "large": 0.5}[size]
     place, params = kind.draw(rng, walker, float(kind.low * (kind.high / kind.low) ** half))
@@ -133,7 +134,7 @@ def family(name: str) -> str:
 
 
 def bodies(walker: Walker, effects: Sequence[Hidden], off: bool, seed: int) -> str:
-    """URDF of a robot with hidden loads, whose bodies are a little off where that is asked for."""
+    """URDF of a robot with hidden loads; with `off`, masses and inertias have small errors."""
     root = walker.tree()
     rng = np.random.default_rng([seed, 11])
     for part in root.iter("inertial") if off else ():
@@ -158,7 +159,7 @@ def bodies(walker: Walker, effects: Sequence[Hidden], off: bool, seed: int) -> s
 
 
 def motors(walker: Walker, off: bool, seed: int) -> dict[str, float]:
-    """Torque of each joint over what it is asked for."""
+    """Ratio of actual to commanded torque, by joint."""
     rng = np.random.default_rng([seed, 12])
     wrong = rng.uniform(-MOTOR, MOTOR, len(walker.joints)) if off else np.zeros(len(walker.joints))
     return dict(zip(walker.joints, (1.0 + wrong).tolist(), strict=True))
@@ -175,7 +176,7 @@ def _scale(part: ET.Element, tag: str, by: float) -> None:
 
 
 def _hang(root: ET.Element, link: str, mass: float, place: Sequence[float]) -> None:
-    """A point mass on a link, as a link of its own."""
+    """Add a point mass to a link, as a separate link."""
     load = ET.SubElement(root, "link", name="hidden_load")
     inertial = ET.SubElement(load, "inertial")
     ET.SubElement(inertial, "mass", value=repr(mass))

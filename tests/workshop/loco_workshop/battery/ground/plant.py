@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A walking robot in PyBullet, by code that shares nothing with the plant of `loco_sim`.
+"""A walking robot in PyBullet, independent of the plant of `loco_sim`.
 
-It has the face that the loop of controllers wants of a plant. The search runs in MuJoCo.
+It has the plant interface of the control loop. The search uses MuJoCo.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from scipy.spatial.transform import Rotation
 
 from loco_control.types import GroundTruth, MotionCommand, RobotState, TrunkTorque
 from loco_sim.robot.robot import Robot
-from loco_sim.world.bullet import pybullet as engine  # without its banner
+from loco_sim.world.bullet import pybullet as engine  # imported without its banner
 
 from ..physics.hidden import Hidden
 from ..physics.machines import GRAVITY
 from . import hidden
 from .walkers import Walker
 
-TOUCH = 1.0  # force of a foot that counts as in contact [N]
-FAR = 0.5  # of the height at the start, below which it has fallen
+TOUCH = 1.0  # smallest force of a foot in contact [N]
+FAR = 0.5  # share of the initial height below which it has fallen
 WORLD = engine.WORLD_FRAME
 
 
 class Ground:
-    """A trotting robot with something hidden in it.
+    """A trotting robot with hidden effects.
 
     Attributes:
-        robot: Names and order of joints and feet, as the controllers have them.
-        fallen: Why it counts as fallen, None while it does not.
+        robot: Robot description of the controllers: names and order of joints and feet.
+        fallen: Reason why it counts as fallen; None before a fall.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class Ground:
         """Load the robot; nothing moves before `reset`.
 
         Args:
-            walker: The robot as it should be.
-            robot: The same for the controllers: joints, feet.
+            walker: The nominal robot.
+            robot: Robot description of the controllers: joints, feet.
             standing: Joint positions at the start [rad], (n,).
             effects: Hidden effects.
-            noise: Deviation of the sensors over that of the walker.
-            off: Whether bodies and motors are a little off.
-            seed: Seed of what is off and of the noise.
+            noise: Factor on the walker's sensor noise.
+            off: Whether bodies and motors have small errors.
+            seed: Seed of these errors and of the noise.
         """
         self.robot, self._walker, self._noise, self._seed = robot, walker, noise, seed
         self._effects = {e.effect: e.params for e in effects}
@@ -76,7 +76,7 @@ class Ground:
         c = self._client
         engine.setTimeStep(self._dt, physicsClientId=c)
         slope = self._effects.get("slope", {"pitch": 0.0, "roll": 0.0})
-        # The world is that of the ground; what is level is turned in it.
+        # The world frame is aligned with the ground; a slope rotates gravity.
         self._level = Rotation.from_euler("y", -slope["pitch"]) * Rotation.from_euler(
             "x", slope["roll"]
         )
@@ -133,7 +133,7 @@ class Ground:
         inertial = engine.getDynamicsInfo(body, -1, physicsClientId=c)
         self._com, self._com_turn = np.array(inertial[3]), Rotation.from_quat(inertial[4])
 
-    # ---- the face of a plant
+    # ---- the interface of a plant
 
     def reset(self, seed: int | None = None) -> RobotState:
         """Stand at rest with the lowest foot on the ground."""
@@ -155,7 +155,7 @@ class Ground:
         return self._read(np.zeros(len(self._joints)), np.zeros((len(self._feet), 3)))
 
     def step(self, command: MotionCommand, trunk: TrunkTorque) -> RobotState:
-        """Hold a command for a control period; returns the readings after it."""
+        """Hold a command for one control period; returns the sensor readings at its end."""
         c, body, n = self._client, self._body, len(self._joints)
         self._told.append((self._tick * self._walker.steps, command, trunk))
         late = round(self._effects.get("command_delay", {"delay": 0.0})["delay"] / self._dt)
@@ -189,7 +189,7 @@ class Ground:
         return self._read(taus, forces / self._walker.steps)
 
     def ground_truth(self) -> GroundTruth:
-        """Truth of the base at this tick."""
+        """Ground truth of the base at this tick."""
         at, turn, velocity, spin = self._base()
         back = turn.inv()
         t = self._tick / self.robot.control_rate
@@ -198,13 +198,13 @@ class Ground:
         )
 
     def close(self) -> None:
-        """Free the engine."""
+        """Disconnect from the engine."""
         engine.disconnect(self._client)
 
     # ---- parts
 
     def _put(self, by: np.ndarray) -> None:
-        """Move the base by so much [m], level with the ground and at rest."""
+        """Move the base by a displacement [m], parallel to the ground and at rest."""
         c, body = self._client, self._body
         at, _ = engine.getBasePositionAndOrientation(body, physicsClientId=c)
         turn = self._com_turn.as_quat().tolist()
@@ -217,7 +217,7 @@ class Ground:
         return np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
 
     def _base(self) -> tuple[np.ndarray, Rotation, np.ndarray, np.ndarray]:
-        """Origin of the base, its attitude, its velocity and its spin, all in the world."""
+        """Origin, attitude, velocity and angular velocity of the base in the world frame."""
         com, turn = engine.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
         velocity, spin = engine.getBaseVelocity(self._body, physicsClientId=self._client)
         attitude = Rotation.from_quat(turn) * self._com_turn.inv()
@@ -237,7 +237,7 @@ class Ground:
         return mine * p["torque"] * np.sin(p["teeth"] * q)
 
     def _press(self, forces: np.ndarray) -> None:
-        """Add what the ground does to each foot now [N]."""
+        """Add the current ground force on each foot [N]."""
         points = engine.getContactPoints(self._body, self._floor, physicsClientId=self._client)
         for p in points:
             if p[3] in self._feet:

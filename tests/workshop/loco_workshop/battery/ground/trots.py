@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two trots of a robot with something hidden in it, as the bags that such a robot records."""
+"""Bags of two trots of a robot with hidden effects, as such a robot would record them."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from ..physics.hidden import Hidden
 from . import walkers
 from .walkers import Walker
 
-plant = lazy.module(f"{__package__}.plant")  # loads the engine, which not everyone has
+plant = lazy.module(f"{__package__}.plant")  # imported lazily: the engine is an optional dependency
 
 GAIT = "hyq_trot_open"
-STAND, TROT = 0.5, (3.0, 2.0)  # times of standing and of both trots [s]
-APART = 0.08  # least difference of their speeds [m/s]
+STAND, TROT = 0.5, (3.0, 2.0)  # durations of standing and of both trots [s]
+APART = 0.08  # smallest difference of their speeds [m/s]
 
 
 def robot_of(walker: Walker, folder: Path) -> str:
-    """Name of the robot for the workflow, or the file that is written where loco has no such robot.
+    """Name of the robot for the workflow, or path of a new robot file if loco lacks the robot.
 
     Args:
         walker: The robot.
-        folder: Folder of such files.
+        folder: Folder of such robot files.
     """
     if walker.robot:
         return walker.robot
@@ -57,8 +57,8 @@ def write(
         robot: Robot for the workflow, see `robot_of`.
         name: Name of the walker.
         effects: Hidden effects.
-        how: Noise, and whether the model is a little off.
-        seed: Seed of speeds, noise and of what is off.
+        how: Noise, and whether the model has small errors.
+        seed: Seed of speeds, noise and model errors.
 
     Raises:
         LocoError: The robot falls.

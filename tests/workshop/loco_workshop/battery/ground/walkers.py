@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The walking robots of the battery as they should be, written down once more."""
+"""Nominal walking robots of the battery, defined independently of loco's robot files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from loco_control.exceptions import MissingPackageError
 
-SIGNALS = {  # deviation of the noise
+SIGNALS = {  # standard deviation of the noise
     "q": 4e-5, "dq": 4e-3, "tau": 0.1, "gyro": 2e-3, "force": 0.05, "attitude": 1e-4, "grf": 1.0,
 }  # fmt: skip
 
@@ -24,16 +24,16 @@ class Walker:
 
     Attributes:
         name: Name in the battery.
-        robot: Name of the robot for the workflow; empty where loco does not have it.
-        urdf: File of its bodies.
-        gains: Stiffness and damping [N·m/rad, N·m·s/rad] of the legs that stand and of those that
-            swing, by the end of a joint's name, (4,) each.
+        robot: Name of the robot for the workflow; empty if loco lacks it.
+        urdf: URDF file.
+        gains: Stiffness and damping [N·m/rad, N·m·s/rad] in stance, then in swing, by the suffix
+            of a joint's name, (4,) each.
         trunk: Link that carries loads.
         leg: Length of a leg [m].
         speeds: Slowest and fastest trot [m/s].
         steps: Physics steps in a control period of 4 ms.
-        about: Contents of robot.yaml where loco does not have the robot.
-        noise: Deviation of each signal.
+        about: Contents of robot.yaml if loco lacks the robot.
+        noise: Standard deviation of the noise of each signal.
     """
 
     name: str
@@ -49,12 +49,12 @@ class Walker:
 
     @property
     def torque_noise(self) -> float:
-        """Deviation of the torque sensors [N·m]."""
+        """Standard deviation of the torque sensors' noise [N·m]."""
         return self.noise["tau"]
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that move, in the order of the URDF."""
+        """Names of the movable joints, in the order of the URDF."""
         found = self.tree().findall("joint")
         return tuple(j.get("name", "") for j in found if j.get("type") != "fixed")
 
@@ -74,7 +74,7 @@ class Walker:
         return sum(float(m.get("value", 0.0)) for m in self.tree().iter("mass"))
 
     def tree(self) -> ET.Element:
-        """The URDF, read anew, without what is only seen."""
+        """A new copy of the URDF without visual elements."""
         root = ET.parse(self.urdf).getroot()
         for link in root.iter("link"):
             for shape in link.findall("visual"):
@@ -87,7 +87,7 @@ class Walker:
         return {n: float(e.get("effort", 0.0)) for n, e in limits.items() if e is not None}
 
     def gains_of(self, joint: str) -> tuple[float, float, float, float]:
-        """Gains of a joint, see `gains`."""
+        """Gains of a joint; see `gains`."""
         return next(g for end, g in self.gains.items() if joint.endswith(end))
 
 
@@ -103,7 +103,7 @@ def _hyq() -> Walker:
 
 
 def _a1() -> Walker:
-    """A quadruped that `pybullet_data` brings along."""
+    """The quadruped A1 of `pybullet_data`."""
     data = find_spec("pybullet_data")
     if data is None:
         raise MissingPackageError("the URDF of a1_trot comes with PyBullet, which is not installed")
@@ -132,5 +132,5 @@ WALKERS: dict[str, Callable[[], Walker]] = {"hyq_trot": _hyq, "a1_trot": _a1}
 
 @cache
 def get(name: str) -> Walker:
-    """A walker of `WALKERS` by name; do not change it."""
+    """Walker by its name in `WALKERS`; shared, so it must not be modified."""
     return WALKERS[name]()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots with hidden effects, integrated by code that the search does not use."""
+"""Robots with hidden effects, simulated by code that the search does not use."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as robots give them: other noise, late stamps, lost samples; and no model is exact."""
+"""Imperfections of recordings and models: noise, late stamps, lost samples, model errors."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from .machines import Machine
 if TYPE_CHECKING:
     from .plant import Reading
 
-WAYS = ("", "late", "dropped", "half", "cut")  # one of them per case; the first is a clean log
-OFF = 1.0 / 3.0  # share of the cases whose model is a little off
-LATE = 0.01  # largest lateness of a stamp [s]
+WAYS = ("", "late", "dropped", "half", "cut")  # recording faults; the first is none
+OFF = 1.0 / 3.0  # share of the cases whose model has small errors
+LATE = 0.01  # largest delay of a stamp [s]
 DROPPED = 0.05  # share of lost samples
-CUT = 1.0  # of the beginning [s]
-MASS, INERTIA, MOTOR = 0.03, 0.05, 0.03  # largest errors of a model that is a little off
+CUT = 1.0  # removed start of a record [s]
+MASS, INERTIA, MOTOR = 0.03, 0.05, 0.03  # largest relative errors of a model
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Difference between a robot and its model, and the way it was recorded.
+    """Difference between a robot and its model, and fault of its recording.
 
     Attributes:
-        noise: Noise of the sensors over that of the machine.
-        way: One of `WAYS`.
-        off: Whether the model is a little off everywhere.
+        noise: Factor on the sensor noise of the machine.
+        way: Recording fault, one of `WAYS`.
+        off: Whether all masses, inertias and motors of the model have small errors.
     """
 
     noise: float = 1.0
@@ -38,12 +38,12 @@ class Condition:
     off: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for a truth file."""
+        """Values for a truth file."""
         return asdict(self)
 
 
 def draw(seed: int) -> Condition:
-    """Condition of a case: one model in three is off, two logs in six are clean."""
+    """Random condition of a case: one model in three has errors, two logs in six are clean."""
     rng = np.random.default_rng([seed, 8])
     noise = float(rng.choice([0.5, 1.0, 2.0]))
     way = str(rng.choice(["", *WAYS]))
@@ -51,7 +51,7 @@ def draw(seed: int) -> Condition:
 
 
 def machine_of(machine: Machine, condition: Condition, seed: int) -> Machine:
-    """The machine as it really is: with its noise, and with errors where the model is off."""
+    """The actual machine: with its noise, and with deviations from the model if `off` is set."""
     sensors = tuple(replace(s, noise=condition.noise * s.noise) for s in machine.sensors)
     noisy = replace(machine, sensors=sensors, torque_noise=condition.noise * machine.torque_noise)
     return _off(noisy, seed) if condition.off else noisy
@@ -72,14 +72,14 @@ def altered(
     stronger: np.ndarray,
     faster: np.ndarray | float = 1.0,
 ) -> Machine:
-    """The machine with other bodies and motors.
+    """The machine with scaled masses, inertias and motors.
 
     Args:
         machine: A machine of n joints.
         heavier: Factor on each mass, (n,).
-        rounder: Factor on each inertia beside that of its mass, (n,).
+        rounder: Factor on each inertia in addition to the factor of its mass, (n,).
         stronger: Factor on the torque of each drive, (n,).
-        faster: Factor on the speed without load of each servo beside that, (n,).
+        faster: Factor on the no-load speed of each servo, in addition to `stronger`, (n,).
     """
     body, drives = copy.deepcopy(machine.body), machine.drives.copy()
     body.mass *= heavier
@@ -91,7 +91,7 @@ def altered(
 
 
 def recorded(reading: Reading, condition: Condition, seed: int) -> Reading:
-    """A reading as it arrives in the log."""
+    """A reading with the recording fault of the condition."""
     rng = np.random.default_rng([seed, 10])
     rows, stamp = np.ones(len(reading.stamp), dtype=bool), reading.stamp
     if condition.way == "late":

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies of a machine in MuJoCo: the only module of the battery that knows this engine.
+"""Rigid bodies of a machine in MuJoCo; the only module of the battery that uses this engine.
 
-The search predicts bolted robots with equations of its own and never asks MuJoCo about them.
-Nothing of `loco_sim` is used here, neither its world nor its reading of the URDF: generator and
-workflow would otherwise have their mistakes in common.
+The search predicts fixed-base robots with loco's own equations and does not use MuJoCo for
+them. This module uses nothing of `loco_sim`, neither its world nor its URDF reader; otherwise
+generator and workflow would share their errors.
 
-A step is a leapfrog: velocities stand half a step before positions, so that the error falls with
-the square of the step as long as torques that depend on velocity get it at the time of positions.
+The integrator is leapfrog: velocities are half a step before positions. The error is
+proportional to the square of the step if velocity-dependent torques use the velocity at the
+time of the positions.
 """
 
 from __future__ import annotations
@@ -22,38 +23,38 @@ from numba import types
 
 from .tree import Tree
 
-RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of stops and dry friction: as hard as it gets
-DEAD_STOP = 10.0  # damping ratio of stops: what hits one does not come back
+RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of stops and dry friction, nearly rigid
+DEAD_STOP = 10.0  # damping ratio of stops: no rebound
 NO_LIMIT = 1e3  # [rad or m] in place of infinity
 
 
 def _compiled(name: str, *arguments: Any) -> types.ExternalFunction:
-    """A function of the engine's library that compiled code calls; pointers are whole numbers."""
+    """A function of the engine's library for calls from compiled code; pointers are integers."""
     own = f"loco_battery_{name}"
-    library = ctypes.CDLL(_functions.__file__)  # depends on the library, whatever its file is
+    library = ctypes.CDLL(_functions.__file__)  # extension module linked to the library
     llvmlite.binding.add_symbol(own, ctypes.cast(library[name], ctypes.c_void_p).value)
     return types.ExternalFunction(own, types.void(*arguments))
 
 
 pointer = types.intp
 take_step = _compiled("mj_step", pointer, pointer)  # model and data
-apply_force = _compiled(  # model, data, force, torque, point, body, where its torques are added
+apply_force = _compiled(  # model, data, force, torque, point, body, output torques
     "mj_applyFT", pointer, pointer, pointer, pointer, pointer, types.int32, pointer
 )
 
 
 class Engine:
-    """A tree whose root is held, moved by torques.
+    """A kinematic tree with a fixed root, driven by joint torques.
 
     Attributes:
         q: Joint positions [rad], (n,).
         v: Joint velocities half a step earlier [rad/s], (n,).
         a: Joint accelerations over the last step [rad/s²], (n,).
-        tau: Torques on the joints, to be set before each step [N·m], (n,).
+        tau: Joint torques, to be set before each step [N·m], (n,).
         friction: Dry friction of the joints, to be set before each step [N·m], (n,).
-        places: Places of the bodies' frames in the world [m], (bodies, 3).
-        turns: Their axes, row by row, (bodies, 9).
-        pointers: Model and data, for `take_step` and `apply_force`.
+        places: Origins of the bodies' frames in the world [m], (bodies, 3).
+        turns: Rotation matrices of the bodies, body to world, row-major, (bodies, 9).
+        pointers: Pointers to model and data, for `take_step` and `apply_force`.
     """
 
     def __init__(self, tree: Tree, dt: float, gravity: float):
@@ -61,7 +62,7 @@ class Engine:
         spec.compiler.degree = False
         spec.option.timestep, spec.option.gravity = dt, (0.0, 0.0, -gravity)
         spec.option.tolerance, spec.option.iterations = 1e-12, 50
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what diverges shows it
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # keep divergence
         bodies = []
         for i, (joint, link) in enumerate(zip(tree.joints, tree.links, strict=True)):
             above = bodies[tree.parent[i]] if tree.parent[i] >= 0 else spec.worldbody
@@ -96,14 +97,14 @@ class Engine:
         return full
 
     def needed(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Torques that make a motion, without stops and friction [N·m], (n,)."""
+        """Inverse dynamics: torques for a motion, without stops and friction [N·m], (n,)."""
         full = self.mass(q)
         self.v[:] = v
         mujoco.mj_forward(self._model, self._data)
         return full @ a + self._data.qfrc_bias
 
     def energy(self) -> float:
-        """Kinetic and potential energy, with velocities as they are [J]."""
+        """Kinetic and potential energy with the current (half-step) velocities [J]."""
         mujoco.mj_energyPos(self._model, self._data)
         mujoco.mj_energyVel(self._model, self._data)
         return float(self._data.energy.sum())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of the battery's machines: chirps, steps, slow ramps; and a mix that is held out."""
+"""Excitations of the battery's machines: chirps, steps, slow ramps, and a held-out mix."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 from .machines import Machine
 
-DURATION, STILL = 4.0, 0.15  # of a record, and of the rest at its beginning [s]
+DURATION, STILL = 4.0, 0.15  # duration of a record, and of the rest at its start [s]
 FIT = ("chirp", "steps", "ramp")
 HELD_OUT = "mix"
 RECORDS = (*FIT, HELD_OUT)
@@ -16,11 +16,11 @@ RECORDS = (*FIT, HELD_OUT)
 def command(machine: Machine, kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and velocities [rad/s] of the driven joints, (T, m) each.
 
-    They begin at rest at the centre of the joint's range and stay inside it, no faster than
-    the machine's commands are.
+    They start at rest at the centre of the joint's range, stay inside it, and do not exceed the
+    machine's largest command speed.
 
     Args:
-        machine: Machine that moves.
+        machine: The machine.
         kind: Kind of record, from `RECORDS`.
         seed: Seed of amplitudes, frequencies and holds.
     """
@@ -39,7 +39,7 @@ def command(machine: Machine, kind: str, seed: int) -> tuple[np.ndarray, np.ndar
 
 
 def _chirp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
-    """Sine of rising frequency whose speed stays below the machine's."""
+    """Sine of rising frequency whose speed stays below the machine's limit."""
     low, high = m.band[0] * rng.uniform(1.0, 1.5), m.band[1] * rng.uniform(0.8, 1.0)
     frequency = low * (high / low) ** (t / t[-1])
     phase = 2.0 * np.pi * np.cumsum(frequency) / m.rate
@@ -48,7 +48,7 @@ def _chirp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> 
 
 
 def _steps(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
-    """Jumps to random places, each held for a while."""
+    """Jumps to random positions, each held for a random time."""
     out, begin, place = np.zeros(len(t)), STILL + 0.2, 0.0
     while begin < t[-1]:
         new = rng.uniform(-0.9, 0.9) * span
@@ -59,7 +59,7 @@ def _steps(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> 
 
 
 def _ramp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
-    """Slow way to and fro with reversals of several sizes, and pauses."""
+    """Slow back-and-forth motion with reversals of several sizes, and pauses."""
     turns = [0.0, 0.9, 0.4, 0.8, -0.2, 0.1, -0.9, -0.5, -0.7, 0.0]
     side = 1.0 if rng.random() < 0.5 else -1.0
     at = np.cumsum([0.0, *(abs(b - a) + 0.1 for a, b in zip(turns, turns[1:], strict=False))])
@@ -70,7 +70,7 @@ def _ramp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> n
 
 
 def _mix(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
-    """Several sines of another amplitude, then a step, then a ramp."""
+    """Several sines with other amplitudes, then a step, then a ramp."""
     sines = np.zeros(len(t))
     for _ in range(3):
         f = m.band[0] * (0.7 * m.band[1] / m.band[0]) ** rng.random()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An effect that is hidden in a machine, and the constants that it comes down to.
+"""Hidden effects of a machine, and their constants in the compiled laws.
 
 Names of effects and parameters are those of the registry, so that verdicts can be scored;
-the laws are this package's own (`laws`, `motion`, `readings`).
+the laws are implemented independently in this package (`laws`, `motion`, `readings`).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .machines import Machine
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect in a machine.
+    """A hidden effect in a machine.
 
     Attributes:
-        effect: Name in the registry, or of an outsider.
+        effect: Name in the registry, or of an outsider (an effect that is not in the registry).
         place: Joint or pattern of joints, link of a body effect, empty for the whole robot.
-        strength: Parameter that says how large it is.
+        strength: Name of the parameter that gives its size.
         params: Parameters by name.
     """
 
@@ -35,7 +35,7 @@ class Hidden:
     params: dict[str, Any] = field(default_factory=dict)
 
     def scaled(self, value: float) -> Hidden:
-        """The same with another strength; the sign, or direction of a vector, stays."""
+        """The effect with another strength and the same sign (or direction of a vector)."""
         now = self.params[self.strength]
         if isinstance(now, (list, tuple)):
             length = float(np.linalg.norm(now))
@@ -46,11 +46,11 @@ class Hidden:
 
     @property
     def size(self) -> float:
-        """Its strength without sign."""
+        """Absolute value of its strength."""
         return float(np.linalg.norm(self.params[self.strength]))
 
 
-LAWS: dict[str, tuple[int, tuple[str, ...]]] = {  # row and the parameters in their order
+LAWS: dict[str, tuple[int, tuple[str, ...]]] = {  # row of the law, parameters in order
     "coulomb_friction": (slots.COULOMB, ("torque",)),
     "viscous_friction": (slots.VISCOUS, ("damping",)),
     "stribeck_friction": (slots.STRIBECK, ("torque", "velocity")),
@@ -83,12 +83,12 @@ LAWS: dict[str, tuple[int, tuple[str, ...]]] = {  # row and the parameters in th
 
 
 def at(machine: Machine, place: str) -> list[int]:
-    """Joints that a place names; all for an empty one."""
+    """Indices of the joints at a place; all for an empty place."""
     return [j for j, name in enumerate(machine.joints) if fnmatchcase(name, place or "*")]
 
 
 def constants(machine: Machine, found: Sequence[Hidden]) -> np.ndarray:
-    """Constants of the laws in the joints, (LAWS, n, 4)."""
+    """Constants of the hidden laws per joint, (LAWS, n, 4)."""
     rows = np.zeros((slots.LAWS, len(machine.joints), 4))
     for effect in found:
         p = effect.params
@@ -107,11 +107,11 @@ def constants(machine: Machine, found: Sequence[Hidden]) -> np.ndarray:
 
 
 def to_dict(effect: Hidden) -> dict[str, Any]:
-    """Plain values for a truth file."""
+    """Values for a truth file."""
     return {"effect": effect.effect, "place": effect.place, "strength": effect.strength,
             "params": effect.params}  # fmt: skip
 
 
 def from_dict(values: dict[str, Any]) -> Hidden:
-    """The effect of values that `to_dict` wrote."""
+    """Effect from the values written by `to_dict`."""
     return Hidden(values["effect"], values["place"], values["strength"], values["params"])

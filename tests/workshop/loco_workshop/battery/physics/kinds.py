@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The effects that a machine may hide, their places and bounds."""
+"""Candidate hidden effects of a machine, with places and bounds."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Kind:
 
     Attributes:
         strength: Name of the parameter that gives its size.
-        low: Smallest strength that makes sense, in `unit`; and `high`.
-        among: Joints it may sit on: all, driven, direct (driven, but by no servo), sprung,
+        low: Smallest reasonable strength, in `unit`; `high` is the largest.
+        among: Possible joints: all, driven, direct (driven, but not by a servo), sprung,
             turning; or whole (the robot), body (a link).
-        unit: Scale of the bounds, of the robot itself (`scale`).
-        signed: Whether it may be below 0.
-        draw: Other parameters of the effect.
+        unit: Unit of the bounds, computed from the robot (`scale`).
+        signed: Whether it may be negative.
+        draw: Function that draws the other parameters of the effect.
         family: Effects of one family are never hidden together.
     """
 
@@ -43,13 +43,13 @@ class Kind:
 
 
 def span(m: Machine, j: int) -> float:
-    """Motion of a joint in the battery [rad]; of a passive joint that of the widest."""
+    """Range of motion of a joint in the battery [rad]; for a passive joint the widest range."""
     drive = np.flatnonzero(m.driven == j)
     return float(m.span[drive[0]]) if len(drive) else float(np.max(m.span))
 
 
 def scale(unit: str, m: Machine, j: int) -> float:
-    """The value of one unit in the bounds of a kind."""
+    """Value of one unit of the bounds of a kind, for a joint of a machine."""
     effort, way = float(m.body.effort[j]), span(m, j)
     return {
         "plain": 1.0, "torque": effort, "span": way, "curve": 1.0 / way, "bend": 1.0 / way**2,
@@ -173,7 +173,7 @@ def _ripple(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
             "phase": float(rng.uniform(0.0, 2.0 * np.pi))}  # fmt: skip
 
 
-OUTSIDERS: dict[str, Kind] = {  # nothing of this kind is in the registry
+OUTSIDERS: dict[str, Kind] = {  # effects that are not in the registry
     "friction_drift": Kind("torque", 1e-3, 0.5, "driven", "torque",
                            draw=lambda rng, m, j: {"time": float(rng.uniform(0.4, 0.9))}),
     "gear_ripple": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=_ripple),
@@ -182,7 +182,8 @@ OUTSIDERS: dict[str, Kind] = {  # nothing of this kind is in the registry
         "frequency": float(rng.uniform(2.0, 5.0)), "ratio": float(rng.uniform(0.03, 0.1))}),
     "rubber": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=lambda rng, m, j: {
         "stroke": float(span(m, j) * rng.uniform(0.2, 0.4)), "hardening": 2.0}),
-    # Dry friction one way would be Coulomb friction and a constant torque, which have names.
+    # Dry friction in one direction equals Coulomb friction plus a constant torque, which are in
+    # the registry.
     "one_way_damping": Kind("damping", 1e-3, 3.0, "driven", "damping"),
     "torque_jump": Kind("error", 0.01, 0.6, "driven", draw=lambda rng, m, j: {
         "time": float(rng.uniform(1.6, 2.4))}),
@@ -194,7 +195,7 @@ ALL = {**KINDS, **OUTSIDERS}
 
 
 def places(kind: Kind, m: Machine) -> list[int]:
-    """Joints on which a kind may sit; those of the bodies it may change."""
+    """Possible joints for a kind of effect; for body effects, the joints of these bodies."""
     chosen = {
         "whole": m.driven[:1],
         "all": range(len(m.joints)),
@@ -208,7 +209,7 @@ def places(kind: Kind, m: Machine) -> list[int]:
 
 
 def draw(name: str, m: Machine, rng: np.random.Generator) -> tuple[Hidden, float, float] | None:
-    """An effect at a random place, and the bounds of its strength; None if there is no place."""
+    """An effect at a random place, and the bounds of its strength; None without such a place."""
     kind = ALL[name]
     chosen = places(kind, m)
     if not chosen:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torques in a joint: drives, springs and what is hidden, compiled."""
+"""Compiled laws for the torques in a joint: drives, springs and hidden effects."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ from .slots import (
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def within(x, limit):
-    """Within +-limit."""
+    """`x` clipped to ±`limit`."""
     return max(-limit, min(limit, x))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def wanted(row, target, seen, speed):
-    """Torque that an impedance or torque drive asks for [N·m].
+    """Commanded torque of an impedance or torque drive [N·m].
 
     Args:
         row: Constants of the drive.
-        target: Position, velocity, feed-forward wanted, (3,).
-        seen: Position that the drive's encoder says [rad].
+        target: Target position, velocity and feed-forward torque, (3,).
+        seen: Encoder position of the drive [rad].
         speed: Velocity of the joint [rad/s].
     """
     tau = target[2]
@@ -60,15 +60,15 @@ def wanted(row, target, seen, speed):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def weakened(tau, speed, row, hidden, j, load, t):
-    """Torque after limits, supply and constant of the drive [N·m].
+    """Torque after limits, supply loss and torque constant of the drive [N·m].
 
     Args:
-        tau: Torque that the drive commands [N·m].
+        tau: Commanded torque [N·m].
         speed: Velocity of motor or joint [rad/s].
         row: Constants of the drive.
         hidden: Constants of the hidden laws, (LAWS, n, 4).
-        j: Joint.
-        load: Share of the supply that is lost.
+        j: Index of the joint.
+        load: Lost share of the supply voltage.
         t: Time [s].
     """
     most = row[8]
@@ -87,13 +87,13 @@ def weakened(tau, speed, row, hidden, j, load, t):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def gear(row, lead, closing, play):
-    """Torque of a servo's gear on its joint [N·m].
+    """Torque of a servo's elastic gear on its joint [N·m].
 
     Args:
         row: Constants of the drive.
-        lead: Rotor before joint [rad].
-        closing: Rate of the wind-up [rad/s].
-        play: Play of the gear, from flank to flank [rad].
+        lead: Rotor position minus joint position [rad].
+        closing: Rate of `lead` [rad/s].
+        play: Total backlash of the gear [rad].
     """
     if play > 0.0:
         half = 0.5 * play
@@ -101,7 +101,7 @@ def gear(row, lead, closing, play):
             return 0.0
         side = 1.0 if lead > 0.0 else -1.0
         push = row[6] * (abs(lead) - half) + row[7] * side * closing
-        return side * max(0.0, push)  # flanks only push
+        return side * max(0.0, push)  # tooth flanks cannot pull
     return row[6] * lead + row[7] * closing
 
 
@@ -119,11 +119,11 @@ def spring(row, q):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def elastic(state, j, row, rest, hidden):
-    """Torque of the robot's spring and of all that is hidden beside the drive [N·m].
+    """Torque of the robot's spring and of hidden effects parallel to the drive [N·m].
 
     Args:
-        state: (STATES, n).
-        j: Joint.
+        state: State of the joints, (STATES, n).
+        j: Index of the joint.
         row: Constants of the joint's spring.
         rest: Rest position of the joint [rad].
         hidden: Constants of the hidden laws.
@@ -147,7 +147,7 @@ def elastic(state, j, row, rest, hidden):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stop(x, v, row):
-    """A soft stop beyond row[0] from rest, on that side; it only pushes back [N·m]."""
+    """Torque of a soft one-sided stop at row[0] from the rest position; it only repels [N·m]."""
     if row[1] <= 0.0:
         return 0.0
     side = 1.0 if row[0] > 0.0 else -1.0
@@ -159,7 +159,7 @@ def stop(x, v, row):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def strange(state, j, hidden):
-    """Torque of laws that nobody has a name for, and of viscous friction [N·m]."""
+    """Torque of laws that are not in the registry, and of viscous friction [N·m]."""
     q, v = state[Q, j], state[V, j]
     tau = -hidden[VISCOUS, j, 0] * v - hidden[DRAG, j, 0] * v * abs(v)
     tau -= hidden[ONE_WAY, j, 0] * max(0.0, v)
@@ -178,7 +178,7 @@ def strange(state, j, hidden):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def memories(state, rate, j, hidden):
-    """Rates of what bends, fades and swings beside the joint."""
+    """Compute the rates of the internal states of hysteresis, relaxation, absorber and rubber."""
     v = state[V, j]
     if hidden[HYSTERESIS, j, 0] != 0.0:
         rate[BENT, j] = (v - abs(v) * state[BENT, j]) / hidden[HYSTERESIS, j, 1]
@@ -189,7 +189,7 @@ def memories(state, rate, j, hidden):
         pull = hidden[ABSORBER, j, 0] * lead + hidden[ABSORBER, j, 1] * closing
         rate[LOOSE, j], rate[LOOSE_V, j] = state[LOOSE_V, j], -pull / hidden[ABSORBER, j, 2]
     if hidden[RUBBER, j, 0] != 0.0:
-        for k in range(3):  # a small, a middling and a large stroke
+        for k in range(3):  # a small, a medium and a large stroke
             stroke = hidden[RUBBER, j, 1] * (0.3, 1.0, 4.0)[k]
             bent = state[RUBBER_A + k, j]
             rate[RUBBER_A + k, j] = (v - abs(v) * bent * abs(bent)) / stroke
@@ -197,5 +197,5 @@ def memories(state, rate, j, hidden):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def play_of(hidden, j, kind):
-    """Play of a servo's gear [rad]; that of other drives is dealt with step by step."""
+    """Backlash of a servo's gear [rad]; 0 for other drives, whose backlash is a state."""
     return hidden[BACKLASH, j, 0] if kind == SERVO else 0.0

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robots of the battery as they should be, written down once more.
+"""Nominal robots of the battery, defined independently of loco's robot files.
 
-From docs/robots.md and the URDFs: drives, springs and sensors are data here and do not come
-through the plant, so that a mistake there shows as a gap.
+Sources are docs/robots.md and the URDFs. Drives, springs and sensors are repeated here and not
+taken from the plant, so that an error there appears as a gap.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ GRAVITY = 9.81  # [m/s²]
 
 @dataclass(frozen=True)
 class Sensor:
-    """The errors of a joint sensor.
+    """Resolution and noise of a joint sensor.
 
     Attributes:
-        step: Step of a reading [rad].
+        step: Resolution [rad].
         noise: Standard deviation before rounding [rad].
-        table: Angles [rad] and counts of a Hall sensor, empty for none; then `step` and
-            `noise` are counts.
+        table: Angles [rad] and counts of a Hall sensor, empty for other sensors; with a table
+            `step` and `noise` are in counts.
     """
 
     step: float = 0.0
@@ -43,25 +43,25 @@ class Machine:
     """A robot of the battery.
 
     Attributes:
-        name: Name of the robot that the workflow uses.
+        name: Name of the robot in the workflow.
         body: Moving bodies.
         rate: Rate of commands and readings [Hz].
-        drives: A row per joint, (n, DRIVE).
-        springs: A row per joint, (n, SPRING).
+        drives: Constants of the drives, one row per joint, (n, DRIVE).
+        springs: Constants of the springs, one row per joint, (n, SPRING).
         start: Joint positions of the standing pose [rad], (n,).
-        rest: Position at which each joint's spring is slack, else the standing pose [rad], (n,).
+        rest: Rest position of each joint's spring, else the standing pose [rad], (n,).
         sensors: Sensor of each joint.
-        centre: About which the battery moves the driven joints [rad], (m,); span: how far.
+        centre: Centre of the excitation of the driven joints [rad], (m,); `span` is its amplitude.
         fast: Largest speed of a command [rad/s].
-        band: Slowest and fastest frequency of a chirp [Hz].
-        torque_noise: Noise of the torque sensors [N·m], 0 without them.
-        overrides: Values of robot.yaml by which the set-up differs.
-        known: The same, as effects: weights that hang on the robot.
+        band: Lowest and highest frequency of a chirp [Hz].
+        torque_noise: Noise of the torque sensors [N·m], 0 without torque sensors.
+        overrides: Values of robot.yaml in which the set-up differs.
+        known: Known differences of the set-up as effects, such as attached weights.
         steps: Integration steps per tick.
-        quick: The same while sizes are sought; 0 is half of them.
-        motor: Torque of each drive over that of its model, (n,); None is 1.
-        robot: Name of the robot for the workflow, where it is another one.
-        urdf: URDF of a robot that loco does not have.
+        quick: Integration steps per tick during the search for sizes; 0 means half of `steps`.
+        motor: Ratio of actual to modelled torque of each drive, (n,); None means 1.
+        robot: Name of the robot for the workflow, if it differs.
+        urdf: URDF of a robot that loco lacks.
     """
 
     name: str
@@ -107,16 +107,16 @@ class Machine:
 
     @property
     def servo(self) -> bool:
-        """Whether its drives are servos."""
+        """Whether the drives are servos."""
         return bool(np.any(self.drives[:, 0] == slots.SERVO))
 
     def with_steps(self, steps: int) -> Machine:
-        """The same, integrated with another step."""
+        """The machine with another number of integration steps per tick."""
         return replace(self, steps=steps)
 
 
 def _urdf(name: str, file: str = "") -> Path:
-    # The URDF is all that generator and plant share.
+    # Generator and plant share only the URDF.
     folder = find_spec("loco_sim").submodule_search_locations[0]
     return Path(folder) / "assets" / name / f"{file or name}.urdf"
 
@@ -162,7 +162,7 @@ def hyq_leg() -> Machine:
     )  # fmt: skip
 
 
-HALL = {  # angles [degrees] and counts, docs/robots.md
+HALL = {  # angles [°] and counts, docs/robots.md
     "lf": ((40, 49, 55, 60, 70, 80, 90, 100, 110, 120, 180),
            (0, 1300, 1810, 2205, 2640, 2800, 2870, 2910, 2931, 2940, 3200)),
     "rf": ((40, 56, 60, 70, 80, 90, 100, 110, 120, 180),
@@ -175,13 +175,13 @@ HALL = {  # angles [degrees] and counts, docs/robots.md
 STOPS = {"lf": 0.88, "rf": 0.96, "lh": 0.863, "rh": 0.94}  # smallest knee angles [rad]
 
 
-WEIGHT, FOOT = 0.15, (0.0, 0.0, -0.055)  # of lead on each foot [kg], and where [m]
+WEIGHT, FOOT = 0.15, (0.0, 0.0, -0.055)  # lead weight on each foot [kg], and its position [m]
 
 
 def tigrillo() -> Machine:
-    """Tigrillo with its trunk held in the air: hips on servos, knees on springs.
+    """Tigrillo with its trunk fixed in the air: hips driven by servos, knees on springs.
 
-    A weight on each foot makes the knees leave their stops; without it they never do.
+    A weight on each foot makes the knees leave their stops; without it they would not.
     """
     names = [f"{leg}_{joint}" for leg in HALL for joint in ("hfe_joint", "kfe_joint")]
     body = tree.read(_urdf("tigrillo"), names)
@@ -211,10 +211,10 @@ def tigrillo() -> Machine:
 
 
 def hyq_air() -> Machine:
-    """HyQ whole, its trunk held in the air: twelve joints, gains of legs in stance."""
+    """The whole HyQ with its trunk fixed in the air: twelve joints, stance gains."""
     names = [f"{leg}_{joint}_joint" for leg in HALL for joint in ("haa", "hfe", "kfe")]
     start = np.tile([-0.121072, 0.695151, -1.418375], 4)
-    start[6:] *= (1.0, -1.0, -1.0) * 2  # hind legs bend the other way
+    start[6:] *= (1.0, -1.0, -1.0) * 2  # hind legs bend in the opposite direction
     drives = np.zeros((12, slots.DRIVE))
     drives[:, 0], drives[:, 8] = slots.IMPEDANCE, 150.0
     drives[:, 1], drives[:, 2] = np.tile((150.0, 250.0, 150.0), 4), np.tile((10.0, 8.0, 6.0), 4)
@@ -227,7 +227,7 @@ def hyq_air() -> Machine:
 
 
 def _foreign(name: str, file: str, joints: list[str], gains: list, start: list) -> Machine:
-    """A robot of `pybullet_data` that hangs in the air, with impedance drives."""
+    """A robot of `pybullet_data` fixed in the air, with impedance drives."""
     data = find_spec("pybullet_data")
     if data is None:
         raise MissingPackageError(f"the URDF of {name} comes with PyBullet, which is not installed")
@@ -244,7 +244,7 @@ def _foreign(name: str, file: str, joints: list[str], gains: list, start: list) 
 
 
 def kuka_iiwa() -> Machine:
-    """An arm of seven joints that `pybullet_data` brings along, with gains of a soft arm."""
+    """The seven-joint arm iiwa of `pybullet_data`, with the gains of a compliant arm."""
     gains = [(200.0, 15.0), (800.0, 60.0), (100.0, 6.0), (300.0, 20.0), (20.0, 1.0), (20.0, 0.8),
              (8.0, 0.12)]  # fmt: skip
     joints = [f"lbr_iiwa_joint_{i}" for i in range(1, 8)]
@@ -253,7 +253,7 @@ def kuka_iiwa() -> Machine:
 
 
 def a1_air() -> Machine:
-    """A quadruped of twelve joints that `pybullet_data` brings along, its trunk held."""
+    """The twelve-joint quadruped A1 of `pybullet_data`, with a fixed trunk."""
     joints = [f"{leg}_{j}_joint" for leg in ("FR", "FL", "RR", "RL")
               for j in ("hip", "upper", "lower")]  # fmt: skip
     gains = [(40.0, 1.5), (40.0, 1.5), (30.0, 0.8)] * 4
@@ -273,10 +273,10 @@ _made: dict[str, Machine] = {}
 
 
 def get(name: str) -> Machine:
-    """A machine by name; do not change it.
+    """Machine by name; shared, so it must not be modified.
 
     Raises:
-        NameUnknownError: There is none of that name.
+        NameUnknownError: There is no machine of that name.
     """
     if name not in MACHINES:
         raise NameUnknownError("robot of the battery", name, MACHINES)

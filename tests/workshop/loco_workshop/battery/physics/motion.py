@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of a machine: its bodies in an engine, drives, springs and hidden laws compiled.
+"""Simulation of a machine: rigid bodies by an engine; compiled drives, springs, hidden laws.
 
-Numba keeps what it compiled of this file until the file changes: whoever changes `laws` or the
-numbers in `slots` changes `LAWS_OF` here, or runs go on with the laws of before.
+Numba caches the compiled code of this file until the file changes. After a change of `laws` or
+of the numbers in `slots`, increase `LAWS_OF` here; otherwise runs use the old laws.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from .slots import (
     V,
 )
 
-LAWS_OF = 4  # see above
-LINE = 4096  # steps that a delayed torque may be old
+LAWS_OF = 4  # version of `laws` and `slots`, see above
+LINE = 4096  # longest torque delay [steps]
 
 
 class Packed(NamedTuple):
@@ -53,21 +53,21 @@ class Packed(NamedTuple):
 
     drives: np.ndarray  # (n, slots.DRIVE)
     springs: np.ndarray  # (n, slots.SPRING)
-    rest: np.ndarray  # positions from which hidden springs and stops count [rad], (n,)
+    rest: np.ndarray  # reference positions of hidden springs and stops [rad], (n,)
     damping: np.ndarray  # viscous damping of the joints [N·m·s/rad], (n,)
 
 
 class Memory(NamedTuple):
-    """State of all but the bodies of a machine, from step to step."""
+    """State of a machine except its rigid bodies."""
 
     state: np.ndarray  # (STATES, n)
-    rate: np.ndarray  # of the states over the last step, (STATES, n)
+    rate: np.ndarray  # time derivatives of the states over the last step, (STATES, n)
     target: np.ndarray  # position, velocity, feed-forward, (3, n)
-    held: np.ndarray  # push of servos, or torques that are due [N·m], (n,)
-    through: np.ndarray  # 1 where the motor leans on a flank of its play, (n,)
+    held: np.ndarray  # torque of servos without back-EMF, or delayed torques now acting [N·m], (n,)
+    through: np.ndarray  # 1 if the motor touches a flank of its backlash, else 0, (n,)
     drive: np.ndarray  # torque of drives and springs on the joints [N·m], (n,)
-    line: np.ndarray  # torques that act late, (LINE, n)
-    gap: np.ndarray  # place, speed and whether it has begun, of a motor in its play, (3, n)
+    line: np.ndarray  # ring buffer of delayed torques [N·m], (LINE, n)
+    gap: np.ndarray  # position, speed and initialised flag of a motor in its backlash, (3, n)
 
 
 class Port(NamedTuple):
@@ -81,7 +81,7 @@ class Port(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Body that a push or a cable acts on: its number, places and turns of all of `Engine`."""
+    """Index of the body on which a push or cable acts, with `places` and `turns` of `Engine`."""
 
     number: int
     places: np.ndarray
@@ -97,7 +97,7 @@ def simulate(
     start: np.ndarray,
     times: tuple[int, int, float, int],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions and torques of a machine that follows commands.
+    """Simulated positions and torques of a machine that follows commands.
 
     Args:
         engine: Bodies of the machine.
@@ -105,10 +105,10 @@ def simulate(
         command: Position, velocity, feed-forward at each tick, (ticks, 3, n).
         hidden: Constants of the hidden laws, (LAWS, n, 4).
         outside: Body or -1, kind (0 push, 1 cable), point (3), force or anchor (3),
-            start or stiffness, stop or length, (10,).
+            start time or stiffness, stop time or length, (10,).
         start: Joint positions [rad], (n,).
         times: Ticks for which the first command is held before the record begins, steps per
-            tick, step [s], steps between two rows of the answer.
+            tick, step [s], steps between two rows of the result.
 
     Returns:
         Readings of the encoders and true velocities at every row, (rows, n) each, and the mean
@@ -134,7 +134,7 @@ def simulate(
 def _run(
     packed, command, hidden, outside, times, memory, port, body, engine, seen, speed, torque, summed
 ):
-    """All steps of `simulate`, with the engine's own between them."""
+    """Time loop of `simulate`, which calls the engine's steps."""
     settle, steps, dt, every, total = times
     late = hidden[COMMAND_DELAY, 0, 0]
     for step in range(-settle * steps, total + 1):
@@ -144,7 +144,7 @@ def _run(
             summed[:] = 0.0
         if step >= 0 and step % every == 0:
             encode(seen[step // every], speed[step // every], memory.state, port, hidden, dt)
-        t = (step + 0.5) * dt  # at which positions stand: commands change at whole steps
+        t = (step + 0.5) * dt  # time of the positions; commands change at whole steps
         tick = min(max(0, int((t - late) // (steps * dt))), len(command) - 1)
         torques(packed, hidden, memory, port, command[tick], step, dt)
         if outside[0] >= 0.0:
@@ -188,7 +188,7 @@ def _outside(engine, body, tau, outside, t):
 
 @njit(cache=True, error_model="numpy")
 def encode(q, v, state, port, hidden, dt):
-    """Readings of the encoders at whole steps: the motor when a spring is behind it."""
+    """Compute encoder readings at whole steps; with series elasticity those of the motor."""
     for j in range(len(q)):
         soft = hidden[SERIES, j, 0] > 0.0
         v[j] = state[MOTOR_V, j] if soft else port.v[j]
@@ -197,15 +197,15 @@ def encode(q, v, state, port, hidden, dt):
 
 @njit(cache=True, error_model="numpy")
 def torques(packed, hidden, memory, port, command, step, dt):
-    """Torques and dry friction on the joints until the next step, into the port.
+    """Compute torques and dry friction of the joints for the next step, written to `port`.
 
     Args:
         packed: Constants of the machine.
         hidden: Constants of the hidden laws, (LAWS, n, 4).
-        memory: Filled in.
+        memory: State, updated in place.
         port: Arrays of the engine.
-        command: Position, velocity, feed-forward that the machine is told, (3, n).
-        step: Number of the step, 0 at the beginning of the record.
+        command: Commanded position, velocity and feed-forward torque, (3, n).
+        step: Index of the step, 0 at the start of the record.
         dt: Step [s].
     """
     state, rate, target, drives = memory.state, memory.rate, memory.target, packed.drives
@@ -215,7 +215,7 @@ def torques(packed, hidden, memory, port, command, step, dt):
         state[Q, j] = port.q[j]
         state[V, j] = port.v[j] + 0.5 * dt * port.a[j]
         for k in (ROTOR_V, MOTOR_V):
-            state[k, j] += 0.5 * dt * rate[k, j]  # now at the time of positions
+            state[k, j] += 0.5 * dt * rate[k, j]  # at the time of positions
         for k in range(3):
             target[k, j] = command[k, j]
         target[0, j] += hidden[OFFSET, j, 0]
@@ -239,7 +239,7 @@ def torques(packed, hidden, memory, port, command, step, dt):
         tau += laws.strange(state, j, hidden) - packed.damping[j] * state[V, j]
         port.tau[j] = tau
         port.friction[j] = _budget(state[V, j], memory.drive[j], hidden, j, t)
-        state[ROTOR_V, j] += dt * (rate[ROTOR_V, j] - 0.5 * before[0])  # half a step after
+        state[ROTOR_V, j] += dt * (rate[ROTOR_V, j] - 0.5 * before[0])  # half a step later
         state[MOTOR_V, j] += dt * (rate[MOTOR_V, j] - 0.5 * before[1])
         state[ROTOR, j] += dt * state[ROTOR_V, j]
         state[MOTOR, j] += dt * state[MOTOR_V, j]
@@ -247,7 +247,7 @@ def torques(packed, hidden, memory, port, command, step, dt):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _remember(state, rate, port, hidden, j, dt):
-    """Bring what bends, fades and swings beside the joint to the time of positions (midpoint)."""
+    """Integrate the internal states of the hidden laws to the time of positions (midpoint)."""
     before = state[BENT, j], state[FADING, j], state[LOOSE, j], state[LOOSE_V, j]
     wound = state[RUBBER_A, j], state[RUBBER_A + 1, j], state[RUBBER_C, j]
     state[V, j] = port.v[j]
@@ -281,7 +281,7 @@ def _rounded(x, step):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _hold_late(state, target, machine, hidden, held, line, step, dt):
-    """Torques that act late: put the one of now in line, take the one that is due."""
+    """Delayed torques: append the current one to the buffer, read the one that acts now."""
     drives = machine.drives
     for j in range(state.shape[1]):
         delay = hidden[ACTUATION_DELAY, j, 0]
@@ -299,7 +299,7 @@ def _hold_late(state, target, machine, hidden, held, line, step, dt):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _in_play(gap, j, want, v, row, dt):
-    """1 when the motor leans on a flank of its play, else 0 and it moves freely."""
+    """1 if the motor touches a flank of its backlash, 0 if it moves freely in it."""
     half = 0.5 * row[0]
     if gap[2, j] == 0.0:
         gap[2, j], gap[1, j] = 1.0, v
@@ -318,7 +318,7 @@ def _in_play(gap, j, want, v, row, dt):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _asked(state, j, target, machine, hidden, held, load, t):
-    """Torque of a drive that is no servo [N·m]."""
+    """Torque of a drive other than a servo [N·m]."""
     drives = machine.drives
     soft = hidden[SERIES, j, 0] > 0.0
     seen = state[MOTOR, j] if soft else state[Q, j]
@@ -332,7 +332,7 @@ def _asked(state, j, target, machine, hidden, held, load, t):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _load(state, target, machine, hidden, held, t):
-    """Share of the supply that is lost to the load of all drives."""
+    """Lost share of the supply voltage due to the load of all drives."""
     sag = hidden[SAG, 0, 0]
     if sag == 0.0:
         return 0.0
@@ -351,7 +351,7 @@ def _load(state, target, machine, hidden, held, t):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _drive(j, machine, hidden, memory, load, t, dt):
-    """Torque of a drive on its joint; rates of rotor, motor and lag [N·m]."""
+    """Torque of a drive on its joint [N·m]; also computes the rates of rotor, motor and lag."""
     row, target, held = machine.drives[j], memory.target, memory.held
     state, rate = memory.state, memory.rate
     if row[0] == FREE:
@@ -368,7 +368,7 @@ def _drive(j, machine, hidden, memory, load, t, dt):
     else:
         tau = _asked(state, j, target, machine, hidden, held, load, t)
         if hidden[LAG, j, 0] > 0.0:
-            share = 0.5 * dt / hidden[LAG, j, 0]  # trapezoids; the rate holds the torque before
+            share = 0.5 * dt / hidden[LAG, j, 0]  # trapezoidal; `rate` is the previous torque
             both = share * (tau + rate[LAGGED, j]) + (1.0 - share) * state[LAGGED, j]
             rate[LAGGED, j], state[LAGGED, j] = tau, both / (1.0 + share)
             tau = state[LAGGED, j]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine with something hidden in it, and what its sensors say when it is moved."""
+"""Simulated recordings of a machine with hidden effects."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .engine import Engine
 from .hidden import Hidden
 from .machines import GRAVITY, Machine
 
-SETTLE = 1.5  # for which the first command is held before a record begins [s]
-FINE = 1000.0  # rows per second of what sensors may look back on [Hz], at least
+SETTLE = 1.5  # time for which the first command is held before a record begins [s]
+FINE = 1000.0  # smallest sampling rate of the signals that sensors read [Hz]
 
 
 @dataclass(frozen=True)
@@ -28,9 +28,9 @@ class Reading:
     Attributes:
         t: Times of the commands [s], (T,).
         stamp: Stamps of the readings [s], (S,).
-        q: Joint sensors [rad], (S, n).
-        command: Positions, velocities wanted of the driven joints, (T, m) each.
-        tau: Torque sensors [N·m], (S, n), or None.
+        q: Joint sensor readings [rad], (S, n).
+        command: Target positions and velocities of the driven joints, (T, m) each.
+        tau: Torque sensor readings [N·m], (S, n), or None.
         driven: Names of the driven joints.
         joints: Names of all joints.
     """
@@ -48,7 +48,7 @@ class Reading:
 def truth(
     machine: Machine, effects: Sequence[Hidden], command: tuple[np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fine times [s], encoder positions and velocities there, mean torque at each tick.
+    """Fine time grid [s], encoder positions and velocities on it, mean torque at each tick.
 
     Args:
         machine: Machine without hidden effects.
@@ -80,7 +80,7 @@ def record(
     seed: int,
     name: str = "",
 ) -> Reading:
-    """The recording of a robot that is moved; `seed` and `name` key the noise."""
+    """Recording of a robot that follows a command; `seed` and `name` seed the noise."""
     t, encoders, speed, tau = truth(machine, effects, command)
     rng = np.random.default_rng([seed, crc32(name.encode())])
     ticks = np.arange(len(command[0])) / machine.rate
@@ -91,7 +91,7 @@ def record(
 
 
 def _constants(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
-    """Constants of the laws in the joints, with those of motors that differ from their model."""
+    """Constants of the hidden laws per joint, including motors that differ from their model."""
     rows = hidden.constants(machine, tuple(effects))
     if machine.motor is not None:
         rows[slots.GAIN, :, 0] = (1.0 + rows[slots.GAIN, :, 0]) * machine.motor - 1.0
@@ -99,7 +99,7 @@ def _constants(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
 
 
 def _change(body, effect: Hidden) -> None:
-    """Effects that are built into the body."""
+    """Apply an effect that changes the rigid bodies."""
     if effect.effect == "payload":
         body.add_point(effect.params["link"], effect.params["mass"], effect.params["position"])
     elif effect.effect == "com_offset":
@@ -111,7 +111,7 @@ def _change(body, effect: Hidden) -> None:
 
 
 def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
-    """Row of a push or cable for the kernel; body -1 when there is none."""
+    """Row of a push or cable for the compiled simulation; body -1 if there is none."""
     row = np.full(10, -1.0)
     for effect in effects:
         p = effect.params
@@ -127,12 +127,12 @@ def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
 
 
 def packed(machine: Machine, body) -> motion.Packed:
-    """Constants of a machine with a body, for the kernel."""
+    """Constants of a machine with a body, for the compiled simulation."""
     return motion.Packed(machine.drives, machine.springs, machine.rest, body.damping)
 
 
 def joint_inertia(machine: Machine) -> np.ndarray:
-    """Inertia of all that hangs on each joint, in the standing pose [kg·m²], (n,)."""
+    """Inertia of all bodies moved by each joint, in the standing pose [kg·m²], (n,)."""
     if machines.MACHINES.get(machine.name):
         return _inertia(machine.name)
     return _diagonal(machine)
@@ -157,5 +157,5 @@ def loose(machine: Machine) -> Machine:
 
 
 def coarser(machine: Machine) -> Machine:
-    """The same machine with two thirds of the steps: for what integration alone changes."""
+    """The machine with two thirds of the steps, to measure the integration error."""
     return replace(machine, steps=max(2, 2 * machine.steps // 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of sensors: late, bent, rounded, with noise."""
+"""Simulated sensor readings: delayed, distorted, rounded, with noise."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def joints(
     ticks: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Readings of the joint sensors [rad], (T, n); all NaN of a machine that fell apart.
+    """Readings of the joint sensors [rad], (T, n); all NaN for a diverged simulation.
 
     Args:
-        machine: Machine that the sensors sit on.
+        machine: Machine with the sensors.
         effects: Hidden effects.
-        t: Fine times [s], (R,).
-        seen: Positions there [rad], (R, n).
-        speed: Velocities there [rad/s], (R, n).
+        t: Fine time grid [s], (R,).
+        seen: Positions on this grid [rad], (R, n).
+        speed: Velocities on this grid [rad/s], (R, n).
         ticks: Times of the readings [s], (T,).
         rng: Generator of the noise.
     """
@@ -65,7 +65,7 @@ def torques(
 
 
 def _bent(q: np.ndarray, v: np.ndarray, here: list[Hidden], rest: float) -> np.ndarray:
-    """Positions that the sensor believes in."""
+    """Positions with the sensor's systematic errors [rad]."""
     for e in here:
         p, x = e.params, q - rest
         if e.effect == "sensor_bias":
@@ -84,7 +84,7 @@ def _bent(q: np.ndarray, v: np.ndarray, here: list[Hidden], rest: float) -> np.n
 
 
 def _dragged(q: np.ndarray, half: float) -> np.ndarray:
-    """Positions of a sensor that its joint drags along by a coupling with play."""
+    """Positions of a sensor that is coupled to its joint with backlash [rad]."""
     out = q.copy()
     for k in range(1, len(q)):
         out[k] = min(max(out[k - 1], q[k] - half), q[k] + half)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of the constants of drives, springs and hidden laws in the kernel's arrays.
+"""Array indices of the constants of drives, springs and hidden laws.
 
-A hidden law has a row of four constants per joint; all zeros is absent.
+A hidden law has a row of four constants per joint; all zeros means that it is absent.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SPRING = 6  # kind (1 linear, 2 knee), stiffness, damping, rest or free length, 
     LAWS,
 ) = range(29)
 
-# What changes with time, a row each; columns are joints.
+# State variables, one row each; columns are joints.
 (
     Q, V, ROTOR, ROTOR_V, LAGGED, BENT, FADING, MOTOR, MOTOR_V, LOOSE, LOOSE_V,
     RUBBER_A, RUBBER_B, RUBBER_C, STATES,

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies and joints of a URDF as plain arrays, read with the standard library alone.
+"""Bodies and joints of a URDF as arrays, read with the standard library only.
 
-Links behind fixed joints become part of the link that carries them. The root is held by
-the world, so that only what moves is left: body i hangs on joint i.
+Links behind fixed joints are merged with the link that carries them. The root is fixed to
+the world, so that only moving bodies remain: body i is the child of joint i.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ import numpy as np
 
 @dataclass
 class Tree:
-    """Moving bodies and their joints, (n,); parents come before their children.
+    """Moving bodies and their joints, (n,); parents precede their children.
 
     Attributes:
-        joints: Names.
+        joints: Names of the joints.
         links: Names of the bodies, each the child of its joint.
-        parent: Body that a joint hangs on, -1 is the world, (n,).
-        turn: Rotation from a body's frame at joint position 0 to its parent's, (n, 3, 3).
+        parent: Index of the parent body of each joint, -1 for the world, (n,).
+        turn: Rotation from a body's frame at joint position 0 to its parent's frame, (n, 3, 3).
         place: Origin of the joint in the parent's frame [m], (n, 3).
         axis: Axis of the joint in the body's frame, (n, 3).
-        slides: 1 for a joint that slides, (n,).
-        mass: [kg], (n,).
+        slides: 1 for a prismatic joint, else 0, (n,).
+        mass: Mass of each body [kg], (n,).
         com: Centre of mass in the body's frame [m], (n, 3).
-        inertia: About the centre of mass, along the body's frame [kg·m²], (n, 3, 3).
-        armature: Inertia of a rotor on the joint [kg·m²], (n,).
+        inertia: Inertia about the centre of mass in the body's frame [kg·m²], (n, 3, 3).
+        armature: Rotor inertia at the joint [kg·m²], (n,).
         damping: Viscous damping of the joint [N·m·s/rad], (n,).
         effort: Torque limit [N·m], inf for none, (n,).
-        lower: Position limits [rad], (n,); and upper.
+        lower: Lower position limits [rad], (n,); `upper` are the upper ones.
     """
 
     joints: tuple[str, ...]
@@ -57,12 +57,12 @@ class Tree:
             self.armature = np.zeros(len(self.joints))
 
     def add_point(self, link: str, mass: float, at: Sequence[float]) -> None:
-        """Fix a point mass [kg] to a link at a place in its frame [m]."""
+        """Attach a point mass [kg] to a link at a position in the link's frame [m]."""
         i, at = self.links.index(link), np.asarray(at, float)
         _join(self, i, mass, at, np.zeros((3, 3)))
 
     def move_com(self, link: str, by: Sequence[float]) -> None:
-        """Move the centre of mass of a link [m]; mass and inertia about it stay."""
+        """Shift the centre of mass of a link [m]; mass and inertia about it are unchanged."""
         self.com[self.links.index(link)] += np.asarray(by, float)
 
 
@@ -71,8 +71,8 @@ def read(path: str | Path, joints: Sequence[str]) -> Tree:
 
     Args:
         path: URDF file.
-        joints: Joints that move, in the order wanted; all others are held at 0 or, when
-            nothing that moves hangs on them, left out with all they carry.
+        joints: Movable joints in the order of the result. All others are fixed at 0 or, if they
+            carry no movable joint, left out with all their links.
     """
     root = ET.parse(path).getroot()
     links = {link.get("name"): link for link in root.findall("link")}
@@ -103,7 +103,7 @@ def read(path: str | Path, joints: Sequence[str]) -> Tree:
 
 
 def _sorted(names: list[str], up: dict) -> list[str]:
-    """The names as given, which must name parents before their children."""
+    """The names unchanged, after a check that parents precede their children."""
     known = [j.get("name") for j in up.values()]
     if strange := [name for name in names if name not in known]:
         raise KeyError(f"no joint {strange[0]} in the URDF; it has {', '.join(known)}")
@@ -111,13 +111,13 @@ def _sorted(names: list[str], up: dict) -> list[str]:
 
 
 def _carrier(link: str, up: dict, heads: list[str], turn: np.ndarray, place: np.ndarray) -> tuple:
-    """Moving body that carries a link ("" is the world), and the pose of the link in it."""
+    """Moving body that carries a link ("" is the world), and the pose of the link in its frame."""
     while link not in heads:
         if link not in up:
             return "", turn, place
         joint = up[link]
         if joint.get("type") != "fixed":
-            # A joint that is not asked for: what hangs on it is not part of the machine.
+            # A joint that is not requested: its links are not part of the machine.
             return "", turn, place
         spin, at = _pose(joint)
         turn, place, link = spin @ turn, at + spin @ place, joint.find("parent").get("link")
@@ -138,7 +138,7 @@ def _weight(body: ET.Element, turn: np.ndarray, at: np.ndarray) -> tuple:
 
 
 def _join(tree: Tree, i: int, mass: float, at: np.ndarray, inertia: np.ndarray) -> None:
-    """Make a mass part of body i."""
+    """Add a rigid mass to body i."""
     total = tree.mass[i] + mass
     if total <= 0.0:
         return
@@ -167,7 +167,7 @@ def _numbers(element: ET.Element | None, key: str, default: str) -> np.ndarray:
 
 
 def _pose(element: ET.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and place of an element's origin; rpy turns about fixed axes x, y, z."""
+    """Rotation and position of an element's origin; rpy are rotations about fixed axes x, y, z."""
     origin = element.find("origin")
     r, p, y = _numbers(origin, "rpy", "0 0 0")
     cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
