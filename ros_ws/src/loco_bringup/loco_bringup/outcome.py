@@ -26,7 +26,7 @@ VERSIONS = ("ros-rclpy", "pybullet", "mujoco", "numpy", "scipy", "numba", "mcap"
 
 @dataclass
 class Progress:
-    """Values of the progress line."""
+    """Values displayed in the progress line."""
 
     phase: str = "starting"
     sim_time: float = 0.0
@@ -69,7 +69,7 @@ def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
 
 
 def check_new(folder: Path) -> None:
-    """Raise `ParameterError` when a folder for a bag holds one already."""
+    """Raise `ParameterError` if a folder for a new bag already contains one."""
     if any(Path(folder).glob("*.mcap")):
         raise ParameterError(f"{folder} holds a bag already; choose another folder")
 

@@ -41,9 +41,9 @@ class Case:
     Attributes:
         name: Name without information on the hidden effects.
         robot: Name of the machine.
-        kind: null, single, pair or outsider.
-        size: small, medium, large, or empty for a null.
-        seed: Seed of everything in the case.
+        kind: ``null`` (no effect), ``single``, ``pair`` or ``outsider`` (not in the registry).
+        size: ``small``, ``medium`` or ``large``; empty for ``null``.
+        seed: Seed of all random choices of the case.
         wanted: Effects to try first, before the other candidates.
         effects: Hidden effects.
         shows: Visibility of each effect by itself (`sizes.visibility`).

@@ -73,7 +73,7 @@ def page(
     table: Mapping[str, Mapping[str, int]],
     later: Mapping[str, Any] | None = None,
 ) -> str:
-    """The page."""
+    """HTML text of the page."""
     columns = ("case", "robot", "hidden", "size", "shows", "verdict", "names", "before", "after",
                "place", "size error", *(score_text.THEN if later else ()))  # fmt: skip
     cells = [_case(r) for r in rows]

@@ -93,7 +93,7 @@ def make(folder: Path, case: Case, effects: tuple[str, ...]) -> None:
 
 
 def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ...]:
-    """Baselines that a result does not have yet."""
+    """Names of the baselines that a result does not have yet."""
     if result["verdict"] == "error":
         return ()
     done = result.get("baselines", {})
@@ -120,7 +120,7 @@ def unfollowed(result: dict[str, Any]) -> bool:
 
 
 def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
-    """Settings (window, held-out record, accuracy) under which the search is not repeated yet."""
+    """Settings (window, held-out record, accuracy) that the search has not been repeated with."""
     if result["verdict"] not in SURE or not result["names"]:
         return []
     drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]

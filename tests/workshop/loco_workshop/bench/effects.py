@@ -104,7 +104,7 @@ def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
     plain = _least(lambda: bare._drive.torque(*bare.loop._joints))
 
     def affected() -> None:
-        on._world._frames.clear()  # as in a step of the engine
+        on._world._frames.clear()  # clear the cache, as each step does
         on.loop._affected_torque(*joints)
 
     torque = _least(affected) - plain

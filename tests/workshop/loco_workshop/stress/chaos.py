@@ -30,7 +30,7 @@ from .traces import TAG
 class Cell:
     """One test condition: a signal to a process, a system failure, or all faults of a topic."""
 
-    how: str  # SIGSTOP, SIGKILL, rough or faults
+    how: str  # SIGSTOP, SIGKILL, rough (system failures) or faults
     what: str
 
     @property

@@ -75,7 +75,7 @@ were hit. `fell`: of all faults of the topic, those that brought HyQ down."""
 
 def _of_faults(rows: list[dict[str, Any]]) -> list[str]:
     """Markdown table with one row per topic and one column per fault."""
-    kinds = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error
+    kinds = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error row
     lines = []
     for topic in dict.fromkeys(row["what"] for row in rows):
         own = {row["how"]: row for row in rows if row["what"] == topic}

@@ -159,7 +159,7 @@ def torn(now: dict[str, bytes], whole: dict[str, bytes]) -> list[str]:
 
 
 class _Trial:
-    """Runs of one command."""
+    """Undisturbed and disturbed runs of one command."""
 
     def __init__(self, name: str, place: Path, draw: random.Random):
         self.row, self._draw, self._place = Row(name), draw, place

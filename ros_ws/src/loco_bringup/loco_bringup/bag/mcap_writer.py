@@ -40,7 +40,8 @@ from .mcap_scan import HEAD, MAGIC
 _MESSAGE = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log and publish time [ns]
 _ENTRY = struct.Struct("<QQ")  # entry of a message index: time, offset in the chunk
 # Summary of a chunk until the file is closed, as bytes: there can be many thousand chunks.
-_CHUNK = struct.Struct("<QQQQQQQ")  # start, length, index length, packed, unpacked, first, last
+# Start, length, index length, compressed and uncompressed size [bytes], first and last time [ns].
+_CHUNK = struct.Struct("<QQQQQQQ")
 _COUNT = struct.Struct("<HQI")  # per channel: id, offset of its index, number of messages
 
 

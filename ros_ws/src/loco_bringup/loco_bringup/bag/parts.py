@@ -29,7 +29,7 @@ class FileRow(TypedDict, total=False):
     """Entry of one file in ``metadata.yaml``."""
 
     path: str
-    message_count: Any  # not trusted: the messages in the files are counted
+    message_count: Any  # unreliable; the counts in the files are used
 
 
 class Information(TypedDict, total=False):

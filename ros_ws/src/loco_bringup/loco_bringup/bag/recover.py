@@ -20,7 +20,7 @@ from .parts import Information, information, mcap_paths, missing, numbered
 from .salvage import Salvager
 from .writer import LIBRARY, BagWriter
 
-_BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files that a run leaves in its folder
+_BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files of a run beside its bag
 
 
 @dataclass

@@ -34,8 +34,9 @@ class Limits:
     """Size and time of a file after which the next file of a bag begins.
 
     Args:
-        size: Bytes, from 300,000, without the index at the end of the file; 0 for no limit.
-        duration: Time from the first message of a file [s], from 0.1; 0 for no limit.
+        size: Size without the index at the end of the file [bytes], at least 300,000; 0 for no
+            limit.
+        duration: Time from the first message of a file [s], at least 0.1; 0 for no limit.
 
     Raises:
         ParameterError: A limit is too small or not a number.
@@ -63,7 +64,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Part:
-    """One file of a bag: its name, times of its first and last message [ns], messages."""
+    """One file of a bag: name, times of its first and last message [ns], message counts."""
 
     name: str
     span: tuple[int, int]
@@ -80,7 +81,7 @@ class BagWriter:
     Args:
         folder: New folder of the bag; its name is the name of the bag.
         custom_data: Texts for the bag's metadata (experiment, seed, versions).
-        chunk_size: Bytes of messages after which a chunk is written.
+        chunk_size: Size of messages after which a chunk is written [bytes].
         limits: Size and time after which the next file begins.
 
     Attributes:

@@ -26,8 +26,8 @@ def read_recording(
         bag: Bag folder or ``.mcap`` file with `STATES` and `COMMAND`, or with `ROBOT_STATE` and
             `MOTION` of the HyQ graph.
         rate: Samples per second of the result.
-        namespace: Namespace of the robot, where the bag holds several.
-        robot: Robot that was measured; the messages of the HyQ graph do not name its joints.
+        namespace: Namespace of the robot, if the bag has several robots.
+        robot: Measured robot; needed for the HyQ graph, whose messages have no joint names.
 
     Raises:
         MissingFileError: There is no such bag.

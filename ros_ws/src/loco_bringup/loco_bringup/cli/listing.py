@@ -118,8 +118,8 @@ def show_schema(a: argparse.Namespace) -> int:
 def show_completion(a: argparse.Namespace) -> int:
     """`loco completion`: print a shell function that completes commands and options.
 
-    A word that is no option and follows no command completes to files, and for ``run``,
-    ``study``, ``list`` and ``schema`` to the names that these take.
+    Other arguments are completed with file names, and for ``run``, ``study``, ``list`` and
+    ``schema`` with the names that these commands accept.
     """
     names = {
         "run": [*experiment.names()], "study": [*study.names()], "list": [*_LISTS],

@@ -88,7 +88,7 @@ def summary() -> str:
 
 
 def describe(error: OSError) -> str:
-    """One line about an error of the operating system: what, where, and what to do."""
+    """One line about an error of the operating system: cause, file, and advice."""
     names = [str(name) for name in (error.filename, error.filename2) if name is not None]
     text = ": ".join([error.strerror or str(error) or type(error).__name__, *names[:1]])
     remedy = REMEDIES.get(error.errno or 0)

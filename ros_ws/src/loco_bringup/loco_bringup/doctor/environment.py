@@ -24,7 +24,7 @@ _PACKAGES = ("loco_msgs", "tf2_msgs")
 class Finding:
     """One problem that keeps a graph from running.
 
-    ``fault`` names it in one or two words, ``grave`` is false for what may be intended.
+    ``fault`` is its short name; ``grave`` is false if the condition may be intended.
     """
 
     fault: str

@@ -41,7 +41,7 @@ def show_check(a: argparse.Namespace) -> int:
     """`loco gap check`: examine the recordings, print the result, write the page.
 
     Returns:
-        The exit code: 2 where a recording is refused.
+        The exit code: 2 if a recording is refused.
 
     Raises:
         LocoError: The robot is unknown, or no recording is usable.
@@ -84,8 +84,8 @@ def checked(
         robot: Robot, robot.yaml or model.yaml.
         bags: Recordings.
         mapping: Mapping file, or None.
-        workers: Processes.
-        tell: Called with the share done and the stage.
+        workers: Number of processes.
+        tell: Called with the completed share and the stage.
 
     Raises:
         LocoError: The robot is unknown, or no recording is usable (with the reason of the first).

@@ -36,7 +36,7 @@ class FieldSource:
         self.notes: list[str] = []
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
-        """Stamps [s] and values of a field, each (K,), of the messages that name its element.
+        """Stamps [s] and values of a field, (K,) each, from the messages that contain the element.
 
         Raises:
             ParameterError: The mapping names no topic, or no such field.

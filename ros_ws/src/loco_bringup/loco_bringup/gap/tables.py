@@ -50,7 +50,7 @@ def rows_of(items: Sequence[Mapping[str, Any]], keys: Sequence[str] = ()) -> Mar
 
 
 def cells(result: Result) -> Markup:
-    """Cells of the gap map, the largest first."""
+    """Table of the cells of the gap map, largest first."""
     items = result["where"][:MOST]
     if not items:
         return Markup()
@@ -215,7 +215,7 @@ def not_tried(result: Result) -> Markup:
 
 
 def settings(result: Result) -> Markup:
-    """Settings and refitted nominal values."""
+    """Table of settings and refitted nominal values."""
     rows = [
         [text.words(str(k)), plain(v)]
         for part in ("settings", "nuisance")

@@ -139,7 +139,7 @@ def odds_text(odds: Any) -> str:
 
 
 def gap_line(result: Result) -> str:
-    """Distance of model and measurement, before and after, on held-out data."""
+    """Sentence on the residual of the model before and after, on held-out data."""
     gap = result.get("gap") or {}
     if gap.get("before") is None:
         return ""

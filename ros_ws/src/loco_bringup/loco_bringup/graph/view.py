@@ -52,7 +52,7 @@ class Report:
     age: float  # wall time since its arrival [s]
 
     def number(self, key: str, default: float = 0.0) -> float:
-        """A value as a number."""
+        """Value of a key as a number; `default` if it is missing or not a number."""
         try:
             return float(self.values.get(key, default))
         except ValueError:

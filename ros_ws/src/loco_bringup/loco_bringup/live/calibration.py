@@ -67,7 +67,7 @@ class GapRow(NamedTuple):
 
 @dataclass
 class LiveProgress:
-    """Values of the progress line."""
+    """Values displayed in the progress line."""
 
     phase: str = "starting"
     sim_time: float = 0.0
@@ -81,10 +81,10 @@ class LiveProgress:
 
 @dataclass
 class LiveOutcome:
-    """The end of a live calibration.
+    """Result of a live calibration.
 
     Attributes:
-        run: End of the robots' run.
+        run: Outcome of the robots' run.
         status: ``done``, ``cancelled`` or ``failed``; empty if interrupted.
         result: Result of the action; None if interrupted.
     """

@@ -18,7 +18,7 @@ from loco_msgs.msg import Event
 from loco_sim.robot.robot import Robot
 
 STATES, COMMANDS = "joint_states", "joint_command"
-_DEPTH = 2000  # queue for a busy machine; robots do not wait
+_DEPTH = 2000  # queue length [messages]; robots do not wait for this listener
 
 
 class LiveRobot:

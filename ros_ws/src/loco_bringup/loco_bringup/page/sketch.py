@@ -23,7 +23,7 @@ def marked(robot: Robot, places: Sequence[str]) -> set[str]:
 
     Args:
         robot: The robot.
-        places: Names of links, joints or feet; ``*`` and ``[lr]`` stand for more than one.
+        places: Names of links, joints or feet; ``*`` and ``[lr]`` are wildcards.
     """
     links_marked = set()
     for joint, _, child in _joints(robot):

@@ -97,7 +97,7 @@ class Feed:
         on_progress: Callable[[float], None],
         start: StartMonitor,
     ) -> None:
-        """Feed all ticks.
+        """Publish all ticks and compare the answers.
 
         Args:
             nodes: Controllers that must be ready first.

@@ -40,7 +40,7 @@ _STARTS_TICK = {"hyq": "robot_state", "joint": "joint_states", "msd": "node_stat
 
 
 class RecorderNode(LocoNode):
-    """Raw subscriptions to the table's topics, written as they arrive."""
+    """Node with raw subscriptions to the topics of the table, which writes messages on arrival."""
 
     def __init__(self) -> None:
         super().__init__("recorder")

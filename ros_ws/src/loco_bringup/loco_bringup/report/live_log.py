@@ -101,7 +101,7 @@ def read_live(bag: Bag) -> LiveRun:
     """A live calibration from its bag.
 
     Raises:
-        BagError: The bag lacks one of `TOPICS`, or the measured robot has no whole period.
+        BagError: The bag lacks one of `TOPICS`, or the measured robot has no complete period.
     """
     missing = _missing(bag) or ([] if _said(bag) else [" or ".join(SAID)])
     if missing:

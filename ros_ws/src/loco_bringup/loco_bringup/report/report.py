@@ -21,7 +21,7 @@ GIF = "gait.gif"
 
 
 def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool = True) -> Path:
-    """Write the report of a recorded run.
+    """Write the report page of a recorded run.
 
     Args:
         bag: Bag folder or ``.mcap`` file.

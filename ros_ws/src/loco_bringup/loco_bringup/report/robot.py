@@ -33,7 +33,7 @@ JOINTED = (  # the same, robots without legs
     "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
     "positive_power", "passive_range", "pitch_range",
 )  # fmt: skip
-BOLTED = ("tracking_error", "torque_max", "positive_power", "passive_range")  # arms, doors, benches
+BOLTED = ("tracking_error", "torque_max", "positive_power", "passive_range")  # fixed base
 
 
 def page(bag: Bag, log: Log, gif: Path | None) -> str:

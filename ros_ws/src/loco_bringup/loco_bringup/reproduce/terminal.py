@@ -128,7 +128,7 @@ def judge(claims: Iterable[Claim], evidence: Evidence) -> list[Verdict]:
 def show(verdicts: list[Verdict], written: Path) -> int:
     """Print the verdicts and the path of their page; returns 0."""
     for v in verdicts:
-        statement = getattr(v, "says", "")  # those of chapter 6 say it in what they want
+        statement = getattr(v, "says", "")  # chapter 6 has it in the field of the expected value
         lines = (
             f"{v.claim:>5}  {v.verdict:<12} {statement or v.wanted}",
             statement and f"       {v.wanted}",

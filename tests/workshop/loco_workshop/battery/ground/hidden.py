@@ -92,7 +92,7 @@ def _late(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str,
 
 
 def _ripple(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
-    first = next(iter(w.gains))  # the hip's, which hardly moves
+    first = next(iter(w.gains))  # gains of a hip joint, which hardly moves
     joint = str(rng.choice([j for j in w.joints if not j.endswith(first)]))
     return joint, {"joint": joint, "torque": x * w.effort()[joint],
                    "teeth": float(rng.uniform(40.0, 80.0))}  # fmt: skip

@@ -20,7 +20,7 @@ SIGNALS = {  # standard deviation of the noise
 
 @dataclass(frozen=True)
 class Walker:
-    """A robot that trots.
+    """A trotting robot.
 
     Attributes:
         name: Name in the battery.

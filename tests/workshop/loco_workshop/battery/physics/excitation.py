@@ -33,7 +33,7 @@ def command(machine: Machine, kind: str, seed: int) -> tuple[np.ndarray, np.ndar
         shape *= np.clip((t - STILL) / 0.2, 0.0, 1.0)
         q[:, column] = centre + np.clip(shape, -span, span)
     v = np.gradient(q, t, axis=0)
-    v[np.abs(v) > machine.fast] = 0.0  # a jump has no velocity
+    v[np.abs(v) > machine.fast] = 0.0  # zero target velocity at jumps
     v[0] = 0.0
     return q, v
 

@@ -122,7 +122,7 @@ def _urdf(name: str, file: str = "") -> Path:
 
 
 def _servo(n: int, driven: list[int], effort: float = 2.6) -> np.ndarray:
-    """Dynamixel RX-24F at 12 V behind 193 : 1, on some of n joints."""
+    """Drive constants of Dynamixel RX-24F (12 V, gear 193 : 1) on driven joints, (n, DRIVE)."""
     rows = np.zeros((n, slots.DRIVE))
     rows[driven] = (slots.SERVO, 2.6, 2.6 / 13.2, 6.2, 0.00506, 0.003, 30.0, 0.05, effort, 0.0)
     return rows
@@ -139,7 +139,7 @@ def servo_pendulum() -> Machine:
 
 
 def linear_axis() -> Machine:
-    """A carriage of 1.5 kg on a rail, impedance 2000 N/m and 60 N·s/m."""
+    """A carriage of 1.5 kg on a rail, with an impedance drive of 2000 N/m and 60 N·s/m."""
     body = tree.read(_urdf("linear_axis"), ["slide"])
     drives = np.array([[slots.IMPEDANCE, 2000.0, 60.0, 0, 0, 0, 0, 0, 60.0, 0.0]])
     return Machine(
@@ -149,7 +149,7 @@ def linear_axis() -> Machine:
 
 
 def hyq_leg() -> Machine:
-    """The left front leg of HyQ on a bolted trunk, with the gains of a swing leg."""
+    """The left front leg of HyQ on a fixed trunk, with the gains of a swing leg."""
     names = ["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint"]
     start = np.array([-0.121072, 0.695151, -1.418375])
     drives = np.zeros((3, slots.DRIVE))

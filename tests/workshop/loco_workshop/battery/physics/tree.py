@@ -111,7 +111,7 @@ def _sorted(names: list[str], up: dict) -> list[str]:
 
 
 def _carrier(link: str, up: dict, heads: list[str], turn: np.ndarray, place: np.ndarray) -> tuple:
-    """Moving body that carries a link ("" is the world), and the pose of the link in its frame."""
+    """Moving body that carries a link ("" is the world), and the link's pose in that body."""
     while link not in heads:
         if link not in up:
             return "", turn, place

@@ -81,7 +81,7 @@ class RawBag(Bag):
         """Read every message once.
 
         Raises:
-            BagError: One cannot be read.
+            BagError: A message cannot be read.
         """
         for name in self.topics:
             self.raw(name)

@@ -23,7 +23,7 @@ Verdicts: named, ambiguous, unknown, no gap; set-up, where units, signs or names
 
 
 def add_out(p: ArgumentParser, text: str) -> None:
-    """Add ``--out`` and its older name ``--output``, which the help leaves out."""
+    """Add the option ``--out`` and its older name ``--output``, which is hidden in the help."""
     p.add_argument("--out", type=Path, metavar="DIR", help=text)
     p.add_argument("--output", dest="out", type=Path, help=SUPPRESS)
 
