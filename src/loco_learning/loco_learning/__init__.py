@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reflex network that learns to walk, and the experiments that judge it."""
+"""Learning and identification: reflex network, gait search, calibration, gap search, studies."""
 
 __version__ = "0.2.0"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays and plain values in one ``.npz`` file that says what it is and of which version."""
+"""Files of arrays and plain values: one ``.npz`` with the kind and version of its content."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from loco_control.reading import parse_json, read_npz, shown, understanding
 
 
 class Weights(TypedDict):
-    """Plain values of a weight file; its senses have further ones."""
+    """Plain values of a weight file; those of `senses` have further ones."""
 
     learner: dict[str, Any]
     dt: Annotated[float, Between(1e-6, 1e3)]
@@ -28,14 +28,14 @@ class Weights(TypedDict):
 
 
 class JointWeights(Weights):
-    """Those of a joint reflex."""
+    """Plain values of a weight file of a joint reflex."""
 
     sensors: list[str]
     outputs: Annotated[int, Between(1, 1000)]
 
 
 class Log(TypedDict):
-    """Plain values of the log of a run."""
+    """Plain values of a simulation's log."""
 
     experiment: dict[str, Any]
     seed: int
@@ -44,7 +44,7 @@ class Log(TypedDict):
 
 
 class MsdGait(TypedDict):
-    """Plain values of a gait of masses and springs."""
+    """Plain values of a gait of a mass-spring-damper network."""
 
     task: dict[str, Any]
     parameters: int
@@ -56,7 +56,7 @@ class MsdGait(TypedDict):
 
 
 class MsdLoop(TypedDict):
-    """Plain values of a closed loop of masses and springs."""
+    """Plain values of a closed loop of a mass-spring-damper network."""
 
     job: dict[str, Any]
     values: dict[str, Any]
@@ -92,18 +92,18 @@ def write(
     arrays: Mapping[str, np.ndarray],
     compress: bool = False,
 ) -> None:
-    """Write a file of a kind in `FORMATS`, whole or not at all; makes its folder."""
+    """Write a file of a kind in `FORMATS`, completely or not at all; creates its folder."""
     text = json.dumps({"kind": kind, "format": FORMATS[kind][0], **meta})
     save: Any = np.savez_compressed if compress else np.savez
     write_whole(path, lambda file: save(file, meta=text, **arrays))
 
 
 def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Plain values and arrays of a file of one of these kinds; which one is under "kind".
+    """Plain values and arrays of a file; of several permitted kinds, the actual one is in "kind".
 
     Raises:
-        MissingFileError: There is no such file.
-        ParameterError: It is of none of these kinds, of another version, or a value is wrong.
+        MissingFileError: The file does not exist.
+        ParameterError: The kind or version is another one, or a value is invalid.
     """
     kind = kinds[0]
     arrays = read_npz(path, f"{kind} file of loco")
@@ -126,11 +126,11 @@ def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.nd
 def reading(
     path: str | Path, *kinds: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Context of the values and arrays of `read`, for a block that makes objects of them.
+    """Context manager of `read`, for a block that builds objects from the values.
 
     Raises:
         LocoError: See `read`.
-        ParameterError: The block cannot make anything of the values; the message names the file.
+        ParameterError: The block fails on the values; the message names the file.
     """
     values = read(path, *kinds)
     try:

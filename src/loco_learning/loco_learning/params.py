@@ -12,18 +12,18 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 PHASES = ("stand", "train", "closing", "test")
-OPEN = "open loop"  # what "train" is called where nothing trains
+OPEN = "open loop"  # name of the phase "train" if nothing is trained
 # HFE and KFE of each leg, leg-major; HAA always follows the target.
 OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
 REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
 ACTIVATIONS = ("tanh", "relu")
 SCALINGS = ("plateau", "author")
-# Sensors of a joint reflex by the name of the choice: kinds of `joint_sensors.KINDS`.
+# Sensors of a joint reflex by the value of `inputs`: kinds of `joint_sensors.KINDS`.
 INPUTS = {"all": ("joint", "gyro", "tilt"), "joints": ("joint",), "imu": ("gyro", "tilt")}
 
 
 class PhasedParams(Params):
-    """The parameters that all networks share: lengths of the phases, as fields named like them."""
+    """The parameters common to all networks: lengths of the phases, as fields named like them."""
 
     enabled: bool
     weights: str
@@ -33,7 +33,7 @@ class PhasedParams(Params):
     activation: str
     regularisation: float
     hidden_bias: float
-    phases_when_off: ClassVar[bool]  # without a network, time still goes by phases
+    phases_when_off: ClassVar[bool]  # whether time has phases without a network too
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,8 +61,8 @@ class LearnerParams(PhasedParams):
     running min-max scaling of inputs, hidden inputs and targets found in the
     thesis author's code; it is fragile (see ``hyq_author_scaling``).
 
-    With `weights` the readout is loaded and never changed: during ``train`` the
-    target drives while the delay line fills, and ``test`` runs as saved.
+    With `weights` the readout is loaded and not changed: during ``train`` the
+    target drives while the delay line fills, and ``test`` runs with the loaded weights.
     """
 
     phases_when_off: ClassVar[bool] = True
@@ -92,8 +92,8 @@ class JointLearnerParams(PhasedParams):
     """Shape, scaling and schedule of a joint reflex.
 
     Each sensor reads (value - centre) / scale, clipped to [-limit, limit]: fixed numbers
-    per kind of sensor, so that nothing depends on what the robot felt first.
-    With `weights` the readout is loaded and never changed.
+    per kind of sensor, so that nothing depends on the first readings.
+    With `weights` the readout is loaded and not changed.
     """
 
     phases_when_off: ClassVar[bool] = False
@@ -120,7 +120,7 @@ class JointLearnerParams(PhasedParams):
     weights: str = parameter("", "file with trained weights; empty: learn them", "path")
 
     def centre_and_scale(self, kind: str) -> tuple[float, float]:
-        """Value that a sensor of a kind reads as 0, and the distance from there that reads 1."""
+        """Value at which a sensor of a kind reads 0, and distance from it at which it reads 1."""
         return {
             "joint": (self.joint_centre, self.joint_scale),
             "gyro": (0.0, self.gyro_scale),
@@ -132,7 +132,7 @@ class JointLearnerParams(PhasedParams):
 class CriterionParams(Params):
     """When a trial counts as failed; each bound is reported on its own.
 
-    All but the fall are judged while the prediction drives, in closing and test.
+    All but the fall are checked while the prediction drives, in closing and test.
     A sine that lags its target by an angle a has an NRMSE of sin(a/2)/sqrt(2): the
     default bound of 0.3 is a lag of 50 degrees, or a seventh of a stride.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values as JSON has them, and as dotted names."""
+"""Conversion of values to JSON types and to dotted names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from loco_control.reading import shown
 
 
 def plain(value: Any) -> Any:
-    """Values as JSON has them; NaN and infinities become None."""
+    """Values as JSON types; NaN and infinities become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -31,7 +31,7 @@ def plain(value: Any) -> Any:
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested mappings as one of dotted names: ``{a: {b: 1}}`` is ``{"a.b": 1}``."""
+    """Nested mappings flattened to dotted names: ``{a: {b: 1}}`` is ``{"a.b": 1}``."""
     out: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -46,7 +46,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     Raises:
         MissingFileError: The file cannot be read.
-        ParameterError: It is not YAML (with the line), or not a mapping.
+        ParameterError: The file is not YAML (with the line), or not a mapping.
     """
     values = reading.read_yaml(path)
     if not isinstance(values, dict):

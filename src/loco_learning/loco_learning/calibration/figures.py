@@ -16,13 +16,13 @@ from .results import Comparison, Result, spectrum
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Colours as in figure 5.4, in shades that colour-blind readers tell apart.
+# Colours as in figure 5.4, in shades that are safe for colour-blind readers.
 ROBOT = {"color": "#0072b2", "lw": 2.6, "solid_capstyle": "butt"}
 DEFAULT = {"color": "#2a9d6f", "lw": 1.2, "ls": (0, (5, 2))}
 CALIBRATED = {"color": "#d55e00", "lw": 1.4}
 LINES = {"robot": ROBOT, "default": DEFAULT, "calibrated": CALIBRATED}
 WIDTH = 7.4  # [in]
-HARMONICS = 12  # that are shown; a sine of the hips has but one
+HARMONICS = 12  # harmonics shown; a sine of the hips has only one
 
 FIGURES: dict[str, Callable[[Result], Figure]] = {}
 

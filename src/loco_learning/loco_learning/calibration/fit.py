@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits a body to a recording by CMA-ES, thesis eq. (5.3), one callback per generation.
 
-The error has several valleys: a knee that bends at the wrong moment may fit better than
-one that does not bend. A search that no longer gains starts anew from another body, until
+The error has several minima: a knee that bends at the wrong moment may fit better than
+one that does not bend. A search without further gain restarts from another body, until
 its generations are spent; the thesis saw a second descent after 500 generations instead.
 
     calibration = Calibration(recording, "tigrillo")
     fit = calibration.run(tell=lambda generation: ...)
     calibration.model(fit.values).save("model.yaml")
 
-`cancel`, from the callback or another thread, ends the search with the best so far.
+`cancel`, from the callback or another thread, ends the search and keeps the best so far.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ FAILED = 1e3  # error of a body that cannot be built or whose physics diverges
 
 
 class Problem:
-    """The function that the search minimises, in the unit cube; other processes can evaluate it.
+    """Objective of the search, on the unit cube; other processes can evaluate it.
 
     Args:
         reference: Recording that models are compared with.
-        run: Starts of the search before this one.
+        run: Number of earlier starts of the search.
     """
 
     def __init__(self, reference: Reference, run: int = 0):
@@ -52,12 +52,12 @@ class Problem:
         self.start = start(self._set, reference.options.seed, run)
 
     def __call__(self, x: np.ndarray) -> Score:
-        """Error of a body; what raises is a failed score."""
+        """Error of a body; an exception gives a failed score."""
         evaluation = self.reference.evaluate(self._set.from_unit(x))
         return Score(evaluation.error[self.reference.options.loss], extra={"fall": evaluation.fall})
 
     def describe(self) -> dict[str, Any]:
-        """Values that tell this search from others, for the record of evaluations."""
+        """Values that identify this search, for the record of evaluations."""
         options = self.reference.options.deciding()
         signals = hashlib.sha256(self.reference.robot.periods.tobytes()).hexdigest()
         model = asdict(self.reference.base)
@@ -65,7 +65,7 @@ class Problem:
 
 
 def start(parameters: ParameterSet, seed: int, run: int = 0) -> np.ndarray:
-    """Starting point of a search, (d,): first at the default body, later anywhere."""
+    """Starting point of a search, (d,): first the default body, later a random one."""
     if run == 0:
         return parameters.to_unit(parameters.default)
     return np.random.default_rng([seed, run]).uniform(0.1, 0.9, len(parameters.names))
@@ -80,7 +80,7 @@ class Calibration:
         options: Parameters to fit, and settings of the search.
 
     Attributes:
-        reference: The recording cut into periods.
+        reference: The recording divided into periods.
         parameters: Parameters that are fitted.
         before: The default body compared with the recording.
 
@@ -101,11 +101,11 @@ class Calibration:
         self._cancelled = False
 
     def cancel(self) -> None:
-        """End the search after the evaluation that is running."""
+        """End the search after the current evaluation."""
         self._cancelled = True
 
     def model(self, values: Mapping[str, float]) -> Model:
-        """Model of the robot with a body."""
+        """Model of the robot with the given body parameters."""
         return self.reference.with_body(values)
 
     def run(
@@ -115,16 +115,16 @@ class Calibration:
         workers: int = 0,
         scheduler: str = "",
     ) -> Fit:
-        """Search until the generations are spent or `cancel`; the best body found.
+        """Search until the generations are spent or `cancel` is called; return the best body.
 
         Args:
             on_progress: Called after each generation.
-            folder: Folder of the record of evaluations; one with the same search is resumed.
-            workers: Processes that evaluate; 0 evaluates in this one.
+            folder: Folder for the record of evaluations; an interrupted search in it is resumed.
+            workers: Number of worker processes; 0 evaluates in this process.
             scheduler: Address of a dask scheduler to use instead.
 
         Raises:
-            ParameterError: Another search in the folder, or nobody at the scheduler.
+            ParameterError: The folder has another search, or the scheduler does not respond.
         """
         course = _Course(self.parameters, on_progress)
         budget, run, reason = self._budget(), 0, ""
@@ -171,16 +171,16 @@ class Calibration:
 
 
 class _Course:
-    """Generations of all starts as those of one search."""
+    """History of all starts, joined as one search."""
 
     def __init__(self, parameters: ParameterSet, on_progress: Callable[[Generation], None] | None):
         self._parameters, self._tell = parameters, on_progress
         self.history: list[Generation] = []
         self.best, self.values = float("inf"), parameters.default
-        self.evaluations = 0  # of the starts that have ended
+        self.evaluations = 0  # of the finished starts
 
     def add(self, p: Progress) -> None:
-        """Take in a generation."""
+        """Append a generation to the history."""
         self._better(p.best, p.x)
         generation = Generation(
             len(self.history) + 1,
@@ -197,7 +197,7 @@ class _Course:
             self._tell(generation)
 
     def end(self, optimum: Optimum) -> None:
-        """Take in the end of a start."""
+        """Add the result of a finished start."""
         self.evaluations += optimum.evaluations
         if optimum.evaluations:
             self._better(optimum.value, optimum.x)

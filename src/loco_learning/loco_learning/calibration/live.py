@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals of robots that run: their newest seconds, and how far two of them are apart.
+"""Live comparison of two running robots by their latest period.
 
-`Signals` keeps what one robot said; `GapMeter` cuts the last whole period out of two
-of them, each at the zero crossings of its own actuation, and compares the passive
-joints by the windowed error of thesis eq. (5.4). Robots whose clocks differ, or that
-run at different speeds, are compared all the same.
+`Signals` buffers the latest seconds of one robot; `GapMeter` takes the last whole period
+of two robots, each between zero crossings of its own actuation, and compares the passive
+joints by the windowed error of thesis eq. (5.4). The robots' clocks and speeds may differ.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from loco_control.exceptions import ParameterError
 from . import mawe, segments
 from .recording import GAP, Recording, align
 
-LOOK = 0.05  # s between two looks for a crossing
-SETTLED = 0.15  # s; the low-pass before the cut is unsure about a crossing younger than this
+LOOK = 0.05  # time between two searches for a crossing [s]
+SETTLED = 0.15  # [s] age below which a crossing is uncertain, due to the low-pass filter
 
 
 class Signals:
-    """The newest commands and joint angles of one robot, without pauses.
+    """Latest commands and joint angles of one robot, without interruption.
 
     Args:
         name: Name of the robot, for messages.
         joints: Names of its joints, columns of the angles.
         driven: Names of its driven joints, columns of the commands.
-        span: Simulated time that is kept [s].
+        span: Length of the buffer [s of simulated time].
     """
 
     def __init__(self, name: str, joints: Sequence[str], driven: Sequence[str], span: float):
@@ -41,15 +40,15 @@ class Signals:
         self._commands: deque[tuple[float, np.ndarray]] = deque()
 
     def add_state(self, t: float, q: np.ndarray) -> None:
-        """Measured angles [rad], (n,), at simulated time t [s]."""
+        """Append measured angles [rad], (n,), at simulated time t [s]."""
         self._add(self._states, t, q)
 
     def add_command(self, t: float, q: np.ndarray) -> None:
-        """Commands of the driven joints [rad], (m,), at simulated time t [s]."""
+        """Append commands of the driven joints [rad], (m,), at simulated time t [s]."""
         self._add(self._commands, t, q)
 
     def _add(self, samples: deque, t: float, value: np.ndarray) -> None:
-        # The robot began anew, or messages were lost: only what follows is whole.
+        # After a restart of the robot or lost messages, only later samples are consecutive.
         if samples and not 0.0 <= t - samples[-1][0] <= GAP:
             self._states.clear()
             self._commands.clear()
@@ -59,22 +58,22 @@ class Signals:
 
     @property
     def now(self) -> float:
-        """Time of the newest state [s], -1 before the first."""
+        """Time of the latest state [s], -1 before the first."""
         return self._states[-1][0] if self._states else -1.0
 
     @property
     def length(self) -> float:
-        """Time that states and commands both cover [s]."""
+        """Duration that both states and commands cover [s]."""
         if not (self._states and self._commands):
             return 0.0
         start = max(self._states[0][0], self._commands[0][0])
         return max(0.0, min(self._states[-1][0], self._commands[-1][0]) - start)
 
     def recording(self, rate: float) -> Recording:
-        """The signals that are kept, on one even time axis.
+        """The buffered signals on one even time axis.
 
         Raises:
-            ParameterError: Too little, or values that are not finite.
+            ParameterError: There are too few samples, or values that are not finite.
         """
         if self.length <= 0.0:
             raise ParameterError(f"{self.name} has sent no joint states or no commands yet")
@@ -87,7 +86,7 @@ class Signals:
 
 @dataclass(frozen=True)
 class Gap:
-    """The distance of a model from a measured robot over one period.
+    """Difference between a model and a measured robot over one period.
 
     Attributes:
         number: Number of the period, from 0.
@@ -109,7 +108,7 @@ class Gap:
 
 
 class GapMeter:
-    """Compares the last whole period of two robots that run.
+    """Compares the latest whole period of two running robots.
 
     Args:
         measured: Signals of the measured robot.
@@ -130,12 +129,12 @@ class GapMeter:
         self._measured, self._model = measured, model
         self.passive, self._rate, self._window = tuple(passive), rate, window
         self._number, self._newest = 0, -np.inf
-        self._next_look = -np.inf  # time at which a period may be whole, or a little before [s]
+        self._next_look = -np.inf  # earliest time at which the next period may be complete [s]
 
     def update(self) -> Gap | None:
-        """The gap over the newest period, None if that period is known already or not whole."""
+        """The gap over the latest period; None if it is not complete or was already returned."""
         time_now = self._measured.now
-        if time_now < self._newest:  # it began anew
+        if time_now < self._newest:  # the robot was restarted
             self._newest = self._next_look = -np.inf
         if time_now < self._next_look:
             return None
@@ -161,7 +160,7 @@ class GapMeter:
     def _last_period(
         self, signals: Signals, after: float = -np.inf
     ) -> tuple[np.ndarray, segments.Segments] | None:
-        """Borders and signals of the newest period that ends after a time, None if none does."""
+        """Borders and signals of the latest period that ends after a time; None without one."""
         try:
             recording = signals.recording(self._rate)
             moving = segments.leading(recording.command)

@@ -2,8 +2,8 @@
 """Mean absolute windowed error between two averaged periods, in its two variants.
 
 Both compare the robot's period with the model's under one circular shift for all
-channels, at most `WINDOW` either way, and keep the smallest error, so that a lag
-that all channels share costs nothing.
+channels, at most `WINDOW` either way, and use the smallest error, so that a lag
+common to all channels does not count.
 
 ``thesis`` is eq. (5.4): absolute differences averaged over the period and summed over
 the channels, in the unit of the signals. Departure: the equation writes one window
@@ -30,7 +30,7 @@ WINDOW = 0.5  # largest shift [s]
 def thesis(
     robot: np.ndarray, model: np.ndarray, period: float, window: float = WINDOW
 ) -> tuple[float, float]:
-    """Error of eq. (5.4) [unit of the signals] and the shift it is found at [s].
+    """Error of eq. (5.4) [unit of the signals] and the corresponding shift [s].
 
     Args:
         robot: Average period of the robot, (N, J).
@@ -39,7 +39,7 @@ def thesis(
         window: Largest shift [s].
 
     Returns:
-        Error, and how far the robot is behind the model [s].
+        Error, and the delay of the robot behind the model [s].
 
     Raises:
         ParameterError: Shapes differ or a value is not finite.
@@ -51,7 +51,7 @@ def thesis(
 def author(
     robot: np.ndarray, model: np.ndarray, period: float, window: float = WINDOW
 ) -> tuple[float, float]:
-    """Error of the author's code [s] and the shift it is found at [s]; see `thesis`.
+    """Error of the author's code [s] and the corresponding shift [s]; see `thesis`.
 
     Raises:
         ParameterError: A channel of the robot is constant, so that it has no range.
@@ -71,7 +71,7 @@ def loss(name: str) -> Callable[..., tuple[float, float]]:
     """Loss by its name.
 
     Raises:
-        NameUnknownError: No such loss.
+        NameUnknownError: The loss does not exist.
     """
     if name not in LOSSES:
         raise NameUnknownError("loss", name, LOSSES)
@@ -87,7 +87,7 @@ def _errors(
     if not (np.all(np.isfinite(robot)) and np.all(np.isfinite(model))):
         raise ParameterError("an averaged period has values that are not finite")
     count = len(robot)
-    # Half a period either way is every shift there is.
+    # Half a period in either direction includes all shifts.
     max_shift = min(int(window / period * count + 1e-9), count // 2)
     errors = _kernel(np.ascontiguousarray(robot.T), np.ascontiguousarray(model.T), max_shift)
     return errors, period / count
@@ -95,7 +95,7 @@ def _errors(
 
 def _smallest(errors: np.ndarray, step: float) -> tuple[float, float]:
     shifts = np.arange(len(errors)) - len(errors) // 2
-    order = np.lexsort((np.abs(shifts), errors))  # the smallest shift among equals
+    order = np.lexsort((np.abs(shifts), errors))  # of equal errors, the smallest shift
     return float(errors[order[0]]), float(shifts[order[0]] * step)
 
 

@@ -20,7 +20,7 @@ from .parameters import SETS, parameter_set
 from .params import CalibrationParams
 from .recording import Commands, Recording, compared
 
-REST = 0.2  # periods that a model has at least to settle
+REST = 0.2  # shortest settling time of a model [periods]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Evaluation:
         lag: Delay of the robot behind the model [s].
         robot: Periods of the robot.
         model: Periods of the model.
-        fall: Why the model fell, empty when it did not.
+        fall: Reason why the model fell; empty if it did not.
     """
 
     error: dict[str, float]
@@ -43,10 +43,10 @@ class Evaluation:
 
 
 class Reference:
-    """A recording cut into periods: what models are compared with.
+    """A recording divided into periods, with which models are compared.
 
     Attributes:
-        joints: Names of the joints that are compared, columns of the signals.
+        joints: Names of the compared joints, columns of the signals.
         robot: Periods of the robot.
 
     Raises:
@@ -78,7 +78,7 @@ class Reference:
 
     @property
     def first(self) -> float:
-        """Beginning of the first period that is compared [s]."""
+        """Start of the first compared period [s]."""
         return float(self._at[0])
 
     @property
@@ -91,7 +91,7 @@ class Reference:
 
         Raises:
             ParameterError: The body cannot be built.
-            DivergedError: The state is no longer finite.
+            DivergedError: The simulation diverged.
         """
         done = replay(model, self._commands, self.options.seed)
         cut = segments.cut(done.t, done.q, self._at)
@@ -111,7 +111,7 @@ class Reference:
         """Build the base model with the default body.
 
         Raises:
-            ParameterError: The parameters are those of another robot.
+            ParameterError: The parameters belong to another robot.
         """
         name = self.options.parameters
         try:
@@ -129,16 +129,16 @@ class Reference:
 
 
 def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float) -> float:
-    """Time at which a replay begins [s]: up to `settle` periods before the first compared one.
+    """Start time of a replay [s]: up to `settle` periods before the first compared one.
 
-    In the first of these periods it is where the command is nearest to the standing pose,
-    so that the model neither jumps nor needs long to settle.
+    Within the first of these periods it is the time at which the command is closest to the
+    standing pose, so that the model settles quickly and without a jump.
 
     Args:
         t: Times of the recording [s], (T,).
         jump: Largest distance of the commands from the standing pose [rad], (T,).
-        reference: Reference whose borders and robot are set.
-        settle: Periods.
+        reference: Reference with its borders and robot.
+        settle: Largest settling time [periods].
     """
     first, period = reference.first, reference.robot.period
     earliest = first - settle * period
@@ -155,9 +155,9 @@ class Replay:
 
     Attributes:
         t: Times on the recording's clock [s], (T,).
-        q: Measured angles of the joints that are compared [rad], (T, J).
-        fall: Why the model counts as fallen, empty when it does not.
-        distance: Way of the base along x [m].
+        q: Angles of the compared joints [rad], (T, J).
+        fall: Reason why the model counts as fallen; empty if it does not.
+        distance: Displacement of the base along x [m].
     """
 
     t: np.ndarray
@@ -167,9 +167,9 @@ class Replay:
 
 
 def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
-    """Run a model from standing with recorded commands.
+    """Simulate a model from standing with recorded commands.
 
-    A fall does not end it: the sensors of a fallen model tell that it is wrong.
+    A fall does not end the replay, since the sensors of a fallen model show that it is wrong.
 
     Args:
         model: Robot, overrides and effects.
@@ -178,10 +178,10 @@ def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
 
     Raises:
         ParameterError: The body cannot be built, or the rate does not fit the physics.
-        DivergedError: The state is no longer finite.
+        DivergedError: The simulation diverged.
     """
     robot, t = model.make_robot(), commands.t
-    dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # stamps are rounded, rates are not
+    dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # time stamps are rounded, rates are not
     command_arrays, listened = (
         _make_commands(robot, commands),
         [robot.joints.index(j) for j in compared(robot)],

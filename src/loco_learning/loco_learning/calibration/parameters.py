@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a body that a calibration may change: thesis eq. (5.1), and the author's own list.
 
-A parameter knows its unit, bounds, value before calibration and the places in
-``robot.yaml`` that it is written to. Friction and contact depth span decades and are
+A parameter has a unit, bounds, a value before calibration and the places in
+``robot.yaml`` to which it is written. Friction and contact depth span decades and are
 searched on a logarithmic scale.
 
-``seven`` and ``ten`` are of Tigrillo, ``legs`` of legs under joint impedance, HyQ's.
+The sets ``seven`` and ``ten`` are for Tigrillo, ``legs`` is for legs with joint impedance
+control such as HyQ's.
 
 ``seven`` is eq. (5.1): stiffness, contact depth and friction, front and hind, and the
-mass distribution at a fixed total. ``ten`` is the list in the author's code: both
-masses on their own, and the smallest knee angle (his compression tolerance). ``legs`` is
-ours: stiffness of the drives in stance, damping and armature, alike on all legs.
+mass distribution at a fixed total. ``ten`` is the list in the author's code: two independent
+masses, and the smallest knee angle (his compression tolerance). ``legs`` is
+an addition: stiffness of the drives in stance, damping and armature, alike on all legs.
 
-Bounds are those of the author's code, except for what the thesis prints as optimum and
-these bounds exclude: hind friction 8.2e-4 (lower bound 1e-3) and front mass 0.674 kg
-(upper bound 0.5 kg, perhaps without legs). So the published run used other bounds, which
-are not known. ``seven`` searches friction from 5e-4, below the printed optimum, to 2,
+The bounds are those of the author's code, except where these exclude the optimum printed in
+the thesis: hind friction 8.2e-4 (lower bound 1e-3) and front mass 0.674 kg (upper bound
+0.5 kg, perhaps without legs). The published run must have used other, unknown bounds.
+``seven`` searches friction from 5e-4, below the printed optimum, to 2,
 above any foot; ``ten`` keeps the code's 1e-3 to 50. Masses here include the legs.
 """
 
@@ -30,25 +31,25 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError
 
 FRONT, HIND = "[lr]f", "[lr]h"  # patterns of leg names
-MASSES = ("masses.front_body", "masses.hind_body")  # each with the legs that hang on it
+MASSES = ("masses.front_body", "masses.hind_body")  # each including its legs
 TOTAL = 0.95  # mass of the robot [kg], thesis section 4.2
 
 
 @dataclass(frozen=True)
 class BodyParameter:
-    """One number of the body.
+    """One parameter of the body.
 
     Attributes:
         name: Name of the parameter in files and tables.
         unit: Unit of the parameter.
-        low: Smallest value searched.
-        high: Largest value searched.
+        low: Lower bound of the search.
+        high: Upper bound of the search.
         default: Value before calibration, thesis Table 5.1, column "No Optim".
         thesis: Value after calibration on the author's robot, Table 5.1, column "Optim".
-        target: Dotted name in ``robot.yaml``, patterns allowed; none for `mass_share`, of
-            which `ParameterSet.overrides` makes two masses.
+        target: Dotted name in ``robot.yaml``, patterns allowed; empty for `mass_share`, which
+            `ParameterSet.overrides` converts to two masses.
         text: Meaning, for tables.
-        log: Searched on a logarithmic scale.
+        log: Whether it is searched on a logarithmic scale.
     """
 
     name: str
@@ -77,7 +78,7 @@ class BodyParameter:
 
 
 def _pair(quantity: str, text: str, key: str, front: tuple, hind: tuple, **same) -> tuple:
-    """The same parameter for the front and the hind legs; (default, thesis) of each."""
+    """A parameter for the front and one for the hind legs; (default, thesis) values of each."""
     return tuple(
         BodyParameter(
             f"{quantity}_{end}", default=values[0], thesis=values[1],
@@ -101,7 +102,7 @@ _FEET = ("friction", "feet friction coefficient", "contacts.{leg}_foot.friction"
          (0.1, 0.283), (0.1, 8.19e-4))  # fmt: skip
 _FRICTION = _pair(*_FEET, unit="-", low=5e-4, high=2.0, log=True)
 _FRICTION_CODE = _pair(*_FEET, unit="-", low=1e-3, high=50.0, log=True)
-# Bounds 0.1 to 0.5 kg in the author's code, where they are of the trunk's boxes alone.
+# Bounds in the author's code: 0.1 to 0.5 kg, for the boxes of the trunk alone.
 _MASS = tuple(
     BodyParameter(f"mass_{end}", "kg", 0.2, 0.75, *values, target, f"{end} mass, legs included")
     for end, target, values in zip(
@@ -118,9 +119,9 @@ _SHARE = BodyParameter(
 
 
 def _legs() -> tuple[BodyParameter, ...]:
-    """Drive and friction of each kind of joint of a leg like HyQ's, whose values are the defaults.
+    """Drive, friction and armature of each kind of joint; defaults are the values of HyQ.
 
-    Without armature a joint would be at the bound of its scale; a little of it is the default.
+    The default armature is small instead of zero, which a logarithmic scale does not permit.
     """
     legs = []
     for kind, text, stiffness in (
@@ -151,7 +152,7 @@ class ParameterSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order of every vector, (d,)."""
+        """Names in the order of all vectors, (d,)."""
         return tuple(p.name for p in self.parameters)
 
     @property
@@ -168,7 +169,7 @@ class ParameterSet:
         return {p.name: p.from_unit(float(v)) for p, v in zip(self.parameters, x, strict=True)}
 
     def overrides(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Values of ``robot.yaml`` by dotted name that make this body."""
+        """Values of ``robot.yaml`` by dotted name for a body."""
         overrides = {p.target: float(values[p.name]) for p in self.parameters if p.target}
         if "mass_share" in values:
             share = float(values["mass_share"])
@@ -192,7 +193,7 @@ def parameter_set(name: str) -> ParameterSet:
     """Parameter set by its name.
 
     Raises:
-        NameUnknownError: No such set.
+        NameUnknownError: The set does not exist.
     """
     if name not in SETS:
         raise NameUnknownError("parameter set", name, SETS)

@@ -11,7 +11,7 @@ from loco_control.params import Params, parameter, to_dict
 from .mawe import LOSSES, WINDOW
 from .parameters import SETS
 
-LIMITS = ("generations", "evaluations")  # may change when a calibration is gone on with
+LIMITS = ("generations", "evaluations")  # may differ when a calibration is resumed
 
 
 @dataclass(frozen=True)
@@ -33,5 +33,5 @@ class CalibrationParams(Params):
     seed: int = parameter(0, "of the search and of the sensor noise", "-", 0, 2**31 - 1)
 
     def deciding(self) -> dict[str, Any]:
-        """Plain values of what may not change when a calibration is gone on with."""
+        """Plain values of the settings that must not differ when a calibration is resumed."""
         return {key: value for key, value in to_dict(self).items() if key not in LIMITS}

@@ -13,12 +13,12 @@ import numpy as np
 class Generation:
     """State of the search after one generation."""
 
-    index: int  # generations done
+    index: int  # number of completed generations
     evaluations: int  # rollouts so far
     best: float  # smallest error so far
-    median: float  # error of the generation's middle model
+    median: float  # median error of the generation
     sigma: float  # step size, share of the bounds
-    values: dict[str, float]  # best so far, in the units of the parameters
+    values: dict[str, float]  # best values so far, in the units of the parameters
     failed: int = 0  # models of the generation that could not be built or diverged
     eta: float = 0.0  # wall time until the limit [s]; nan while unknown
 
@@ -32,7 +32,7 @@ class Fit:
     error: float
     before: float  # error of the default body
     history: list[Generation] = field(repr=False)
-    ended: str  # why it stopped
+    ended: str  # reason for the end
 
     @property
     def ratio(self) -> float:
@@ -46,7 +46,7 @@ class Fit:
 
     @property
     def plateau(self) -> int:
-        """Generation at which the error has made 95 % of its way from default to best."""
+        """Generation at which the error has fallen by 95 % of its total decrease."""
         return plateau(self.curve.tolist())
 
     def to_dict(self) -> dict[str, Any]:
@@ -56,13 +56,13 @@ class Fit:
 
 
 def plateau(best: list[float], share: float = 0.95) -> int:
-    """First index at which a falling curve has made `share` of its whole way down."""
+    """First index at which a falling curve has reached `share` of its total decrease."""
     curve = np.minimum.accumulate(np.asarray(best, dtype=float))
     bound = curve[0] - share * (curve[0] - curve[-1])
     return int(np.argmax(curve <= bound))
 
 
 def fit_from_dict(values: dict[str, Any]) -> Fit:
-    """Undo `Fit.to_dict`."""
+    """Inverse of `Fit.to_dict`."""
     fields = {k: values[k] for k in ("seed", "values", "error", "before", "ended")}
     return Fit(**fields, history=[Generation(**g) for g in values["history"]])

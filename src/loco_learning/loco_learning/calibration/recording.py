@@ -13,7 +13,7 @@ from loco_sim.robot.robot import Robot
 
 from ..reflex.joint_sensors import columns, passive_joints
 
-GAP = 0.25  # longest silence that is bridged [s]
+GAP = 0.25  # longest gap that is interpolated [s]
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Commands:
     Attributes:
         t: Times [s], (T,).
         q: Commanded positions of the driven joints [rad], (T, m).
-        dq: Commanded velocities [rad/s], (T, m); None is at rest.
-        torque: Feed-forward torque of all joints [N·m], (T, n); None is none.
-        stance: Feet whose legs are under the gains of stance, (T, feet); None is all.
+        dq: Commanded velocities [rad/s], (T, m); None is zero.
+        torque: Feed-forward torque of all joints [N·m], (T, n); None is zero.
+        stance: Flags of feet whose legs use the stance gains, (T, feet); None is all.
     """
 
     t: np.ndarray
@@ -35,7 +35,7 @@ class Commands:
     stance: np.ndarray | None = None
 
     def part(self, rows: np.ndarray) -> Commands:
-        """The same at some of the times."""
+        """The commands at the selected times."""
         cut = {name: None if x is None else x[rows] for name, x in vars(self).items()}
         return replace(self, **cut)
 
@@ -45,17 +45,17 @@ class Recording:
     """Commands and sensor signals on one even time axis.
 
     Attributes:
-        name: Origin of the recording, for people.
-        t: Times [s], even, (T,).
-        command: Command that holds from each time on [rad], (T, m).
+        name: Origin of the recording, for messages.
+        t: Times [s], evenly spaced, (T,).
+        command: Command from each time on [rad], (T, m).
         q: Measured joint angles [rad], (T, n).
         driven: Joints of the command's columns.
         joints: Joints of the columns of `q`.
-        velocity: Commanded velocity of the driven joints [rad/s], (T, m); None is none.
+        velocity: Commanded velocity of the driven joints [rad/s], (T, m); None if not commanded.
         torque: Feed-forward torque of the robot's joints [N·m], (T, n), in the robot's order;
-            None is none.
-        stance: Feet whose legs are under the gains of stance, (T, feet), in the robot's order;
-            None is all of them.
+            None if not commanded.
+        stance: Flags of feet whose legs use the stance gains, (T, feet), in the robot's order;
+            None is all.
     """
 
     name: str
@@ -85,7 +85,7 @@ class Recording:
         return Commands(self.t, self.command[:, order], velocity, self.torque, self.stance)
 
     def sensors_of(self, robot: Robot) -> np.ndarray:
-        """Measured angles of the joints that are `compared`, (T, J).
+        """Measured angles of the compared joints (`compared`), (T, J).
 
         Raises:
             ParameterError: The recording lacks one of these joints.
@@ -94,9 +94,9 @@ class Recording:
 
 
 def compared(robot: Robot) -> list[str]:
-    """Joints whose motion shows the body.
+    """Joints whose motion depends on the body parameters.
 
-    Those that no motor drives, as Tigrillo's knees; where all are driven, as on HyQ, all.
+    These are the joints without a motor, as Tigrillo's knees; if all have one, as on HyQ, all.
     """
     return [robot.joints[i] for i in passive_joints(robot)] or list(robot.joints)
 
@@ -108,18 +108,18 @@ def align(
     rate: float,
     others: Mapping[str, np.ndarray] | None = None,
 ) -> Recording:
-    """Put commands and states with their own stamps on one even time axis.
+    """Commands and states with their own time stamps on one even time axis.
 
-    A command holds until the next one, an angle is interpolated. The axis runs over
-    the time that both cover.
+    A command holds until the next one, an angle is interpolated. The axis covers the time
+    that both have in common.
 
     Args:
         name: Origin of the recording.
-        states: Stamps [s], (K,), joint angles [rad], (K, n), and names of the joints.
-        commands: Stamps [s], (L,), commands [rad], (L, m), and names of the joints.
-        rate: Samples per second of the result.
-        others: Arrays `velocity`, `torque` and `stance` of a `Recording`, at the stamps of the
-            commands, (L, …).
+        states: Time stamps [s], (K,), joint angles [rad], (K, n), and names of the joints.
+        commands: Time stamps [s], (L,), commands [rad], (L, m), and names of the joints.
+        rate: Sampling rate of the result [Hz].
+        others: Arrays `velocity`, `torque` and `stance` of a `Recording`, at the time stamps of
+            the commands, (L, …).
 
     Raises:
         ParameterError: No time in common, a long gap, or values that are not finite.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``calibration.json``: everything that a calibration found, for tables, figures and people."""
+"""``calibration.json``: the results of a calibration, for tables and figures."""
 
 from __future__ import annotations
 
@@ -65,19 +65,19 @@ class _File(TypedDict):
 
 @dataclass(frozen=True)
 class Comparison:
-    """One recording beside the default and the calibrated model.
+    """One recording compared with the default and the calibrated model.
 
     Attributes:
         name: Name of the recording.
-        fitted: The calibration saw this recording.
+        fitted: Whether the calibration used this recording.
         period: Length of a period [s].
         count: Periods of the robot that were averaged.
         before: Errors of the default model by name of the loss.
         after: Errors of the calibrated model.
         lag_before: Delay of the robot behind the default model [s].
         lag_after: Delay of the robot behind the calibrated model [s].
-        fall_before: Why the default model fell, empty when it did not.
-        fall_after: Why the calibrated model fell.
+        fall_before: Reason why the default model fell; empty if it did not.
+        fall_after: Reason why the calibrated model fell; empty if it did not.
         curves: ``robot``, ``default``, ``calibrated``: average period, (N, J) [rad], and the
             same names with ``_spread``: standard deviation between periods.
     """
@@ -100,7 +100,7 @@ class Comparison:
 
 
 def spectrum(curve: np.ndarray) -> np.ndarray:
-    """Amplitudes of the harmonics of a periodic signal, as eq. (5.2) takes them of sensors.
+    """Amplitudes of the harmonics of a periodic signal, as in eq. (5.2) for sensors.
 
     Args:
         curve: One period, (N, J).
@@ -134,7 +134,7 @@ class Result:
 
     Attributes:
         robot: Robot or model that was calibrated.
-        surrogate: The recordings come from a simulated stand-in, not from a machine.
+        surrogate: Whether the recordings are simulated instead of measured.
         options: Settings, plain.
         joints: Passive joints, columns of the curves.
         fits: Searches, one per seed.
@@ -155,11 +155,11 @@ class Result:
 
     @property
     def loss(self) -> str:
-        """Name of the loss that was fitted."""
+        """Name of the fitted loss."""
         return self.options["loss"]
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``calibration.json``, whole or not at all."""
+        """Write ``calibration.json``, completely or not at all."""
         values = asdict(self) | {"fits": [fit.to_dict() for fit in self.fits]}
         for row in values["comparisons"]:
             row["curves"] = {k: np.round(v, 5).tolist() for k, v in row["curves"].items()}
@@ -167,11 +167,11 @@ class Result:
 
 
 def load(folder: str | Path) -> Result:
-    """Read what `Result.save` wrote.
+    """Read a file of `Result.save`.
 
     Raises:
-        MissingFileError: There is no such file.
-        ParameterError: It is not a result of this version.
+        MissingFileError: The file does not exist.
+        ParameterError: The file is not a result of this version.
     """
     path = Path(folder)
     path = path / FILE if path.is_dir() else path

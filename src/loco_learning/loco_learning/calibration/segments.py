@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts periodic signals into periods at the actuation's zero crossings and averages them.
+"""Division of periodic signals into periods at zero crossings of the actuation, and their mean.
 
-The command is periodic and the same on the robot and in its model, so its rising
-zero crossings cut both alike; each period is then drawn on one common phase axis and
-averaged, which removes what does not repeat (sensor noise, vibration).
+The command is periodic and equal on the robot and in its model, so its rising
+zero crossings divide both alike; each period is then interpolated on one common phase axis and
+averaged, which removes what is not periodic (sensor noise, vibration).
 
 Source: thesis section 5.2, figure 5.2a; constants from the author's code.
 """
@@ -16,15 +16,15 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
-CUTOFF = 0.03  # of the low-pass, share of half the sampling rate
-POINTS = 200  # on the phase axis of one period
-FLAT = 1e-9  # a reference that moves less [its unit] is constant
-SPREAD = 0.2  # largest departure of a period from the median period
+CUTOFF = 0.03  # of the low-pass filter, share of half the sampling rate
+POINTS = 200  # samples on the phase axis of one period
+FLAT = 1e-9  # range of a reference [its unit] below which it is constant
+SPREAD = 0.2  # largest relative difference of a period from the median period
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Signals cut into periods.
+    """Signals divided into periods.
 
     Attributes:
         period: Mean length of a period [s].
@@ -46,7 +46,7 @@ class Segments:
 
 
 def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
-    """Second-order Butterworth low-pass without phase shift (run forth and back).
+    """Second-order Butterworth low-pass without phase shift (applied forwards and backwards).
 
     Args:
         x: Evenly sampled signal, (T,).
@@ -57,7 +57,7 @@ def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
     """
     if len(x) < 16:
         raise ParameterError(f"a signal of {len(x)} samples is too short to be cut into periods")
-    # Here, for it takes 0.8 s: who reads pages and segments does not filter.
+    # Called here since its import takes 0.8 s and other users of this module do not filter.
     from scipy import signal
 
     b, a = signal.butter(2, cutoff)
@@ -65,7 +65,7 @@ def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
 
 
 def leading(commands: np.ndarray) -> int:
-    """Column of the first command that moves, whose zero crossings cut all signals; 0 if none does.
+    """Column of the first command that moves, whose zero crossings are used; 0 if none moves.
 
     Args:
         commands: Commands of the driven joints, (T, m).
@@ -82,7 +82,7 @@ def crossings(
     Args:
         t: Times of the samples [s], evenly spaced, (T,).
         reference: Command of one driven joint, (T,).
-        least: Whole periods that are needed.
+        least: Smallest number of whole periods.
         cutoff: See `low_pass`.
 
     Raises:
@@ -117,13 +117,13 @@ def crossings(
 
 
 def cut(t: np.ndarray, x: np.ndarray, at: np.ndarray, points: int = POINTS) -> Segments:
-    """Put each period of the signals on one phase axis.
+    """Interpolate each period of the signals on one phase axis.
 
     Args:
-        t: Times of the samples [s], rising, (T,).
+        t: Times of the samples [s], increasing, (T,).
         x: Signals, (T, J).
         at: Borders of the periods [s], (P + 1,), inside `t`.
-        points: Samples N of the phase axis, which leaves out its end.
+        points: Number of samples N of the phase axis, without its end.
 
     Raises:
         ParameterError: A signal is not finite, or a border lies outside the signal.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration in a process of its own, for callers that have to stay responsive.
+"""Calibration in a process of its own, for callers that have to stay responsive.
 
 worker = Worker(recording, "tigrillo", options)
 while worker.alive: for news in worker.news(): ...
@@ -26,34 +26,34 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Started:
-    """The recording is understood and the model as given has been compared with it."""
+    """Event: the recording was read and compared with the initial model."""
 
-    before: float  # its error
+    before: float  # error of the initial model
 
 
 @dataclass(frozen=True)
 class Progress:
-    """A generation is done."""
+    """Event: a generation is complete."""
 
     generation: Generation
-    model: str  # text of the best model.yaml, empty if none got better
+    model: str  # text of the best model.yaml, empty without improvement
 
 
 @dataclass(frozen=True)
 class Done:
-    """The search has ended."""
+    """Event: the search has ended."""
 
     fit: Fit
     model: str  # text of the best model.yaml
 
 
 News = Started | Progress | Done | Failed
-# Makes what has `run`, `cancel`, `model`, `before` and `options`: a `fit.Calibration`.
+# Makes a `fit.Calibration`, or an object with its `run`, `cancel`, `model`, `before`, `options`.
 Maker = Callable[[Recording, str, CalibrationParams], Any]
 
 
 def make_calibration(recording: Recording, robot: str, options: CalibrationParams) -> Any:
-    """The calibration of `fit`, imported where it runs."""
+    """The calibration of `fit`, imported in the process where it runs."""
     from .fit import Calibration
 
     return Calibration(recording, robot, options)
@@ -63,10 +63,10 @@ class Worker(Child):
     """A calibration that runs in a child process; its news are `News`.
 
     Args:
-        recording: Measurements, or a function that reads them, to be called in the child.
+        recording: Measurements, or a function that reads them in the child.
         robot: Name of a robot or path of a ``robot.yaml`` or ``model.yaml``.
         options: Parameters to fit, and settings of the search.
-        make: Makes the calibration, in the child.
+        make: Function that makes the calibration in the child.
     """
 
     def __init__(
@@ -80,11 +80,11 @@ class Worker(Child):
         super().__init__("the fit", Done, _work, arguments, duplex=True)
 
     def cancel(self) -> None:
-        """Ask for an end after the generation that is running."""
+        """Request an end after the current generation."""
         try:
             self._ours.send("cancel")
         except OSError:
-            pass  # it has ended
+            pass  # the process has ended
 
 
 def _work(
@@ -104,7 +104,7 @@ def _work(
 
 
 def _obey(pipe: Connection, calibration: Any) -> None:
-    """Cancel when told to, and when the caller is gone."""
+    """Cancel on request, and when the caller has ended."""
     try:
         pipe.recv()
     except (EOFError, OSError):

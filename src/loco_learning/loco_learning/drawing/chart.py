@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts of points in a plane: lines, dots and boxes on axes of numbers or of names.
+"""Charts as data: lines, dots and boxes on axes of numbers or of names.
 
-One description for limit cycles, scatters, bars over time and maps of cells. A page draws it for a
-reader to explore (`loco_bringup.page.chart`), `png` draws it as a file.
+One description for limit cycles, scatter plots, bars over time and maps of cells. The page draws
+it interactively (`loco_bringup.page.chart`), `png` as a file.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-PAD = 0.04  # share of the range that is free on each side
+PAD = 0.04  # margin on each side, share of the range
 LINE, DASHED, DOTS, BOXES = "line", "dashed", "dots", "boxes"
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#999999")
 GREY = "#999999"
@@ -24,9 +24,9 @@ class Axis:
 
     Attributes:
         label: Quantity of the axis, with its unit in brackets.
-        logarithmic: True for a logarithmic axis, without values of zero and below.
-        names: Names of the places 0, 1, 2 and so on; none on an axis of numbers.
-        limits: Smallest and largest value that is shown; None for what the layers need.
+        logarithmic: Whether the axis is logarithmic; values of zero and below are then not drawn.
+        names: Names of the positions 0, 1, 2 and so on; empty for an axis of numbers.
+        limits: Smallest and largest value shown; None for the range of the layers.
     """
 
     label: str
@@ -40,16 +40,16 @@ class Layer:
     """Marks of one colour and one name.
 
     Attributes:
-        name: Name in the legend; layers of one name are switched together.
-        x: Places to the right, (N,); of boxes their left sides. NaN breaks a line.
-        y: Places upwards, (N,); of boxes their lower sides.
+        name: Name in the legend; layers of the same name are switched together.
+        x: Horizontal positions, (N,); for boxes their left sides. NaN interrupts a line.
+        y: Vertical positions, (N,); for boxes their lower sides.
         color: Colour on a light page, as ``#rrggbb``.
-        shape: ``line``, ``dashed`` (a line, too), ``dots`` or ``boxes``.
+        shape: ``line``, ``dashed`` line, ``dots`` or ``boxes``.
         size: Width of lines or radius of dots [pixel].
-        right: Right sides of boxes, (N,); nothing for other shapes.
-        top: Upper sides of boxes, (N,); nothing for other shapes.
-        texts: Words on each mark, which a pointer shows beside its place, or nothing.
-        links: Address on the page, or of a page beside it, that a click on a mark opens.
+        right: Right sides of boxes, (N,); None for other shapes.
+        top: Upper sides of boxes, (N,); None for other shapes.
+        texts: Tooltip of each mark, or empty.
+        links: Address that a click on each mark opens, or empty.
     """
 
     name: str
@@ -69,12 +69,12 @@ class Frame:
     """Layers on two axes.
 
     Attributes:
-        x: Axis to the right.
-        y: Axis upwards.
-        layers: The layers, first drawn first.
-        title: Name of the frame where there are several.
-        equal: True for axes of the same scale, as a path in a plane has.
-        height: Height with its axes [pixel].
+        x: Horizontal axis.
+        y: Vertical axis.
+        layers: The layers, drawn in this order.
+        title: Title, used if there are several frames.
+        equal: Whether both axes have the same scale, as for a path in a plane.
+        height: Height including the axes [pixel].
     """
 
     x: Axis
@@ -87,33 +87,33 @@ class Frame:
 
 @dataclass(frozen=True)
 class Chart:
-    """Frames side by side, below each other where the page is narrow."""
+    """Frames side by side, or below each other on a narrow page."""
 
     frames: Sequence[Frame]
 
 
 def dots(name: str, x: Sequence[float], y: Sequence[float], color: str, **style: object) -> Layer:
-    """Layer of dots; further attributes of `Layer` as keywords.
+    """Layer of dots.
 
     Args:
         name: Name in the legend.
-        x: Places to the right, (N,).
-        y: Places upwards, (N,).
+        x: Horizontal positions, (N,).
+        y: Vertical positions, (N,).
         color: Colour, as ``#rrggbb``.
-        style: Further attributes.
+        style: Further attributes of `Layer`.
     """
     return Layer(name, array(x), array(y), color, DOTS, **{"size": 3.5, **style})  # type: ignore[arg-type]
 
 
 def line(name: str, x: Sequence[float], y: Sequence[float], color: str, **style: object) -> Layer:
-    """Line through points in their order; further attributes of `Layer` as keywords.
+    """Layer of a line through points in their order.
 
     Args:
         name: Name in the legend.
-        x: Places to the right, (N,).
-        y: Places upwards, (N,).
+        x: Horizontal positions, (N,).
+        y: Vertical positions, (N,).
         color: Colour, as ``#rrggbb``.
-        style: Further attributes.
+        style: Further attributes of `Layer`.
     """
     return Layer(name, array(x), array(y), color, **style)  # type: ignore[arg-type]
 
@@ -121,14 +121,14 @@ def line(name: str, x: Sequence[float], y: Sequence[float], color: str, **style:
 def bars(
     name: str, spans: Sequence[tuple[float, float]], lane: float, color: str, height: float = 0.76
 ) -> Layer:
-    """Boxes in one lane of an axis of names.
+    """Layer of boxes in one lane of an axis of names.
 
     Args:
         name: Name in the legend.
         spans: Start and length of each bar.
-        lane: Place of its middle.
+        lane: Vertical position of their centre.
         color: Colour, as ``#rrggbb``.
-        height: Height of the bars, of 1 between lanes.
+        height: Height of the bars over the distance of lanes.
     """
     start, length = array(spans).reshape(-1, 2).T
     low = np.full(len(start), lane - height / 2.0)
@@ -140,13 +140,13 @@ def bars(
 def spread(
     name: str, groups: Sequence[tuple[float, np.ndarray]], color: str, connected: bool = True
 ) -> list[Layer]:
-    """Mean of groups of values as a line with dots, and a stroke of one deviation to both sides.
+    """Means of groups of values as dots on a line, with bars of one standard deviation.
 
     Args:
         name: Name in the legend.
-        groups: Place and values of each group.
+        groups: Horizontal position and values of each group.
         color: Colour, as ``#rrggbb``.
-        connected: False for dots without a line between.
+        connected: Whether a line connects the dots.
     """
     at = array([place for place, _ in groups])
     mean = array([np.mean(values) for _, values in groups])
@@ -159,11 +159,11 @@ def spread(
 
 
 def limits(frame: Frame, horizontal: bool) -> tuple[float, float]:
-    """Smallest and largest value that an axis shows: what was asked for, or all there is.
+    """Smallest and largest value that an axis shows: its limits, or the range of all layers.
 
     Args:
         frame: The frame.
-        horizontal: True for the axis to the right.
+        horizontal: Whether the horizontal axis is meant.
     """
     axis = frame.x if horizontal else frame.y
     if axis.limits:

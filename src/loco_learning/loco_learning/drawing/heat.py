@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of cells: values in steps of colour, named masks, and edges around cells."""
+"""Layers of maps: cells coloured by value, named masks, and outlines of cells."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from .chart import BOXES, DOTS, LINE, Layer, array
 
-# Nine colours of viridis, which colour-blind readers and grey prints keep in order.
+# Nine colours of viridis, which keep their order for colour-blind readers and in grey prints.
 STEPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
          "#fde725")  # fmt: skip
-WIDE = 20.0  # largest over smallest value from which on steps are logarithmic
-ENDS = (2.0, 98.0)  # percentiles of the values between which the steps lie
+WIDE = 20.0  # ratio of largest to smallest value above which the colour scale is logarithmic
+ENDS = (2.0, 98.0)  # percentiles of the values at the ends of the colour scale
 
 
 def cells(
@@ -24,15 +24,15 @@ def cells(
     name: str = "",
     scale: np.ndarray | None = None,
 ) -> list[Layer]:
-    """Layers of a map, one for each step of colour; the cell (i, j) lies around x = j, y = i.
+    """Layers of a map, one per colour; the centre of cell (i, j) is at x = j, y = i.
 
     Args:
         values: Values, (ny, nx); NaN leaves a cell empty.
         unit: Unit of the values; ``-`` for none.
-        links: Address that a click on a cell opens, (ny, nx) or nothing.
-        name: Name of what is shown, which the values begin with under the pointer.
-        scale: Values between whose ends the steps lie: those of all maps that are compared; None
-            for `values`.
+        links: Address that a click on a cell opens, (ny, nx) or empty.
+        name: Name of the quantity, for the tooltips.
+        scale: Values that define the colour scale: those of all compared maps; None for
+            `values`.
     """
     finite, unit = np.isfinite(values), unit.removeprefix("-")
     if not finite.any():
@@ -47,7 +47,7 @@ def cells(
     for k in range(count):
         mask = finite & (step == k)
         if scale is None and not mask.any():
-            continue  # of a common scale the legend shows each step, in order
+            continue  # with a common scale the legend shows each colour, in order
         interval = f"{edges[k]:.3g} to {edges[k + 1]:.3g}" if count > 1 else f"{low:.3g}"
         labels = [f"{name} {value:.4g} {unit}".strip() for value in values[mask]]
         rows.append(marked(mask, f"{interval} {unit}".strip(), STEPS[k], links, labels))
@@ -64,11 +64,11 @@ def marked(
     """Cells of a mask as boxes.
 
     Args:
-        mask: True where a cell belongs to it, (ny, nx).
+        mask: Flags of the cells, (ny, nx).
         name: Name in the legend.
         color: Colour, as ``#rrggbb``.
-        links: Address that a click on a cell opens, (ny, nx) or nothing.
-        labels: Words on each marked cell, in the order of `np.nonzero`.
+        links: Address that a click on a cell opens, (ny, nx) or empty.
+        labels: Tooltip of each marked cell, in the order of `np.nonzero`.
     """
     rows, columns = (array(at) for at in np.nonzero(mask))
     targets = [links[int(i)][int(j)] for i, j in zip(rows, columns, strict=True)] if links else ()
@@ -87,7 +87,7 @@ def marked(
 
 
 def haloed(layer: Layer) -> list[Layer]:
-    """A black line or dots above a white copy, which show on cells of any colour.
+    """A black line or dots on a white copy, visible on cells of any colour.
 
     Args:
         layer: The layer; its colour is not used.
@@ -98,10 +98,10 @@ def haloed(layer: Layer) -> list[Layer]:
 
 
 def outline(mask: np.ndarray, name: str, color: str) -> Layer:
-    """Edge around the cells of a mask, along their sides.
+    """Outline of the cells of a mask.
 
     Args:
-        mask: True where a cell belongs to it, (ny, nx).
+        mask: Flags of the cells, (ny, nx).
         name: Name in the legend.
         color: Colour, as ``#rrggbb``.
     """

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLUMNS = 3  # frames side by side
-WIDTH, HEIGHT = 4.2, 3.2  # of a frame [in]; one alone is wider
-MOST_NAMES = 6  # of a long axis to the right
+WIDTH, HEIGHT = 4.2, 3.2  # of a frame [in]; a single frame is larger
+MOST_NAMES = 6  # labels on a long horizontal axis
 STYLE = {"font.size": 8.5, "axes.spines.top": False, "axes.spines.right": False,
          "legend.frameon": False}  # fmt: skip
 
 
 def write(chart: Chart, path: Path) -> Path:
-    """Draw a chart into a PNG file, whole or not at all; returns its path."""
-    # Drawing is loaded when something is drawn: most commands draw nothing.
+    """Draw a chart into a PNG file, completely or not at all; returns its path."""
+    # Matplotlib is loaded on use, since most commands do not draw.
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -37,7 +37,7 @@ def write(chart: Chart, path: Path) -> Path:
     size = (WIDTH * columns, HEIGHT * rows) if count > 1 else (1.6 * WIDTH, 1.3 * HEIGHT)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained", dpi=120)
-        FigureCanvasAgg(figure)  # no display, and no global state as pyplot has
+        FigureCanvasAgg(figure)  # no display, and no global state as in pyplot
         axes = figure.subplots(rows, columns, squeeze=False).flat
         legend: dict[str, Any] = {}
         for ax, frame in zip(axes, chart.frames, strict=False):
@@ -54,7 +54,7 @@ def _frame(ax: Axes, frame: Frame, legend: dict[str, Any]) -> None:
         _axis(ax, axis, limits(frame, horizontal), horizontal)
     for order, layer in enumerate(frame.layers):
         handle = _layer(ax, layer, order)
-        if len(layer.x) or layer.name not in legend:  # of a dark mark on a pale one the mark
+        if len(layer.x) or layer.name not in legend:  # the legend shows the topmost mark
             legend[layer.name] = handle
     ax.set_title(frame.title, fontsize=9)
     if frame.equal:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for gaits of a robot by CMA-ES, and the gaits found."""
+"""Search for gaits of a robot by CMA-ES, and the resulting gait files."""

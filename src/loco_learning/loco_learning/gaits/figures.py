@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a gait search: how it converged, and what it found."""
+"""Figures of a gait search: convergence, and an animation of the gait."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def convergence(folders: Sequence[str | Path], title: str) -> Figure:
 
     Args:
         folders: One per seed, each with the record of a search.
-        title: Above the figure.
+        title: Title of the figure.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained", dpi=120)
-    FigureCanvasAgg(figure)  # no display, and no global state as pyplot has
+    FigureCanvasAgg(figure)  # no display, and no global state as in pyplot
     speed, step = figure.subplots(1, 2, width_ratios=(3, 2))
     for number, folder in enumerate(folders):
         header, rows = evaluations.read(folder)
@@ -60,10 +60,10 @@ def convergence(folders: Sequence[str | Path], title: str) -> Figure:
 
 
 def _walking(rows: list[dict[str, Any]], population: int) -> np.ndarray:
-    """Median speed of the rollouts of each whole generation that did not fail, (generations,)."""
+    """Median speed of the successful rollouts of each complete generation, (generations,)."""
     complete = len(rows) // population * population
     speeds = [np.nan if row["reason"] else -row["value"] for row in rows[:complete]]
-    with warnings.catch_warnings():  # of a generation in which all fell
+    with warnings.catch_warnings():  # for generations without a successful rollout
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanmedian(np.reshape(speeds, (-1, population)), axis=1)
 
@@ -75,7 +75,7 @@ def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0
         gait: Gait to show.
         path: File to write.
         seconds: Simulated time shown [s].
-        speed: 1 is real time, 0.5 half as fast.
+        speed: Playback speed over real time.
     """
     from loco_sim.world.render import render_gif
 
@@ -89,7 +89,7 @@ def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0
 
 
 def experiment_of(gait: Gait, **changes: Any) -> Any:
-    """Experiment that runs a gait on the body it was found on."""
+    """Experiment that runs a gait on the body for which it was found."""
     if isinstance(gait.target, GaitParams):
         from .legged import experiment
 

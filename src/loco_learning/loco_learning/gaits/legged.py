@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for gaits of legged robots under the trunk controller: HyQ's generator of foot paths.
+"""Search for gaits of legged robots with a trunk controller: HyQ's foot trajectory generator.
 
 Commanded speed, stride frequency, duty factor and step height are searched for the highest
-forward speed of a rollout, each between shares of what the robot's size asks for. The value of
-a rollout is that of `search.judge`.
+forward speed of a rollout, each within a range relative to the nominal gait of the robot's size.
+The value of a rollout is that of `search.judge`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ..runs.log import Log
 from ..runs.rollout import rollout
 from .search import LEGGED, GaitProblem, GaitSearchParams
 
-OPEN_LOOP = "hyq_trot_open"  # the experiment whose gait is changed
-SHARES = {  # of the gait that the robot's size asks for
+OPEN_LOOP = "hyq_trot_open"  # the experiment whose gait is modified
+SHARES = {  # of the nominal gait for the robot's size
     "speed": (0.0, 4.0),
     "frequency": (0.6, 1.6),
     "duty_factor": (0.7, 1.4),
@@ -29,15 +29,15 @@ SHARES = {  # of the gait that the robot's size asks for
 
 
 class LeggedProblem(GaitProblem):
-    """The problem that `population.minimise` gets.
+    """Objective of a search for `population.minimise`.
 
     Args:
-        params: Aim of the search and its bodies; its `frequency` does not count, which is searched.
-        start: Parameters to start from, by name; default the gait that the size asks for.
+        params: Aim of the search and its bodies; `frequency` is ignored, since it is searched.
+        start: Initial parameters by name; default the nominal gait for the robot's size.
 
     Raises:
-        LocoError: The robot lists no legs, or a start is out of bounds.
-        NameUnknownError: `start` names what is not searched.
+        LocoError: The robot has no legs, or an initial parameter is out of bounds.
+        NameUnknownError: `start` has a parameter that is not searched.
     """
 
     def __init__(self, params: GaitSearchParams, start: dict[str, float] | None = None):
@@ -53,16 +53,16 @@ class LeggedProblem(GaitProblem):
         return self._gait.replace(**dict(zip(self.names, map(float, x), strict=True)))
 
     def run(self, target: GaitParams, body: dict[str, Any]) -> Log:
-        """One rollout."""
+        """Log of one rollout."""
         overrides = {**self._nominal.overrides, **body}
         return rollout(self._nominal.replace(gait=target, overrides=overrides))
 
 
 def problem_of(gait: str) -> type[GaitProblem]:
-    """Class of the problem of a gait."""
+    """Class of the objective for a gait."""
     return LeggedProblem if gait in LEGGED else GaitProblem
 
 
 def experiment(robot: str, changes: dict[str, Any] | None = None) -> Any:
-    """Experiment in which a robot walks under its trunk controller and nothing learns."""
+    """Experiment in which a robot walks with its trunk controller and without learning."""
     return load(OPEN_LOOP, {"robot": robot, **(changes or {})})

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search for gaits: oscillators that carry a robot forward fastest, by rollouts.
+"""Search for gaits: oscillator parameters with the highest forward speed, by rollouts.
 
-Step one of the two-steps learning: open loop, sensors unused. As in thesis section 5.3.2
-frequency and phases within the pairs are given, amplitude, duty factor and offset of front
+Step one of the two-steps learning: open loop, sensors unused. As in thesis section 5.3.2,
+frequency and phases within the pairs are given; amplitude, duty factor and offset of front
 and hind legs and the phase between the pairs are searched, seven numbers. The value of a
-rollout is minus its mean forward speed; standing is 0, a fall is 1 to 2, the later the
-better, and a simulation that explodes 10, so that
+rollout is minus its mean forward speed; standing is 0, a fall is 1 to 2, smaller for a later
+fall, and a simulation that diverges 10, so that
 
-    walking < standing < falling < exploding.
+    walking < standing < falling < diverging.
 
 Ranges are those of the author's gait optimisation (amplitudes to 44.7 degrees, offsets of
-60 degrees), his phases narrowed so that a bound stays a bound and a walk a walk. Optionally
-each point runs on several bodies whose stiffness, friction and masses are drawn around the
-nominal ones; all points get the same bodies, and the result is tried on others.
+60 degrees); the phase ranges are narrower, so that a bound remains a bound and a walk a walk.
+Optionally each point is evaluated on several bodies whose stiffness, friction and masses are
+drawn around the nominal ones; all points have the same bodies, and the result is checked on
+others.
 """
 
 from __future__ import annotations
@@ -47,22 +48,22 @@ BOUNDS = {
     "offset_front": (-1.05, 1.05),  # [rad]
     "offset_hind": (-1.05, 1.05),
 }
-PHASES = {  # of the second pair, ahead of the first [strides]
+PHASES = {  # lead of the second pair over the first [strides]
     "bound": (0.25, 0.75),  # hind legs, after the front legs
     "walk": (0.35, 0.65),  # rf and lh, after lf and rh
 }
 GAITS = {f"tigrillo_{name}": name for name in PHASES}
-LEGGED = {"hyq_trot": "trot", "hyq_walk": "walk"}  # gaits of the generator of foot paths
-FELL, EXPLODED = 1.0, 10.0  # values
-FASTEST = 5.0  # a mean speed beyond is an explosion [m/s]
-FACTORS = (0.3, 3.0)  # a drawn body stays within, relative to the nominal one
-CHECKS = 16  # other bodies on which a result is tried
+LEGGED = {"hyq_trot": "trot", "hyq_walk": "walk"}  # gaits of the foot trajectory generator
+FELL, EXPLODED = 1.0, 10.0  # values of failed rollouts
+FASTEST = 5.0  # mean speed above which a rollout has diverged [m/s]
+FACTORS = (0.3, 3.0)  # range of a drawn parameter, relative to the nominal one
+CHECKS = 16  # other bodies on which a result is checked
 DIGITS = 4  # of the parameters of a gait in its file
 
 
 @dataclass(frozen=True)
 class GaitSearchParams(Params):
-    """The aim of a search for a gait, and the bodies it is searched on."""
+    """Aim of a search for a gait, and the bodies on which it is evaluated."""
 
     gait: str = parameter("tigrillo_bound", "gait to search", choices=(*GAITS, *LEGGED))
     robot: str = parameter("tigrillo", "name of a robot, or path of a robot.yaml or model.yaml")
@@ -76,15 +77,15 @@ class GaitSearchParams(Params):
 
 
 class GaitProblem:
-    """The problem that `population.minimise` gets.
+    """Objective of a search for `population.minimise`.
 
     Args:
         params: Aim of the search and its bodies.
-        start: Parameters to start from, by name; default the middle of the bounds.
+        start: Initial parameters by name; default the centre of the bounds.
 
     Raises:
-        ParameterError: The robot has not four driven joints, or a start is out of bounds.
-        NameUnknownError: `start` names what is not searched.
+        ParameterError: The robot has not four driven joints, or an initial value is out of bounds.
+        NameUnknownError: `start` has a parameter that is not searched.
     """
 
     def __init__(self, params: GaitSearchParams, start: dict[str, float] | None = None):
@@ -106,7 +107,7 @@ class GaitProblem:
         """Set names, bounds and start of the search.
 
         Raises:
-            NameUnknownError: `start` names what is not searched.
+            NameUnknownError: `start` has a parameter that is not searched.
         """
         for name in start:
             if name not in usual:
@@ -117,11 +118,11 @@ class GaitProblem:
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(vars(self))
-        state.pop("bodies", None)  # drawn again where they are needed
+        state.pop("bodies", None)  # drawn again on use
         return state
 
     def describe(self) -> dict[str, Any]:
-        """Search and body, for the record."""
+        """Identification of the search and the body, for the record of evaluations."""
         e = self._nominal
         return {
             **to_dict(self.params),
@@ -153,12 +154,12 @@ class GaitProblem:
         )
 
     def run(self, target: CpgParams, body: dict[str, Any]) -> Log:
-        """One rollout."""
+        """Log of one rollout."""
         overrides = {**self._nominal.overrides, **body}
         return rollout(self._nominal.replace(target=target, overrides=overrides))
 
     def __call__(self, x: np.ndarray) -> Score:
-        """Mean value over the bodies; the reason is that of the first failure."""
+        """Mean value over the bodies, with the reason of the first failure."""
         target = self.target(x)
         scores = [judge(self.run(target, body)) for body in self.bodies]
         reasons = [s.reason for s in scores if s.reason]
@@ -182,17 +183,17 @@ def judge(log: Log) -> Score:
 
 
 def _has_fallen(log: Log) -> bool:
-    """The fall is one of the robot, not of the arithmetic."""
+    """True if the robot fell, False if the simulation diverged."""
     return "finite" not in log.fall
 
 
 def draw_bodies(
     experiment: Experiment, deviation: float, count: int, seed: int
 ) -> list[dict[str, Any]]:
-    """Overrides of bodies around that of an experiment; with no spread, all are that one.
+    """Overrides of bodies around that of an experiment; all equal to it for a deviation of 0.
 
     Args:
-        experiment: Gives the nominal body.
+        experiment: Experiment with the nominal body.
         deviation: Standard deviation of each stiffness, friction and mass, relative.
         count: Number of bodies.
         seed: Seed of the draw.
@@ -211,7 +212,7 @@ def draw_bodies(
 
 
 def _parts(body: Description) -> dict[str, float]:
-    """Masses of the branches that hang on the base [kg]: the halves of Tigrillo."""
+    """Masses of the branches attached to the base [kg]: the halves of Tigrillo."""
     links = [link for link in body.links() if link != body.root_link()]
     inner = {name for link in links for name in body.below(link)[1:]}
     return {
@@ -229,18 +230,18 @@ def search(
     report: Callable[[Progress], Any] | None = None,
     kind: type[GaitProblem] = GaitProblem,
 ) -> tuple[Gait, Optimum]:
-    """Search a gait and try it once more; resumable as `population.minimise` is.
+    """Search a gait and check it; resumable as `population.minimise`.
 
     Args:
         params: Aim of the search and its bodies.
         options: Settings of CMA-ES.
         folder: Folder of the record of evaluations.
-        start: Parameters to start from, by name.
+        start: Initial parameters by name.
         report: Called with the progress after each generation.
-        kind: Class of the problem; that of a gait is `legged.problem_of`.
+        kind: Class of the objective; see `legged.problem_of`.
 
     Raises:
-        ParameterError: The gait is unknown, or another search is in the folder.
+        ParameterError: The gait is unknown, or the folder has another search.
     """
     problem = kind(params, start)
     optimum = minimise(problem, options, folder, report)
@@ -248,7 +249,7 @@ def search(
 
 
 def make_gait(problem: GaitProblem, optimum: Optimum, seed: int) -> Gait:
-    """The gait of an optimum, in round numbers, run on the nominal body and on others."""
+    """The gait of an optimum with rounded parameters, run on the nominal and on other bodies."""
     x = np.round(optimum.x, DIGITS)
     params, target = problem.params, problem.target(x)
     log = problem.run(target, {})
@@ -270,7 +271,7 @@ def make_gait(problem: GaitProblem, optimum: Optimum, seed: int) -> Gait:
 
 
 def check(problem: GaitProblem, target: CpgParams, deviation: float) -> dict[str, float]:
-    """Check a gait on bodies that the search has not seen."""
+    """Falls and speeds of a gait on bodies that the search did not use."""
     bodies = draw_bodies(problem._nominal, deviation, CHECKS, problem.params.body_seed + 1)
     scores = [judge(problem.run(target, body)) for body in bodies]
     return {

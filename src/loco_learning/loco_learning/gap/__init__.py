@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The place where model and measurement differ, the effect that is missing, and the proof."""
+"""Search for the gap between model and measurement: where they differ, and the missing effect."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A function that runs somewhere, and the outcomes of its calls."""
+"""Interface of a function that runs in other processes or hosts, and results of its calls."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from loco_control.exceptions import GraphError, LocoError
 
 @dataclass(frozen=True)
 class Failure:
-    """A job without a result."""
+    """Outcome of a job without a result."""
 
     reason: str  # one line
-    error: Exception | None = None  # raised by the job; None if its process died or was ended
+    error: Exception | None = None  # raised by the job; None if its process died or was killed
     trace: str = ""  # traceback of the error, from the process that raised it
 
     def again(self) -> Exception:
-        """The error of the job, to be raised here."""
+        """The error of the job, to be raised in this process."""
         error = self.error or GraphError(f"a job has no result: {self.reason}")
         if self.trace:
             error.__cause__ = RuntimeError(self.trace)
@@ -30,18 +30,18 @@ class Failure:
 
 
 class Jobs(ABC):
-    """A function that runs somewhere; a context manager that closes itself."""
+    """A function that runs in some place; a context manager that closes itself."""
 
     @abstractmethod
     def outcomes(self, jobs: Sequence[tuple]) -> Iterator[tuple[int, Any]]:
-        """Index and result of each job, as they are done; a `Failure` stands for no result.
+        """Index and result of each job, in order of completion; a `Failure` if there is none.
 
         Args:
-            jobs: Arguments of each call, after those that all calls share.
+            jobs: Arguments of each call, after the shared ones.
         """
 
     def results(self, jobs: Sequence[tuple]) -> Iterator[tuple[int, Any]]:
-        """Index and result of each job, as they are done; raises the error of a failed one."""
+        """Index and result of each job, in order of completion; raises the error of a failure."""
         for index, result in self.outcomes(jobs):
             if isinstance(result, Failure):
                 raise result.again()
@@ -59,7 +59,7 @@ class Jobs(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of processes and connections, also in the middle of a job."""
+        """Release processes and connections, even during a job."""
 
     def __enter__(self) -> Jobs:
         return self
@@ -69,17 +69,17 @@ class Jobs(ABC):
 
 
 def outcome(function: Callable[..., Any], job: tuple) -> Any:
-    """Result of a call, or the `Failure` that says how it went wrong."""
+    """Result of a call, or a `Failure` with the reason."""
     try:
         return function(*job)
-    except Exception as error:  # noqa: BLE001, a job may do anything
+    except Exception as error:  # noqa: BLE001, a job may raise anything
         plain = isinstance(error, LocoError)
         reason = str(error) if plain else f"{type(error).__name__}: {error}"
         return Failure(reason or type(error).__name__, error)
 
 
 def sendable(result: Any) -> Any:
-    """The outcome of a call such that another process can read it."""
+    """The outcome of a call in a form that can be pickled."""
     if not isinstance(result, Failure) or result.error is None:
         return result
     trace = "".join(traceback.format_exception(None, result.error, result.error.__traceback__))
@@ -87,9 +87,9 @@ def sendable(result: Any) -> Any:
 
 
 def _portable(error: Exception) -> Exception:
-    """The error if it survives pickling, or a like one that does."""
+    """The error if it can be pickled, otherwise a similar one."""
     try:
         return pickle.loads(pickle.dumps(error))  # noqa: S301, our own bytes
-    except Exception:  # noqa: BLE001, errors of others may do anything, too
+    except Exception:  # noqa: BLE001, errors of other packages may raise anything
         kind = LocoError if isinstance(error, LocoError) else RuntimeError
         return kind(str(error))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long computation in a process of its own, for callers that have to stay responsive.
+"""A long computation in a child process, for callers that have to stay responsive.
 
-The process sends news through a pipe; a `LocoError` in it is news of kind `Failed`, and so is
-its death.
+The process sends events through a pipe; a `LocoError` in it, or its death, is an event of kind
+`Failed`.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .process import spawn
 
 @dataclass(frozen=True)
 class Failed:
-    """The computation has no result."""
+    """Event: the computation has failed."""
 
     text: str
 
 
 class Child:
-    """A process and the news from it.
+    """A child process and its events.
 
     Args:
-        title: Name of the computation, for the message that its process died.
-        last: Kind of news after which nothing follows; `Failed` is another.
+        title: Name of the computation, for the message if its process dies.
+        last: Class of the final event; `Failed` is another.
         work: Called in the child with its end of the pipe and the arguments.
-        arguments: Values for `work`, pickled.
+        arguments: Arguments of `work`, pickled.
         duplex: Whether the child can receive as well as send.
     """
 
@@ -52,7 +52,7 @@ class Child:
         return int(self._process.pid or 0)
 
     def news(self) -> list[Any]:
-        """News since the last call, oldest first; that of the end is the last."""
+        """Events since the last call, oldest first; the final event is the last."""
         news: list[Any] = []
         try:
             while not self._ended and self._ours.poll():
@@ -81,4 +81,4 @@ def _serve(pipe: Connection, work: Callable[..., None], arguments: tuple) -> Non
     except LocoError as error:
         pipe.send(Failed(str(error)))
     except BrokenPipeError:
-        return  # nobody listens any more
+        return  # the parent has closed the pipe

@@ -13,20 +13,20 @@ from loco_control.exceptions import GraphError, ParameterError
 
 from .base import Failure, Jobs, outcome, sendable
 
-CONNECT_SECONDS = 10.0  # for a scheduler and its workers to answer
+CONNECT_SECONDS = 10.0  # timeout of a scheduler and its workers
 
 
 class Cluster(Jobs):
-    """Workers of a dask cluster; it repeats the jobs of a worker that dies.
+    """Jobs on the workers of a dask cluster, which repeats the jobs of a worker that dies.
 
     Args:
         payload: Pickled function and shared arguments.
-        address: Address of the scheduler, such as ``tcp://127.0.0.1:8786``; one of another
-            machine begins with ``tls://``.
+        address: Address of the scheduler, such as ``tcp://127.0.0.1:8786``; ``tls://`` is
+            required for another machine.
 
     Raises:
-        ParameterError: Nobody answers at the address, its workers cannot import loco, or it is
-            of another machine and without TLS.
+        ParameterError: There is no response from the address, its workers cannot import loco, or
+            it is another machine without TLS.
     """
 
     def __init__(self, payload: bytes, address: str):
@@ -51,7 +51,7 @@ class Cluster(Jobs):
         self._try()
 
     def _try(self) -> None:
-        """Refuse a cluster whose workers cannot run our code."""
+        """Reject a cluster whose workers cannot run this package."""
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_SECONDS)
             self._client.submit(_ready, pure=False).result(timeout=CONNECT_SECONDS)
@@ -75,19 +75,19 @@ class Cluster(Jobs):
             error = future.exception()
             if error is None:
                 yield index[future], future.result()
-            else:  # the worker died again and again
+            else:  # the worker died repeatedly
                 yield index[future], Failure(f"{type(error).__name__}: {error}")
 
     def close(self) -> None:
-        """Let go of the cluster, which goes on; jobs without a result are cancelled."""
+        """Disconnect from the cluster, which keeps running; pending jobs are cancelled."""
         self._client.close(timeout=2.0)
 
 
 def _check_door(address: str) -> None:
-    """Refuse addresses of other machines without TLS: whoever answers gets pickled functions.
+    """Reject addresses of other machines without TLS, since pickled functions are sent to them.
 
     Raises:
-        ParameterError: The address is one of another machine, without TLS.
+        ParameterError: The address is that of another machine, without TLS.
     """
     protocol, _, rest = address.rpartition("://")
     host = rest.rpartition(":")[0].strip("[]") or rest
@@ -101,7 +101,7 @@ def _check_door(address: str) -> None:
 
 @lru_cache(maxsize=2)
 def _function(payload: bytes) -> Callable[..., Any]:
-    function, shared = pickle.loads(payload)  # noqa: S301, made by the caller of this cluster
+    function, shared = pickle.loads(payload)  # noqa: S301, from the caller of this cluster
     return partial(function, *shared)
 
 

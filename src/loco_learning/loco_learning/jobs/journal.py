@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A file to which finished work is appended, so that a killed command goes on where it was.
+"""Journal: a file to which finished work is appended, so that a killed command can resume.
 
-First line: what the work belongs to. Every other line is one piece of it, with a check sum. A line
-that a killed process or a full disk cut short is cut off, and its work is done again.
+The first line identifies the work. Every other line is one result, with a check sum. An incomplete
+last line, from a killed process or a full disk, is removed and its work is repeated.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from ..plain import flat
 
 log = logging.getLogger(__name__)
 
-_SUM = ', "crc": "'  # begins the check sum that ends each line
+_SUM = ', "crc": "'  # start of the check sum at the end of each line
 
 
 class Journal:
-    """Rows in memory and in a file that this process alone writes.
+    """Rows in memory and in a file to which only this process writes.
 
     Args:
-        path: The file, made when it is missing; None keeps rows in memory only.
+        path: The file, created if missing; None keeps rows in memory only.
         header: Description of the work, with `kind` and `format`: plain values.
         row: A `TypedDict` of the keys of a row, for `checks.check`.
-        anew: Whether a file of something else, or a broken one, is begun anew with a warning.
+        anew: Whether a broken file, or one of other work, is overwritten with a warning.
 
     Attributes:
-        header: Header as JSON gives it back.
+        header: Header as read back from JSON.
         rows: Rows of plain values, in the order in which they were appended.
 
     Raises:
-        ParameterError: The file is broken, belongs to something else or is being written by
+        ParameterError: The file is broken, belongs to other work or is being written by
             another process.
         OSError: The file cannot be written.
     """
@@ -63,7 +63,7 @@ class Journal:
 
     def _open(self, path: Path, row: Any, anew: bool) -> None:
         if path.exists() and not path.is_file():
-            raise ParameterError(f"{path} is no file")  # a pipe would be waited for
+            raise ParameterError(f"{path} is no file")  # reading a pipe would block
         file = open(path, "ab", buffering=0)  # noqa: SIM115, closed by `close`
         try:
             try:
@@ -87,23 +87,23 @@ class Journal:
         self._file = file
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Keep a row; it survives the death of this process.
+        """Append a row to memory and file; it survives the death of this process.
 
         Raises:
-            OSError: There is no room for it; the file ends with the row before.
+            OSError: The disk is full; the file ends with the previous row.
         """
         self.rows.append(dict(row))
         if self._file:
             _put(self._file, _line(row))
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file:
             self._file.close()
             self._file = None
 
     def remove(self) -> None:
-        """Let go of the file and remove it: what it was kept for is done."""
+        """Close and delete the file, when the work is complete."""
         if self._file and self.path:
             self.path.unlink(missing_ok=True)
         self.close()
@@ -112,15 +112,15 @@ class Journal:
 def read(
     path: Path, row: Any = dict[str, Any], header: Mapping[str, Any] | None = None
 ) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
-    """Header and rows of a journal, and the bytes up to the end of its last whole line.
+    """Header and rows of a journal, and the number of bytes up to its last complete line.
 
     Args:
         path: The file.
         row: A `TypedDict` of the keys of a row, for `checks.check`.
-        header: The header that it must have; None for any.
+        header: The required header; None for any.
 
     Raises:
-        ParameterError: It has another header, a line that ends is broken, or a value is wrong.
+        ParameterError: The header differs, a complete line is broken, or a value is invalid.
     """
     data = read_bytes(path, "journal")
     end = data.rfind(b"\n") + 1
@@ -153,7 +153,7 @@ def _parsed(path: Path, number: int, line: bytes, kind: Any) -> dict[str, Any]:
 
 
 def _put(file: Any, data: bytes) -> None:
-    """Append, all or nothing."""
+    """Append data completely or not at all."""
     end = os.fstat(file.fileno()).st_size
     view = memoryview(data)
     try:

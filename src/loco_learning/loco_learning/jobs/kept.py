@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs whose results a journal keeps: a result that is there is read, and its job is not run.
+"""Jobs with results in a journal: a job whose result is in the journal is not run again.
 
-A search asks for jobs that depend on the results of others. Begun again it asks for the same
-ones, for it draws nothing that is not seeded: what was done before a kill comes out of the
-journal, and the search goes on to the same end.
+The jobs of a search depend on the results of earlier ones. A restarted search requests the same
+jobs, since all random numbers are seeded: results from before a kill are read from the journal,
+and the search continues to the same end.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from .journal import Journal
 
 log = logging.getLogger(__name__)
 
-_DECIDES = ("numpy", "scipy", "numba", "mujoco", "pybullet", "cma")  # the last bits of results
-MOST = 128 * 2**20  # bytes of a journal of results; what comes then is not kept
+_DECIDES = ("numpy", "scipy", "numba", "mujoco", "pybullet", "cma")  # affect the last bits
+MOST = 128 * 2**20  # largest size of a journal of results [bytes]; further results are not stored
 
 
 class Row(TypedDict):
@@ -40,7 +40,7 @@ class Row(TypedDict):
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those that decide the last bits of its results."""
+    """Versions of this package and of those that affect the last bits of its results."""
     found = {"loco": __version__}
     for name in _DECIDES:
         try:
@@ -51,10 +51,10 @@ def versions() -> dict[str, str]:
 
 
 def digest(*values: Any) -> str:
-    """Digest of plain values, arrays, objects of such, paths and functions, 32 hexadecimal digits.
+    """Digest of plain values, arrays, containers of these, paths and functions, 32 hex digits.
 
     Raises:
-        TypeError: A value is none of these.
+        TypeError: A value is of another type.
     """
     whole = hashlib.sha256()
     _feed(whole, values)
@@ -88,15 +88,15 @@ def _feed(whole: Any, value: Any) -> None:
 
 
 class Memory:
-    """Results of a search's jobs, in a journal that is removed when the search is done.
+    """Results of a search's jobs, in a journal that is deleted when the search is complete.
 
-    A context manager: whatever ends its block but a mistake in what was given (`LocoError`) and
-    success leaves the journal, for the search begun again.
+    A context manager: the journal is deleted on success and on invalid input (`LocoError`). After
+    any other exception it remains, for a restarted search.
 
     Args:
-        path: The file; one of another search, or a broken one, is begun anew with a warning.
-        inputs: All that decides the results, for `digest`, besides the versions of packages.
-        kinds: Dataclasses of which results consist, beside arrays and plain values.
+        path: The file; a broken one, or one of another search, is overwritten with a warning.
+        inputs: All values that determine the results, for `digest`, besides package versions.
+        kinds: Dataclasses in the results, besides arrays and plain values.
     """
 
     def __init__(self, path: Path, inputs: Sequence[Any], kinds: Sequence[type]):
@@ -114,12 +114,12 @@ class Memory:
             self._known = {row["key"]: row["result"] for row in self._journal.rows}
 
     def keeping(self, place: Jobs) -> Jobs:
-        """The same place, whose results are kept."""
+        """The given jobs, with results stored in the journal."""
         self._places += 1
         return _Kept(place, self, self._places)
 
     def known(self, key: str) -> tuple[Any] | None:
-        """The result of a job in a tuple, if it is there."""
+        """The stored result of a job as a tuple of one; None if there is none."""
         if key not in self._known:
             return None
         try:
@@ -128,7 +128,7 @@ class Memory:
             raise ParameterError(f"{self._path} is broken, remove it: {error}") from None
 
     def keep(self, key: str, result: Any) -> Any:
-        """Keep a result, as long as the journal has room; returns it as `known` will give it."""
+        """Store a result while the journal has room; returns it in the form of `known`."""
         kept = values.dump(result)
         row = {"key": key, "result": kept}
         self._size += len(json.dumps(row))
@@ -155,7 +155,7 @@ class Memory:
 
 
 class _Kept(Jobs):
-    """See `Memory.keeping`."""
+    """Jobs with stored results, see `Memory.keeping`."""
 
     def __init__(self, place: Jobs, memory: Memory, number: int):
         self._place, self._memory, self._number = place, memory, number

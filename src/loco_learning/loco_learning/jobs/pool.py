@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many calls of one function: in this process, in processes of our own, or on a dask cluster.
+"""Many calls of one function: in this process, in child processes, or on a dask cluster.
 
     with pool.start(function, (shared,), workers=2) as jobs:
         for result in jobs.ordered([(1,), (2,)]): ...    # function(shared, 1), function(shared, 2)
 
-All three places run the same jobs and give the same results; only the order in which results
-arrive differs. A process that dies is replaced and its job is tried once more; one that
-exceeds the time limit is ended.
+All three run the same jobs with the same results; only the order of completion differs. A process
+that dies is replaced and its job is repeated once; one that exceeds the time limit is killed.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from .process import spawn
 
 __all__ = ["Failure", "Here", "Jobs", "Processes", "start"]
 
-TRIES = 2  # runs of a job whose process dies
+TRIES = 2  # runs of a job if its process dies
 
 
 def start(
@@ -38,19 +37,19 @@ def start(
     scheduler: str = "",
     limit: float = math.inf,
 ) -> Jobs:
-    """A place where `function(*shared, *job)` runs.
+    """Jobs of `function(*shared, *job)` in the selected place.
 
     Args:
-        function: The work; pickled unless it runs in this process.
+        function: The function; pickled unless it runs in this process.
         shared: First arguments of every call, sent once to each process.
-        workers: Number of processes; 0 runs the jobs in this one, in their order.
+        workers: Number of processes; 0 runs the jobs in this process, in their order.
         scheduler: Address of a dask scheduler to use its workers instead, such as
             ``tcp://127.0.0.1:8786``.
-        limit: Longest time of a job [s]; kept by processes of our own only.
+        limit: Longest time of a job [s]; enforced for child processes only.
 
     Raises:
-        ParameterError: The function cannot be sent to other processes, or no dask scheduler
-            with a worker answers at the address.
+        ParameterError: The function cannot be pickled, or no dask scheduler with a worker
+            responds at the address.
     """
     if not scheduler and workers < 1:
         return Here(partial(function, *shared))
@@ -79,7 +78,7 @@ class Here(Jobs):
 
 
 class _Worker:
-    """A process of the pool, our end of its pipe, and the job it is working on."""
+    """A process of the pool, the parent's end of its pipe, and its current job."""
 
     def __init__(self, payload: bytes):
         self.process, self.pipe = spawn(_serve, (payload,))
@@ -87,7 +86,7 @@ class _Worker:
 
     def answer(self) -> tuple[Any] | str:
         """The result in a tuple, or "busy", or "dead"."""
-        alive = self.process.is_alive()  # asked first: a process may send and then end
+        alive = self.process.is_alive()  # checked first: a process may send and then end
         try:
             if self.pipe.poll():
                 return self.pipe.recv()
@@ -98,7 +97,7 @@ class _Worker:
 
 
 class Processes(Jobs):
-    """Runs jobs in processes of our own, each with a pipe; they start when there is work.
+    """Runs jobs in child processes, each with a pipe; they start when there is work.
 
     Args:
         payload: Pickled function and shared arguments.
@@ -135,11 +134,11 @@ class Processes(Jobs):
                         self._remove(worker)
                         yield job, Failure(f"it took more than {self._limit:g} s")
         finally:
-            for worker in self._busy():  # the caller has stopped asking: results are of no use
+            for worker in self._busy():  # the caller has stopped iterating: results are not needed
                 self._remove(worker)
 
     def close(self) -> None:
-        """End all processes, also those in the middle of a job."""
+        """End all processes, even during a job."""
         for worker in list(self._workers):
             self._remove(worker)
 
@@ -163,7 +162,7 @@ class Processes(Jobs):
     def _give(self, worker: _Worker, job: int, jobs: Sequence[tuple]) -> None:
         try:
             worker.pipe.send(jobs[job])
-        except OSError:  # it died while it had nothing to do
+        except OSError:  # the process died while idle
             self._remove(worker)
             worker = _Worker(self._payload)
             self._workers.append(worker)
@@ -180,8 +179,8 @@ class Processes(Jobs):
 
 
 def _serve(pipe: Any, payload: bytes) -> None:
-    """Life of a process of the pool: it ends when the other end of the pipe is closed."""
-    function, shared = pickle.loads(payload)  # noqa: S301, made by our parent
+    """Main loop of a process of the pool, until the other end of the pipe is closed."""
+    function, shared = pickle.loads(payload)  # noqa: S301, from the parent process
     whole = partial(function, *shared)
     try:
         while True:

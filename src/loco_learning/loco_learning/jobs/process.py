@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A spawned process with a pipe, which ends with the process that started it."""
+"""Spawned process with a pipe, which ends with its parent."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ORPHANED = 3  # exit code
 def spawn(
     work: Callable[..., None], arguments: tuple = (), duplex: bool = True
 ) -> tuple[BaseProcess, Connection]:
-    """Start `work(pipe, *arguments)` in a new process; returns the process and our end of the pipe.
+    """Start `work(pipe, *arguments)` in a new process; returns the process and the parent's pipe.
 
-    The process is spawned, not forked: children of a fork would share locks and threads (DDS
-    has some). It uses one BLAS thread, as more cost milliseconds a step, and ignores Ctrl-C,
-    which is for its parent to answer.
+    The process is spawned, not forked, since a fork would share locks and threads (of DDS, for
+    example). It uses one BLAS thread, since more cost milliseconds per step, and ignores Ctrl-C,
+    which the parent handles.
 
     Args:
         work: A function that can be pickled.
@@ -33,7 +33,7 @@ def spawn(
     """
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
-    os.environ["PYTHONSAFEPATH"] = "1"  # nothing of the current folder is imported
+    os.environ["PYTHONSAFEPATH"] = "1"  # no imports from the current folder
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex)
     process = context.Process(target=_live, args=(theirs, work, arguments), daemon=True)
@@ -45,10 +45,10 @@ def spawn(
 
 @contextlib.contextmanager
 def _bare_script_hidden() -> Iterator[None]:
-    """A child does not run the user's script again if that never asks for its `__name__`.
+    """Prevent a child from running the user's script, if that does not check `__name__`.
 
-    Python imports the script into each spawned process; one that is not written for that would
-    begin the same work there, and so on.
+    Python imports the main script into each spawned process; a script without this check would
+    start the same work there, recursively.
     """
     main = sys.modules["__main__"]
     path = getattr(main, "__file__", None)
@@ -70,10 +70,10 @@ def _asks_for_its_name(path: str) -> bool:
 
 
 def end_with_parent() -> None:
-    """End this process as soon as its parent is gone; call it first in a worker.
+    """End this process as soon as its parent has ended; to be called first in a worker.
 
-    A worker that computes does not notice that nobody listens any more, and a parent that
-    was killed can tell nobody. Without a parent, in the first process, nothing happens.
+    A computing worker does not notice the end of its parent, and a killed parent cannot notify
+    it. Without a parent process this does nothing.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of jobs as JSON: plain values as they are, arrays and dataclasses by their kind.
+"""Conversion of job results to and from JSON: plain values, arrays and dataclasses.
 
-A value comes back with the same types and the same bytes. Nothing is unpickled: what a file can
-make are arrays of numbers, and the dataclasses that its reader names.
+A value is restored with the same types and bytes. Nothing is unpickled: a file can only
+contain arrays of numbers and the dataclasses that its reader names.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from loco_control.exceptions import ParameterError
 from loco_control.packed import check_room
 from loco_control.reading import shown
 
-_NUMBERS = "biufc"  # of NumPy's types
+_NUMBERS = "biufc"  # kinds of NumPy data types
 _KIND, _OF = "is", "of"
 
 
 def dump(value: Any) -> Any:
-    """A value as JSON has it.
+    """A value in a form that JSON can store.
 
     Args:
         value: Plain value, list, tuple, mapping, array, number of NumPy or dataclass of such.
 
     Raises:
-        TypeError: The value holds something else.
+        TypeError: The value contains another type.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -58,14 +58,14 @@ def _dump_array(value: Any) -> dict[str, Any]:
 
 
 def load(value: Any, kinds: Sequence[type] = ()) -> Any:
-    """The value that `dump` made this of.
+    """Inverse of `dump`.
 
     Args:
-        value: JSON.
-        kinds: Dataclasses that it may hold.
+        value: Value from JSON.
+        kinds: Dataclasses that it may contain.
 
     Raises:
-        ParameterError: It is not of `dump`, or names another class.
+        ParameterError: The value is not from `dump`, or names another class.
     """
     try:
         return _load(value, {kind.__qualname__: kind for kind in kinds})

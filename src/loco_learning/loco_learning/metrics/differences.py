@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics in which two runs differ: beyond noise, and by more than matters.
+"""Differences of two runs in their metrics: statistically significant, and large enough to matter.
 
-A phase is cut into blocks of whole strides, and each metric is taken over each block of both
-runs. Where both runs have the same target, blocks of the same ticks are paired: what the target
-does to a metric then cancels. A difference is *lasting* where the interval of the mean over the
-blocks excludes zero, and *passing* where single blocks stand out of the others, as after a push.
+A phase is divided into blocks of whole strides, and each metric is computed for each block of both
+runs. If both runs have the same target, blocks of the same ticks are paired, which cancels the
+influence of the target. A difference is *lasting* if the confidence interval of the mean over the
+blocks excludes zero, and *passing* if single blocks are outliers, as after a push.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from ..runs.log import Log
 from .quantities import period
 from .registry import METRICS, SHORTEST, Metric
 
-LEAST = 6  # blocks of a phase from which on it is judged (taste: Student's t is near normal)
-CHANCE = 0.01  # that anything in a whole table is called a difference and is none (convention)
-RESAMPLES = 999  # of a bootstrap (Davison and Hinkley 1997)
+LEAST = 6  # smallest number of blocks of a phase (taste: Student's t is near normal)
+CHANCE = 0.01  # probability of any false difference in a whole table (convention)
+RESAMPLES = 999  # bootstrap samples (Davison and Hinkley 1997)
 NORMAL = 1.4826  # deviation of a normal law over the median of its absolute values (theory)
 LASTING, PASSING = "lasting", "passing"
 
 
 @dataclass(frozen=True)
 class Size:
-    """Change of a metric from which on it matters, the larger of two.
+    """Smallest change of a metric that matters, the larger of two.
 
     Attributes:
         least: Change in the unit of the metric.
@@ -42,7 +42,7 @@ class Size:
     source: str
 
     def of(self, value: float) -> float:
-        """Change that matters where the first run has a value."""
+        """Smallest change that matters at a value of the first run."""
         return max(self.least, self.share * abs(value))
 
 
@@ -90,18 +90,18 @@ SIZES: dict[str, Size] = {
 
 @dataclass(frozen=True)
 class Difference:
-    """One metric of a phase in one run beside the first.
+    """One metric of a phase, compared between the first and another run.
 
     Attributes:
         metric: Name of the metric.
         first: Mean over the blocks of the first run.
         other: Mean over the blocks of the other run.
-        low: Lower end of the interval of the mean difference, other minus first; NaN where it is
-            not judged.
-        high: Upper end.
-        size: Difference from which on it matters.
-        kind: `LASTING`, `PASSING` or nothing.
-        largest: Difference in the block that stands out most; NaN where blocks are not paired.
+        low: Lower end of the interval of the mean difference, other minus first; NaN if there
+            are too few blocks.
+        high: Upper end of the interval.
+        size: Smallest difference that matters.
+        kind: `LASTING`, `PASSING` or empty.
+        largest: Difference of the most outlying block; NaN if blocks are not paired.
         at: Start of that block in the phase [s].
     """
 
@@ -117,13 +117,13 @@ class Difference:
 
     @property
     def judged(self) -> bool:
-        """Whether there were blocks enough."""
+        """True if there were enough blocks."""
         return math.isfinite(self.low)
 
 
 @dataclass(frozen=True)
 class Window:
-    """Blocks of a phase that two runs are compared in.
+    """Blocks of a phase in which two runs are compared.
 
     Attributes:
         phase: Name of the phase.
@@ -131,7 +131,7 @@ class Window:
         length: Length of a block [ticks].
         count: Number of blocks.
         dt: Control period [s].
-        paired: Both runs have the same target at the same tick.
+        paired: Whether both runs have the same target at the same tick.
     """
 
     phase: str
@@ -143,17 +143,17 @@ class Window:
 
     @property
     def enough(self) -> bool:
-        """Whether there are blocks enough to judge by."""
+        """True if there are enough blocks."""
         return self.count >= LEAST
 
     @property
     def needed(self) -> float:
-        """Length of a phase that would be enough [s]."""
+        """Length of a phase with enough blocks [s]."""
         return LEAST * self.length * self.dt
 
 
 def window(first: Log, other: Log, phase: str) -> Window:
-    """Blocks of a phase, as long as both runs have it."""
+    """Blocks of a phase, up to the shorter of both runs."""
     starts = [log.phases()[phase] for log in (first, other)]
     ticks = min(s.stop - s.start for s in starts)
     stride = min(period(first.cut(starts[0])), ticks)
@@ -166,13 +166,13 @@ def window(first: Log, other: Log, phase: str) -> Window:
 
 
 def differences(first: Log, other: Log, phase: str, tests: int = 1) -> list[Difference]:
-    """Metrics of a phase that both runs have.
+    """Differences in all metrics of a phase that both runs have.
 
     Args:
         first: Reference.
-        other: Run that is compared with it.
+        other: Run to compare with it.
         phase: Name of a phase of both.
-        tests: Tables of which all together are right but for `CHANCE`.
+        tests: Number of tables that share the error probability `CHANCE`.
     """
     here = window(first, other, phase)
     chosen = [m for m in METRICS.values() if m.suits(first) and m.suits(other)]
@@ -191,7 +191,7 @@ def _blocks(metric: Metric, log: Log, here: Window) -> np.ndarray:
 def _difference(
     here: Window, name: str, one: np.ndarray, two: np.ndarray, chance: float
 ) -> Difference:
-    """Difference of blocks, judged with a chance of error."""
+    """Difference of one metric from its blocks, with a given error probability."""
     size, at, largest, kind = SIZES[name].of(float(np.nanmean(one))), math.nan, math.nan, ""
     low = high = math.nan
     if here.paired:
@@ -216,14 +216,14 @@ def _difference(
 
 
 def interval(samples: tuple[np.ndarray, ...], chance: float) -> tuple[float, float]:
-    """Interval of the mean of pairs, or of the second mean minus the first.
+    """Confidence interval of the mean of pairs, or of the second mean minus the first.
 
-    Few blocks, and blocks that resemble their neighbours, make a bootstrap too sure: Student's law
-    and the correlation of neighbours widen its standard error.
+    A bootstrap underestimates the error for few or correlated blocks: Student's law and the
+    correlation of neighbours widen its standard error.
 
     Args:
         samples: Differences of pairs, (N,), or the values of both runs.
-        chance: Chance that the interval does not hold the true value.
+        chance: Probability that the interval excludes the true value.
     """
     paired, few = len(samples) == 1, min(map(len, samples))
     drawn = bootstrap(
@@ -237,9 +237,9 @@ def interval(samples: tuple[np.ndarray, ...], chance: float) -> tuple[float, flo
 
 
 def resemblance(values: np.ndarray) -> float:
-    """Factor by which neighbours that are alike widen the error of a mean, 1 where they are not.
+    """Factor by which correlation of neighbours widens the error of a mean, at least 1.
 
-    The correlation of neighbours is freed of what few values make it too small by (Kendall 1954).
+    The correlation is corrected for its bias with few values (Kendall 1954).
     """
     centred, count = values - np.mean(values), len(values)
     power = float(centred @ centred)
@@ -259,11 +259,11 @@ def _apart(one: np.ndarray, two: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def outstanding(pairs: np.ndarray, chance: float) -> float:
-    """Difference beyond which a block is none of the others, whose scale is that of their median.
+    """Smallest absolute difference of an outlying block, from the median of all blocks.
 
     Args:
         pairs: Difference of each block, (N,).
-        chance: Chance that any block of noise is beyond it.
+        chance: Probability that any block of noise exceeds it.
     """
     scale = NORMAL * float(np.median(np.abs(pairs)))
     return scale * float(t.ppf(1.0 - 0.5 * chance / len(pairs), len(pairs) - 1))

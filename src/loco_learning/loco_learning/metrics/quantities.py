@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals of a log that metrics and figures are computed from, for robots of any kind."""
+"""Signals computed from a log for metrics and figures, for robots of any kind."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from . import signals
 
 
 def walks(log: Log) -> bool:
-    """The robot has a gait clock and a trunk controller that holds its heading."""
+    """True if the robot has a gait clock and a trunk controller that holds its heading."""
     return log.experiment.gait is not None
 
 
 def target_and_prediction(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the joints that the network moves [rad], wanted and predicted, each (T, k)."""
+    """Target and predicted positions of the joints that the network moves [rad], (T, k) each."""
     outputs = log.experiment.outputs
     return columns(log.target, outputs), log.prediction[:, : len(outputs)]
 
@@ -30,19 +30,19 @@ def outputs_wanted(log: Log) -> np.ndarray:
 
 
 def outputs_commanded(log: Log) -> np.ndarray:
-    """Commands of the joints of the outputs, positions and velocities, (T, 2k)."""
+    """Commands of the output joints: positions [rad] and velocities [rad/s], (T, 2k)."""
     outputs = log.experiment.outputs
     parts = columns(log.command, outputs), columns(log.command_dq, outputs)
     return np.concatenate(parts, axis=1)
 
 
 def columns(values: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """Chosen columns of an array, (T, k); the array itself where all are chosen."""
+    """Selected columns of an array, (T, k); the array itself if all are selected."""
     return values if len(indices) == values.shape[1] else values[:, indices]
 
 
 def period(log: Log) -> int:
-    """Ticks of one stride at the frequency asked for, at least 1."""
+    """Ticks of one stride at the target frequency, at least 1."""
     frequency = (
         float(np.mean(log.target_frequency)) if walks(log) else log.experiment.target.frequency
     )
@@ -62,7 +62,7 @@ def lag(log: Log) -> np.ndarray:
 
 
 def progress(log: Log) -> np.ndarray:
-    """Displacement along and across the way forward at the first tick [m], (T, 2)."""
+    """Displacement along and across the initial forward direction [m], (T, 2)."""
     if walks(log):
         return log.position[:, :2] - log.position[0, :2]
     yaw = signals.roll_pitch_yaw(log.orientation[:1])[0, 2]
@@ -71,7 +71,7 @@ def progress(log: Log) -> np.ndarray:
 
 
 def heading_speed(log: Log) -> np.ndarray:
-    """Speed of the base along its heading of the moment [m/s], (T,)."""
+    """Velocity of the base along its current heading [m/s], (T,)."""
     yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
     if len(log) < 2:
         return np.full(len(log), np.nan)
@@ -93,7 +93,7 @@ def drives(log: Log) -> tuple[np.ndarray, np.ndarray]:
 
 
 def feet(log: Log, column: str = "q") -> np.ndarray:
-    """Foot positions in the base frame [m], (T, f, 3), of joint positions in a column."""
+    """Foot positions in the base frame [m], (T, f, 3), from joint positions in a column."""
     if walks(log):
         from loco_control.legs.kinematics import feet_and_jacobians  # loads numba
 
@@ -103,21 +103,21 @@ def feet(log: Log, column: str = "q") -> np.ndarray:
 
 
 def has_feet(log: Log) -> bool:
-    """Whether the robot of a log has feet."""
+    """True if the robot of a log has feet."""
     return bool(log.experiment.plant.feet)
 
 
 def passive(log: Log) -> np.ndarray:
-    """Indices of the joints that no drive moves, (p,)."""
+    """Indices of the joints without a drive, (p,)."""
     plant = log.experiment.plant
     return np.setdiff1d(np.arange(len(plant.joints)), plant.driven)
 
 
 def has_passive_joints(log: Log) -> bool:
-    """Whether the robot of a log has joints without a drive."""
+    """True if the robot of a log has joints without a drive."""
     return len(passive(log)) > 0
 
 
 def moves(log: Log) -> bool:
-    """Whether the base of the robot of a log is free."""
+    """True if the base of the robot of a log is free."""
     return not log.experiment.plant.fixed_base

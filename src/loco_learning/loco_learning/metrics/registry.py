@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every metric of a run by name, with unit and equation; a new one is a decorated function.
+"""Registry of the metrics of a run by name, with unit and equation; each is a decorated function.
 
-``METRICS["speed"](log, log.phase_of("test"))`` gives a number. A metric whose signals a run
-lacks is absent from `table`; NaN is a number that an interval is too short for, or that makes
-no sense in it. The arithmetic is in `signals`.
+``METRICS["speed"](log, log.phase_of("test"))`` is a number. A metric whose signals a run
+lacks is absent from `table`; NaN means that the interval is too short, or that the metric is
+not defined in it. The arithmetic is in `signals`.
 
-Robots differ in what moves them, and three notions follow that: a stride is counted by the gait
-clock where there is one and by the frequency of the oscillators elsewhere; the way forward is
-the x axis of the world for a robot whose trunk controller holds its heading and its own heading
-elsewhere; a servo gives no work back, a hydraulic drive does.
+Three definitions depend on the actuation of the robot: strides are counted by the gait clock if
+there is one, otherwise by the frequency of the oscillators; the forward direction is the x axis
+of the world for a robot whose trunk controller holds its heading, otherwise its own heading; a
+servo does not recover negative work, a hydraulic drive does.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from .quantities import (
 
 MAWE_SHIFT = 0.05  # largest shift of eq. (3.40) [s]
 REFERENCE_POWER = 100.0  # P_ref of eq. (3.32) [W], about the power of a slow trot
-SHORTEST = 1.0  # intervals below say nothing about a gait [s]
+SHORTEST = 1.0  # shortest interval for a metric of a gait [s]
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One number about an interval of a run."""
+    """One number that describes an interval of a run."""
 
     name: str
     unit: str
@@ -53,11 +53,11 @@ class Metric:
     doc: str
     function: Callable[[Log], float]
     needs: tuple[str, ...]  # columns of the log
-    learner: bool  # needs a network
-    applies: Callable[[Log], bool]  # to the robot of a log
+    learner: bool  # whether a network is needed
+    applies: Callable[[Log], bool]  # predicate: defined for the robot of a log
 
     def suits(self, log: Log) -> bool:
-        """The run has the signals, and the network if one is needed."""
+        """True if the run has the signals, and a network if one is needed."""
         learns = log.experiment.learner.enabled or not self.learner
         return learns and log.has(*self.needs) and self.applies(log)
 
@@ -79,14 +79,14 @@ def metric(
     learner: bool = False,
     applies: Callable[[Log], bool] = lambda log: True,
 ) -> Callable:
-    """Register a function of a log under its own name; the docstring says what it is.
+    """Register a function of a log under its own name; its docstring is the description.
 
     Args:
         unit: Unit of the number.
         equation: Number of its equation in the thesis, or "ours".
-        needs: Columns of the log that it is computed from.
-        learner: It is about a network.
-        applies: Whether it means something for the robot of a log.
+        needs: Columns of the log that it uses.
+        learner: Whether it describes a network.
+        applies: Predicate: the metric is defined for the robot of a log.
     """
 
     def register(function: Callable[[Log], float]) -> Callable[[Log], float]:
@@ -98,7 +98,7 @@ def metric(
 
 
 def table(log: Log) -> dict[str, dict[str, float]]:
-    """Metrics of each phase that was reached, by phase and name; standing has no gait."""
+    """Metrics of each phase that was reached, by phase and name, without the standing phase."""
     metrics = {name: each for name, each in METRICS.items() if each.suits(log)}
     return {
         phase: {name: each(log, ticks) for name, each in metrics.items()}
@@ -179,7 +179,7 @@ def positive_power(log: Log) -> float:
 
 
 def _energy(log: Log) -> tuple[float, float, float]:
-    """Power that counts [W], forward speed that it buys [m/s], and mass [kg]."""
+    """Power [W], forward speed [m/s] and mass [kg] for the efficiency metrics."""
     if walks(log):
         return power(log), speed(log), mass(log)
     return positive_power(log), forward_speed(log), mass(log)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metrics of thesis section 3.6 as pure functions of arrays, one equation each.
 
-Where the thesis or its code is wrong or open, the docstring says what is done
-instead. ``metrics.METRICS`` applies them to a log.
+Where the thesis or its code is wrong or incomplete, the docstring states the definition used
+here. ``metrics.METRICS`` applies the functions to a log.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from loco_sim.robot.equipment import GRAVITY
 def excursion(x: np.ndarray) -> float:
     """Largest minus smallest value; of the trunk height it is the stability S, eq. (3.27).
 
-    Lower is steadier. The thesis takes the centre of mass; we take the base origin.
+    Lower is steadier. The thesis uses the centre of mass; here it is the base origin.
     """
     return float(np.ptp(x)) if len(x) else float("nan")
 
@@ -34,7 +34,7 @@ def mechanical_power(dq: np.ndarray, tau: np.ndarray) -> float:
 
 
 def positive_power(dq: np.ndarray, tau: np.ndarray) -> float:
-    """As `mechanical_power`, but work put into the actuators is lost [W]. Ours."""
+    """As `mechanical_power`, but negative work counts as 0 [W]. Not from the thesis."""
     return float(np.mean(np.sum(np.maximum(dq * tau, 0.0), axis=1)))
 
 
@@ -75,8 +75,8 @@ def nrmse(target: np.ndarray, actual: np.ndarray) -> float:
     """Root mean squared error over the mean range of the target's channels, eq. (3.36).
 
     sqrt(mean over ticks and channels of (r - q)²) / mean over channels of (max r - min r).
-    The horizon H is the interval given. Departure: the equation keeps one range per
-    joint; the author's code takes one global range, see `nrmse_global`.
+    The horizon H is the given interval. Departure: the equation has one range per
+    joint; the author's code uses one global range, see `nrmse_global`.
 
     Args:
         target: r, (T, J).
@@ -94,7 +94,7 @@ def mean_range(target: np.ndarray) -> float:
 def nrmse_global(target: np.ndarray, actual: np.ndarray) -> float:
     """NRMSE as in the author's code: over the range of all channels of both signals at once.
 
-    With positions and velocities mixed, the velocities decide the range.
+    With positions and velocities mixed, the velocities determine the range.
     """
     both = np.concatenate((target, actual))
     width = float(both.max() - both.min())
@@ -102,7 +102,7 @@ def nrmse_global(target: np.ndarray, actual: np.ndarray) -> float:
 
 
 def accuracy(target: np.ndarray, actual: np.ndarray) -> float:
-    """1 / NRMSE, eq. (3.37); infinite where nothing differs."""
+    """1 / NRMSE, eq. (3.37); infinite for equal signals."""
     error = nrmse(target, actual)
     return 1.0 / error if error else float("inf")
 
@@ -115,7 +115,7 @@ def smoothed_nrmse(
     Args:
         target: r, (T, J).
         actual: q, (T, J).
-        window: Ticks of one gait period; the first `window` - 1 results average what there is.
+        window: Ticks of one gait period; the first `window` - 1 results use the available ticks.
         width: Mean range of the target; by default that of `target`.
 
     Returns:
@@ -136,8 +136,8 @@ def moving_mean(x: np.ndarray, window: int) -> np.ndarray:
 def fmse(target: np.ndarray, actual: np.ndarray) -> float:
     """Mean squared difference of the amplitude spectra, eqs. (3.38) and (3.39).
 
-    Departure: magnitudes are compared, scaled by 2/T, so that a mere phase shift costs
-    nothing, which is what the text wants the metric for.
+    Departure: magnitudes are compared, scaled by 2/T, so that a mere phase shift does not
+    count, which is the purpose of the metric in the text.
     """
     scale = 2.0 / len(target)
     spectra = [scale * np.abs(np.fft.rfft(x, axis=0)) for x in (target, actual)]
@@ -158,10 +158,10 @@ def mawe(target: np.ndarray, actual: np.ndarray, shift: int) -> float:
 
 
 def stride_frequency(x: np.ndarray, dt: float, low: float = 0.3, high: float = 5.0) -> float:
-    """Frequency of the strongest line between `low` and `high` [Hz], summed over channels.
+    """Frequency of the largest spectral peak between `low` and `high` [Hz], over all channels.
 
     Blackman-Harris window and a parabola through the logarithms around the peak, as
-    in the author's code; the band leaves out drift and the half-stride rhythm of the trunk.
+    in the author's code; the band excludes drift and the half-stride rhythm of the trunk.
 
     Args:
         x: Signal with one period per stride, (T, J).
@@ -187,17 +187,17 @@ def stride_frequency(x: np.ndarray, dt: float, low: float = 0.3, high: float = 5
 
 
 def phase_lag(target: np.ndarray, actual: np.ndarray, angle: np.ndarray, window: int) -> np.ndarray:
-    """Delay of the actual rhythm behind the target's [strides], unwrapped, (T,). Ours.
+    """Delay of the actual rhythm behind the target's [strides], unwrapped, (T,).
 
-    Each channel is multiplied by exp(-2 pi i angle) and averaged over `window` ticks,
-    which leaves its first harmonic as a slowly turning number; the lag is the angle
-    between target and actual, over all channels at once.
+    Not from the thesis. Each channel is multiplied by exp(-2 pi i angle) and averaged over `window`
+    ticks, which gives its first harmonic as a slowly rotating complex number; the lag is the angle
+    between target and actual, over all channels together.
 
     Args:
         target: r, (T, J).
         actual: q, (T, J).
         angle: Stride phase of the target [strides], (T,).
-        window: Ticks of a gait period or a few.
+        window: Ticks of one or a few gait periods.
     """
     turn = np.exp(-2j * np.pi * angle)[:, None]
     r, q = (moving_mean((x - x.mean(axis=0)) * turn, window) for x in (target, actual))

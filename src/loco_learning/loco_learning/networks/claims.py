@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sixteen claims of chapter 6, judged by the results of `msd_jobs`.
+"""The sixteen claims of chapter 6, judged by the results of `jobs`.
 
-A claim agrees, disagrees, or is not decided: when what it needs was not run, or when more
-evaluations could turn it. Bounds are ours; they are in each claim's text.
+The verdict on a claim is agrees, disagrees, or not decided: if the required jobs were not run,
+or if more evaluations could change it. Bounds are not from the thesis; each claim states them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .results import (
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of a claim."""
+    """Verdict on a claim."""
 
     claim: str
     item: str
@@ -46,19 +46,19 @@ class Verdict:
     verdict: str  # agrees, disagrees, not decided
 
 
-Judge = Callable[[Results], tuple[str, bool | None]]  # found, and whether it agrees; None: open
+Judge = Callable[[Results], tuple[str, bool | None]]  # result; whether it agrees, None: undecided
 
 CLAIMS: list[tuple[str, str, str, str, Judge]] = []
 
 
 def claim(number: str, item: str, expected: str, needs: str = "gaits") -> Callable:
-    """Register the function that judges a claim; it returns what was found and a verdict.
+    """Register the function that judges a claim; it returns the measured values and a verdict.
 
     Args:
         number: Number of the claim.
         item: Figure or line of the thesis.
-        expected: The claim with our bounds.
-        needs: Part of the results without which it is not decided.
+        expected: The claim with its bounds.
+        needs: Part of the results that is required for a verdict.
     """
 
     def keep(function: Judge) -> Judge:
@@ -84,14 +84,14 @@ def judge(results: Results) -> list[Verdict]:
 
 
 def _unless_rising(text: str, right: bool, gaits: Iterable[MsdResult]):
-    """A verdict that more evaluations could turn is left open."""
+    """Verdict that is undecided if more evaluations could change it."""
     share = float(np.mean([rising(g) for g in gaits]))
     text += f"; {share:.0%} of the searches still rose at their end"
     return text, None if share > 0.5 else right
 
 
 def _rank(x: list[float], y: list[float]) -> float:
-    """Spearman's rho."""
+    """Spearman's rank correlation."""
     if len(x) < 3:
         raise ValueError(f"a trend over {len(x)} sizes")
     return float(spearmanr(x, y).statistic)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of chapter 6 from the results of `msd_jobs`: 6.1 to 6.5 and 6.7 to 6.11."""
+"""Figures of chapter 6 from the results of `jobs`: 6.1 to 6.5 and 6.7 to 6.11."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FIGURES: dict[str, tuple[str, Callable[[Results], Chart]]] = {}
 
 
 def figure(name: str, needs: str = "gaits") -> Callable:
-    """Register a figure under its number in the thesis, with the results it is drawn from."""
+    """Register a figure under its number in the thesis, with the results that it needs."""
 
     def keep(function: Callable[[Results], Chart]) -> Callable:
         FIGURES[name] = (needs, function)
@@ -57,7 +57,7 @@ def _over_nodes(label: str, layers: list[Layer], logarithmic: bool = False) -> F
 
 
 def _from_zero(layers: list[Layer], logarithmic: bool = False) -> tuple[float, float] | None:
-    """Range from zero to a little above the largest value; None for a logarithmic axis."""
+    """Range from zero to slightly above the largest value; None for a logarithmic axis."""
     top = max((float(np.nanmax(layer.y)) for layer in layers if len(layer.y)), default=1.0)
     return None if logarithmic or top <= 0.0 else (0.0, 1.06 * top)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step one of a mass-spring-damper network: a gait by CMA-ES, scored by a saturated cost.
+"""Step one of a mass-spring-damper network: a gait by CMA-ES, with a saturated cost of transport.
 
-Each link has an amplitude, a phase and a stiffness; one frequency is common, or fixed. A
+Each link has an amplitude, a phase and a stiffness; the frequency is common to all, or fixed. A
 generation is simulated by one call of the batched kernel. Source: thesis section 6.2.
 """
 
@@ -72,7 +72,7 @@ class MsdTask(Params):
 def task(name: str, **changes: Any) -> MsdTask:
     """Optimisation under a preset: ``thesis`` or ``author_code``, with changes."""
     settings = {}
-    if name == "author_code":  # the frequency of its nodes experiment is 1 Hz: facts, 5.4
+    if name == "author_code":  # its experiment on the number of nodes uses 1 Hz: facts, 5.4
         settings = {
             "frequency": 1.0, "max_stiffness": 1000.0, "power": "author",
             "saturation": SATURATION,
@@ -83,7 +83,7 @@ def task(name: str, **changes: Any) -> MsdTask:
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """Actuation and stiffness of a network; of several with an axis in front."""
+    """Actuation and stiffness of a network; for several networks, with a leading axis."""
 
     amplitude: np.ndarray  # relative to the rest lengths [-], (links,)
     phase: np.ndarray  # [rad], (links,)
@@ -91,7 +91,7 @@ class Gait:
     frequency: np.ndarray | float  # [Hz]
 
     def drive(self) -> Drive:
-        """As the simulation takes it."""
+        """The gait as input of the simulation."""
         return Drive(self.amplitude, self.phase, self.frequency, self.stiffness)
 
 
@@ -107,7 +107,7 @@ def decode(task: MsdTask, links: int, x: np.ndarray) -> Gait:
 
 
 def driving_power(task: MsdTask, network: Network, gait: Gait) -> np.ndarray:
-    """P of eq. (6.3) and its readings; see `MsdTask.power`."""
+    """P of eq. (6.3) in its three variants, see `MsdTask.power`."""
     beta = task.params().nonlinearity
     energy = gait.stiffness * (gait.amplitude * network.rest) ** 2
     if task.power == "author":
@@ -117,7 +117,7 @@ def driving_power(task: MsdTask, network: Network, gait: Gait) -> np.ndarray:
 
 
 def score(task: MsdTask, speed: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """Saturated cost of transport, eq. (6.4), larger is better; 0 for what diverged."""
+    """Saturated cost of transport, eq. (6.4), larger is better; 0 if the simulation diverged."""
     c = task.saturation
     with np.errstate(divide="ignore", invalid="ignore"):
         thrift = np.tanh(c * task.power_ref / np.maximum(power, 1e-12))
@@ -127,7 +127,7 @@ def score(task: MsdTask, speed: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 class Evaluator:
-    """Simulates populations of gaits of one task: `size` of them in one call."""
+    """Simulator for populations of gaits of one task: `size` gaits in one call."""
 
     def __init__(self, task: MsdTask, size: int, with_noise: bool | None = None, threads: int = 1):
         self.task, self.network = task, chain(task.params())
@@ -141,7 +141,7 @@ class Evaluator:
         self.steps = round(task.duration / task.params().step)
 
     def __call__(self, gait: Gait, seeds: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Score [-], speed [m/s] and power [W] of each, (size,) arrays."""
+        """Score [-], speed [m/s] and power [W] of each gait, (size,) arrays."""
         self.simulation.replace(gait.drive(), seeds)
         start = centre_of_mass(self.network, self.network.positions)[0]
         self.simulation.run(self.steps)
@@ -154,16 +154,16 @@ class Evaluator:
 
 @dataclass(frozen=True, eq=False)
 class MsdResult:
-    """The result and the course of an optimisation."""
+    """Result and history of an optimisation."""
 
     task: MsdTask
     gait: Gait
-    best: float  # score of the best evaluation, with its luck in the noise
+    best: float  # score of the best evaluation, including the luck of its noise
     clean: float  # score of the same gait without noise
     speed: float  # [m/s], without noise
     power: float  # [W]
-    retested: np.ndarray  # scores under fresh noise
-    course: np.ndarray  # best, mean and largest-so-far score of each generation, (G, 3)
+    retested: np.ndarray  # scores with new noise
+    course: np.ndarray  # best, mean and best-so-far score of each generation, (G, 3)
     parameters: int
     population: int
 
@@ -182,7 +182,7 @@ class MsdResult:
 
     @classmethod
     def load(cls, path: str | Path) -> MsdResult:
-        """Read what `save` wrote."""
+        """Read a file of `save`."""
         with archive.reading(path, "msd_gait") as (meta, arrays):
             keys = ("amplitude", "phase", "stiffness", "frequency")
             return cls(
@@ -204,7 +204,7 @@ def optimise(task: MsdTask, on_progress: Callable[[int, float], Any] | None = No
 
     Args:
         task: Gait to search and settings of the search.
-        on_progress: Called after each generation with the evaluations done and the best score.
+        on_progress: Called after each generation with the number of evaluations and the best score.
     """
     links = chain(task.params()).count
     count = 3 * links + (task.frequency == 0.0)

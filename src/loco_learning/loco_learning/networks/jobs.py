@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chapter 6 as a list of jobs, each with a file of its own: resumable, in processes or on dask.
+"""Chapter 6 as a list of jobs with one file each: resumable, in processes or on dask.
 
-Stages: gaits of networks of growing size (figs. 6.1 to 6.3), at fixed frequencies (6.4), with
-constrained power (6.5); then noise on the actuation (6.7) and closed loops (6.8 to 6.11) of
+Stages: gaits of networks of increasing size (figs. 6.1 to 6.3), at fixed frequencies (6.4), with
+limited power (6.5); then noise on the actuation (6.7) and closed loops (6.8 to 6.11) of
 the first gaits.
 """
 
@@ -38,7 +38,7 @@ class Plan:
 
     nodes: tuple[int, ...]
     repetitions: int
-    budget: tuple[int, int]  # evaluations: so many per node, and so many more
+    budget: tuple[int, int]  # number of evaluations: per node, and constant
     omega_nodes: tuple[int, ...]
     frequencies: tuple[float, ...]  # [Hz]
     omega_repetitions: int
@@ -110,17 +110,17 @@ PLANS = {
 
 @dataclass(frozen=True)
 class Job:
-    """One result: the name of its file without ending, and what makes it."""
+    """One result: the name of its file without extension, and its inputs."""
 
     name: str
     task: MsdTask
-    loop: LoopParams | None = None  # a closed loop of the gait in `source`
-    noises: tuple[float, ...] = ()  # or that gait under noise on the actuation
+    loop: LoopParams | None = None  # for a closed loop of the gait in `source`
+    noises: tuple[float, ...] = ()  # for a sweep of noise on the actuation of that gait
     source: str = ""
 
     @property
     def cost(self) -> float:
-        """Rough length, so that the longest start first."""
+        """Rough duration, so that the longest jobs start first."""
         return self.task.nodes * (self.task.evaluations if not self.source else 2000.0)
 
 
@@ -128,7 +128,7 @@ def plan(name: str) -> Plan:
     """One of `PLANS`.
 
     Raises:
-        NameUnknownError: There is no such plan.
+        NameUnknownError: The plan does not exist.
     """
     if name not in PLANS:
         raise NameUnknownError("plan", name, PLANS)
@@ -152,7 +152,7 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
     for power in p.powers:
         for frequency in p.power_frequencies:
             for seed in range(p.power_repetitions):
-                # Eq. 6.3 as printed stays below 200 whatever the gait: the figure's powers are
+                # Eq. 6.3 as printed stays below 200 for any gait: the powers in the figure are
                 # those of the author's code.
                 t = task(
                     preset, frequency=frequency, seed=seed, evaluations=p.power_evaluations,
@@ -163,7 +163,7 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
 
 
 def later_jobs(p: Plan, preset: str) -> list[Job]:
-    """Jobs that need the gaits."""
+    """Jobs that need the gaits of earlier jobs."""
     loop, jobs = LOOPS[preset], []
     gaits = {job.name: job for job in gait_jobs(p, preset)}
     for nodes in p.nodes:
@@ -182,14 +182,14 @@ def later_jobs(p: Plan, preset: str) -> list[Job]:
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Numbers and arrays of a closed loop, or of a sweep of noise."""
+    """Numbers and arrays of a closed loop, or of a noise sweep."""
 
     values: dict[str, float]
     arrays: dict[str, np.ndarray]
 
 
 def do(job: Job, folder: str) -> Any:
-    """Run one job; gaits it needs are read from `folder`."""
+    """Run one job; gaits that it needs are read from `folder`."""
     if not job.source:
         return optimise(job.task)
     gait = MsdResult.load(Path(folder) / f"{job.source}.npz").gait
@@ -231,7 +231,7 @@ def _run(task: MsdTask, gait: Gait, seconds: float) -> tuple[np.ndarray, np.ndar
 
 
 def _noise(job: Job, gait: Gait, repetitions: int = 3) -> Curves:
-    """Distance in 10 s under noise of each level, relative to the largest amplitude."""
+    """Distance in 10 s with noise of each level, relative to the largest amplitude."""
     network, params = chain(job.task.params()), job.task.params()
     steps = round(10.0 / params.step)
     distance = np.zeros((len(job.noises), repetitions))
@@ -245,7 +245,7 @@ def _noise(job: Job, gait: Gait, repetitions: int = 3) -> Curves:
     return Curves({}, {"noise": np.array(job.noises), "distance": distance})
 
 
-# ---- running and keeping
+# ---- running and saving
 
 
 def run(
@@ -256,16 +256,16 @@ def run(
     scheduler: str = "",
     on_progress: Callable[[int, int, str], Any] | None = None,
 ) -> None:
-    """Run what is missing of a plan.
+    """Run all jobs of a plan that have no result yet.
 
     Args:
         name: ``quick``, ``medium`` or ``full``.
         preset: ``thesis`` or ``author_code``.
         folder: Folder of the files of the jobs.
-        workers: Processes; 1 runs in this one.
-        scheduler: Address of a dask scheduler to use instead, whose workers see `folder` under
+        workers: Number of processes; 1 runs in this process.
+        scheduler: Address of a dask scheduler to use instead, whose workers access `folder` by
             the same path.
-        on_progress: Called with jobs done, jobs in all and the newest's name.
+        on_progress: Called with the number of finished jobs, of all jobs, and the latest name.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -292,7 +292,7 @@ def _results(
 
 
 def is_done(job: Job, folder: Path) -> bool:
-    """Whether the file of a job was made by the same job."""
+    """True if the file of a job exists and is from the same job."""
     path = folder / f"{job.name}.npz"
     if not path.is_file():
         return False
@@ -315,13 +315,13 @@ def _save(job: Job, result: Any, folder: Path) -> None:
 
 
 def load_curves(path: Path) -> Curves:
-    """Read a closed loop or a sweep."""
+    """Read a closed loop or a noise sweep."""
     meta, arrays = archive.read(path, "msd_loop")
     return Curves(meta["values"], arrays)
 
 
 def _description(job: Job) -> dict[str, Any]:
-    """Plain values that tell a job from others, as JSON gives them back."""
+    """Plain values that identify a job, as read back from JSON."""
     loop = asdict(job.loop) if job.loop else None
     values = {"task": to_dict(job.task), "loop": loop, "noises": list(job.noises)}
     return json.loads(json.dumps(values))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page and tables of chapter 6: verdicts with numbers, figures, and every run with its seed."""
+"""Page and tables of chapter 6: verdicts with numbers, figures, and a table of all runs."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ CAPTIONS = {
 def write(
     name: str, preset: str, data: Path, folder: Path
 ) -> tuple[str, list[Verdict], dict[str, Chart]]:
-    """Write README.md, figures and gaits.csv about a plan's results.
+    """Write README.md, figures and gaits.csv for the results of a plan.
 
     Args:
         name: Name of the plan.
         preset: Name of the preset.
         data: Folder of the runs.
-        folder: Folder to write to.
+        folder: Output folder.
 
     Returns:
         Title, verdicts, and charts by their number in the thesis.
@@ -71,12 +71,12 @@ def write(
 
 
 def picture(number: str) -> str:
-    """Name of the file with a figure."""
+    """File name of a figure."""
     return f"figure_{number.replace('.', '_')}.png"
 
 
 def _table(results: Results, path: Path) -> None:
-    """One row per optimisation."""
+    """Write one row per optimisation."""
     columns = (
         "experiment", "nodes", "frequency", "power_ref", "seed", "evaluations", "best", "clean",
         "retested", "speed", "power", "author_power",

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step two of a mass-spring-damper network: its own accelerations drive it.
+"""Step two of a mass-spring-damper network: closed loop from its own accelerations.
 
-The body is the reservoir: accelerations of all nodes are filtered, the last three samples go
-to a linear readout that FORCE trains to give the lengths of the links, and a mixer closes the
-loop. Source: thesis section 6.3, eq. (6.5).
+The body is the reservoir: accelerations of all nodes are filtered, the last three samples are the
+input of a linear readout that FORCE trains to output the lengths of the links, and a mixer closes
+the loop. Source: thesis section 6.3, eq. (6.5).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ..metrics import signals
 from ..reflex.readout import Readout
 from .gait import Gait
 
-REACH = (0.0, 2.0)  # of a link's driven length over its rest length: 1 ± 1 as with tanh
-LOST = 10.0  # a readout that says more than this has diverged
+REACH = (0.0, 2.0)  # range of a link's driven length over its rest length: 1 ± 1 as with tanh
+LOST = 10.0  # readout above which it has diverged
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ LOOPS = {
 
 
 class Sensor:
-    """Filter and buffer: accelerations (nodes, axes) in, u_k of eq. (6.5) out."""
+    """Filter and buffer: from accelerations (nodes, axes) to u_k of eq. (6.5)."""
 
     def __init__(self, channels: int, loop: LoopParams, dt: float):
         from scipy import signal  # here, for it takes 0.8 s and most who come by make no filter
@@ -94,7 +94,7 @@ class Sensor:
 
 @njit(cache=True)
 def fir_step(taps, past, tick, raw, out):
-    """Put `raw` into the ring `past` (taps, channels) and write the filtered sample to `out`."""
+    """Store `raw` in the ring buffer `past` (taps, channels); write the filter output to `out`."""
     count = taps.size
     past[tick % count] = raw
     out[:] = 0.0
@@ -105,13 +105,13 @@ def fir_step(taps, past, tick, raw, out):
 
 
 class Controller:
-    """Readout and mixer: what the learning node of the graph runs, one call per tick.
+    """Readout and mixer, which the learning node of the graph calls once per tick.
 
     Args:
         gait: The target, eq. (4.7).
         nodes: Number of nodes of the network.
         axes: 2 or 3.
-        loop: Settings of its learning.
+        loop: Settings of the filter, the learning and the mixing.
         dt: Integration step [s].
     """
 
@@ -129,12 +129,12 @@ class Controller:
         self.tick = 0
 
     def target(self, tick: int) -> np.ndarray:
-        """Driven over rest lengths of the open loop at a tick, (links,)."""
+        """Ratio of driven to rest lengths in the open loop at a tick, (links,)."""
         angle = 2.0 * np.pi * self.gait.frequency * tick * self.dt + self.gait.phase
         return 1.0 + self.gait.amplitude * np.sin(angle)
 
     def share(self, tick: int) -> float:
-        """Share of the readout in what drives the links at a tick."""
+        """Share of the readout in the drive of the links at a tick."""
         train, closing, _ = self.ticks
         if tick < train:
             return 0.0
@@ -143,18 +143,18 @@ class Controller:
         return 1.0
 
     def phase(self, tick: int) -> int:
-        """0 train, 1 closing, 2 test."""
+        """Index of the phase at a tick: 0 train, 1 closing, 2 test."""
         return int(tick >= self.ticks[0]) + int(tick >= self.ticks[0] + self.ticks[1])
 
     def compile(self) -> None:
-        """Call every kernel once, before the first tick, and forget it."""
+        """Call every compiled kernel once, before the first tick, and reset the state."""
         u = self.sensor.step(np.zeros((self.sensor.channels // self._axes, self._axes)))
         self.readout.learn(u, self.readout.predict(u))
         self.sensor = Sensor(self.sensor.channels, self.loop, self.dt)
         self.readout.reset()
 
     def step(self, acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Factors for the next tick from accelerations (nodes, axes) of this one.
+        """Length factors for the next tick from the accelerations (nodes, axes) of this one.
 
         Returns:
             Drive of the links, output of the readout and target, (links,) each.
@@ -175,7 +175,7 @@ class Controller:
         return 1.0 + (np.tanh(y) if self._tanh else y)
 
     def _learn(self, u: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """One step of FORCE toward the target; what the readout says, as a factor."""
+        """One step of FORCE toward the target; returns the output of the readout as a factor."""
         before = self.readout.predict(u)
         prediction = self._squash(before)
         error = prediction - target
@@ -188,21 +188,21 @@ class Controller:
 
 @dataclass(frozen=True, eq=False)
 class LoopLog:
-    """A run in three phases; `every` ticks apart."""
+    """Log of a run in three phases, at every n-th tick."""
 
     t: np.ndarray  # [s], (T,)
     distance: np.ndarray  # of the centre of mass along x [m], (T,)
-    said: np.ndarray  # readout, factors of the rest lengths, (T, links)
+    said: np.ndarray  # output of the readout, as factors of the rest lengths, (T, links)
     target: np.ndarray  # (T, links)
-    sensed: np.ndarray  # u_k without its past, (T, channels)
-    starts: tuple[float, float, float]  # of closing, test, and the end [s]
+    sensed: np.ndarray  # u_k without earlier samples, (T, channels)
+    starts: tuple[float, float, float]  # start of closing, start of test, end [s]
     diverged: bool
 
 
 def run_loop(params: MsdParams, gait: Gait, loop: LoopParams, every: int = 4) -> LoopLog:
-    """Train, close and test a chain of `params`; the log keeps each `every`-th tick."""
+    """Train, close and test a chain of `params`; the log has each `every`-th tick."""
     network = chain(params)
-    zero = np.zeros(network.count)  # every length is given
+    zero = np.zeros(network.count)  # all lengths are given by the controller
     simulation = MsdSimulation(network, params, Drive(zero, zero, 0.0, gait.stiffness))
     controller = Controller(gait, network.nodes, network.dimension, loop, params.step)
     ticks = sum(controller.ticks)
@@ -229,14 +229,14 @@ def run_loop(params: MsdParams, gait: Gait, loop: LoopParams, every: int = 4) ->
 
 
 def distance_zero(network: Network) -> float:
-    """Position of the centre of mass at first [m]."""
+    """Initial x position of the centre of mass [m]."""
     return float(centre_of_mass(network, network.positions)[0])
 
 
 def nrmse(log: LoopLog, start: float = 0.0, end: float = np.inf) -> float:
     """Root mean square error of all links over their mean range, between two times [s].
 
-    A link that is hardly driven has hardly a range, so ranges are averaged first, as for the
+    A link that is hardly driven has a range near zero, so ranges are averaged first, as for the
     joints of a robot (`signals.nrmse`).
     """
     rows = (log.t > start) & (log.t <= end)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results of chapter 6 as read from a folder, and what is measured on them."""
+"""Results of chapter 6 from a folder, and the quantities computed from them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Results:
         return sorted({nodes for nodes, _ in self.gaits})
 
     def over_sizes(self, value: Callable[[MsdResult], float]) -> dict[int, np.ndarray]:
-        """A number of each gait by size."""
+        """A number of each gait, by network size."""
         return {
             n: np.array([value(r) for (m, _), r in sorted(self.gaits.items()) if m == n])
             for n in self.sizes
@@ -46,7 +46,7 @@ class Results:
 
 
 def load(name: str, preset: str, folder: str | Path) -> Results:
-    """Read what there is of a plan."""
+    """Read all available results of a plan."""
     folder, p = Path(folder), plan(name)
     out = Results(frequencies=p.frequencies, preset=preset)
     for job in (*gait_jobs(p, preset), *later_jobs(p, preset)):
@@ -72,26 +72,26 @@ def load(name: str, preset: str, folder: str | Path) -> Results:
 
 
 def converged_at(g: MsdResult) -> float:
-    """Evaluations until the generations' smoothed mean score reaches 90 % of its largest."""
+    """Evaluations until the smoothed mean score of the generations reaches 90 % of its maximum."""
     mean = np.convolve(g.course[:, 1], np.ones(9) / 9.0, mode="valid")
     return float(g.population * (np.argmax(mean >= 0.9 * mean.max()) + 5))
 
 
 def rising(g: MsdResult) -> bool:
-    """The mean score of the last eighth of the generations is 3 % above that before."""
+    """True if the mean score of the last eighth of the generations is 3 % above that before."""
     span = max(1, len(g.course) // 8)
     last, before = g.course[-span:, 1].mean(), g.course[-2 * span : -span, 1].mean()
     return bool(last > 1.03 * before)
 
 
 def author_power(g: MsdResult) -> float:
-    """Power of a gait by the author's formula, whatever its task took [W]."""
+    """Power of a gait by the author's formula, for any setting of its task [W]."""
     task = g.task.replace(power="author")
     return float(driving_power(task, chain(task.params()), g.gait))
 
 
 def band(r: Results, level: float = 2.0**-0.5) -> tuple[float, float]:
-    """Frequencies between which the mean clean score is above `level` of its largest [Hz]."""
+    """Frequencies between which the mean clean score exceeds `level` of its maximum [Hz]."""
     f = np.array(r.frequencies)
     mean = np.array(
         [np.mean([g.clean for (_, j, _), g in r.omega.items() if j == k]) for k in range(len(f))]
@@ -115,7 +115,7 @@ def power_speed(r: Results, power: float, frequency: float) -> float:
 
 
 def gait_shape(g: MsdResult) -> tuple[float, float]:
-    """Largest stretch of most springs [-], and correlation of node heights a cycle apart."""
+    """99th percentile of spring stretch [-], and correlation of node heights one cycle apart."""
     network, params = chain(g.task.params()), g.task.params()
     simulation = MsdSimulation(network, params, g.gait.drive())
     simulation.run(1000)
@@ -142,7 +142,7 @@ def knee(c: Curves) -> float:
 
 
 def loop_share(c: Curves) -> float:
-    """Distance in the last 10 s, closed over open loop; 0 when the open loop does not move."""
+    """Distance in the last 10 s, closed over open loop; 0 if the open loop does not move."""
     return c.values["closed"] / c.values["open"] if abs(c.values["open"]) > 0.01 else 0.0
 
 
@@ -161,7 +161,7 @@ def loops_of(r: Results, nodes: int) -> list[Curves]:
 
 
 def roughness(c: Curves) -> float:
-    """Distance of the limit cycle to itself one period later, over its size; inf when at rest."""
+    """Distance of the limit cycle to itself one period later, over its size; inf at rest."""
     path, dt = c.arrays["cycle"], float(c.arrays["t"][1] - c.arrays["t"][0])
     lag = min(max(1, round(c.values["period"] / dt)), len(path) // 2)
     distance = np.linalg.norm(path[lag:] - path[:-lag], axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The senses of a joint reflex: angles of the passive joints, turning rate and tilt of the base."""
+"""Sensors of a joint reflex: angles of passive joints, angular velocity and tilt of the base."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KINDS = ("joint", "gyro", "tilt")
 
 
 def passive_joints(robot: Any) -> np.ndarray:
-    """Indices of the joints that no drive moves, (p,)."""
+    """Indices of the joints without a drive, (p,)."""
     return np.setdiff1d(np.arange(len(robot.joints)), robot.driven)
 
 
@@ -30,11 +30,11 @@ def sensor_vector(state: Any, robot: Any, passive: np.ndarray | None = None) -> 
     Args:
         state: State with `q` (n,) [rad], `angular_velocity` (3,) [rad/s], `orientation` (4,).
         robot: Robot with `joints` and `driven`.
-        passive: `passive_joints(robot)`, if it is at hand.
+        passive: Result of `passive_joints(robot)`, if already computed.
 
     Returns:
         Angles of the passive joints [rad], gyro x y z [rad/s], roll and pitch [rad]. Yaw is
-        left out: a gait does not depend on where the robot is heading.
+        left out: a gait does not depend on the heading of the robot.
     """
     passive = passive_joints(robot) if passive is None else passive
     p = len(passive)
@@ -48,7 +48,7 @@ def sensor_vector(state: Any, robot: Any, passive: np.ndarray | None = None) -> 
 def columns(
     name: str, requested: Sequence[str], available: Sequence[str], what: str, robot: Any
 ) -> list[int]:
-    """The columns of joints in a recording.
+    """Column indices of joints in a recording.
 
     Args:
         name: Name of the recording, for the message.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reflex network: what a body feels in, references for its joints out."""
+"""Reflex network: from the sensors of a body to references for its joints."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ class ReflexNetwork:
     ==========  ===============  =====================================
     phase       drives the legs  readout
     ==========  ===============  =====================================
-    stand       target           rests, the delay line fills
+    stand       target           frozen, the delay line fills
     train       target           learns at each tick
-    closing     prediction       learns ever more rarely
-    test        prediction       rests
+    closing     prediction       learns at fewer and fewer ticks
+    test        prediction       frozen
     ==========  ===============  =====================================
 
-    How learning fades in closing is told in `Schedule`. What is felt, and how it is scaled, is
-    the part `senses`. Source: thesis sections 3.5 and 7.2.3; on a robot of joints with passive
-    knees and an IMU for the forces on the feet.
+    `Schedule` describes how learning fades in closing, `senses` the sensors and their scaling.
+    Source: thesis sections 3.5 and 7.2.3; for robots with passive knees, joints and an IMU
+    replace the forces on the feet.
 
     Args:
         params: Shape, scaling and schedule.
-        senses: Signals that the network feels, and the k joints of the target that it moves.
+        senses: Sensors of the network, and the k joints of the target that it moves.
         dt: Control period [s].
         seed: Seed of the hidden weights.
     """
@@ -66,7 +66,7 @@ class ReflexNetwork:
         self._load()
 
     def reset(self) -> None:
-        """Forget the past; trained weights too, unless they came from a file."""
+        """Reset the state; also trained weights, unless they are from a file."""
         if self._works:
             for part in (self.senses, self.delay_line, self.readout):
                 part.reset()
@@ -78,23 +78,23 @@ class ReflexNetwork:
             weights.restore_weights(self, self.params.weights)
 
     def refresh(self) -> None:
-        """Recompute what is derived from the weights, after they were replaced."""
+        """Recompute the norm after the weights were replaced."""
         weights = self.readout.weights.ravel()
         self.norm = sqrt(weights.dot(weights))
 
     def step(
         self, tick: int, t: float, felt: np.ndarray | None, target: GaitTarget | MotionCommand
     ) -> tuple[MotionCommand, LearningState]:
-        """Answer one tick.
+        """Compute the references of one tick.
 
         Args:
             tick: Control periods since reset.
-            t: Simulated time [s]; only the tick counts.
-            felt: State that the senses take; a network that is switched off takes none.
+            t: Simulated time [s], only copied to the result.
+            felt: State for the sensors; unused if the network is disabled.
             target: Joint references of the target generator at the same tick.
 
         Returns:
-            Joint references for the plant, and what the network did.
+            Joint references for the plant, and the state of the learning.
         """
         if not self._works:
             command = MotionCommand(tick, t, target.q, target.dq)
@@ -112,7 +112,7 @@ class ReflexNetwork:
     def _predict(
         self, felt: np.ndarray | None, target: GaitTarget | MotionCommand, learning: bool
     ) -> np.ndarray:
-        """Output (2k,) for this tick, after the update if there is one (eq. 3.17)."""
+        """Output (2k,) of this tick, after the update if the readout learns (eq. 3.17)."""
         if not self.params.enabled:
             return self._untrained
         line = self.delay_line.step(self.senses.sample(felt, learning))
@@ -125,11 +125,11 @@ class ReflexNetwork:
         return self.senses.output(value)
 
     def phase_at(self, t: float) -> int:
-        """Index in `PHASES` at simulated time t [s]; test goes on after its end."""
+        """Index in `PHASES` at simulated time t [s]; test continues after its end."""
         return self.schedule.phase_at(t) if self._works else TRAIN
 
     def parts(self) -> dict[str, Any]:
-        """Parts with a `state()` to save, by name; none if there is no network."""
+        """Parts with a `state()` to save, by name; empty without a network."""
         if not self._works:
             return {}
         parts = {"hidden": self.hidden, "readout": self.readout, "delay_line": self.delay_line}
@@ -141,11 +141,11 @@ class ReflexNetwork:
 
     @classmethod
     def load(cls, path: str | Path) -> ReflexNetwork:
-        """Network as it was saved; it goes on exactly where the saved one stopped.
+        """Network from a file, which continues exactly where the saved one stopped.
 
         Raises:
-            MissingFileError: There is no such file.
-            ParameterError: The file is not one of ours, or of another version.
+            MissingFileError: The file does not exist.
+            ParameterError: The file is of another kind or version.
         """
         return weights.load(cls, (FootForces, BodySensors), path)
 
@@ -158,17 +158,17 @@ def chosen_of(q, dq, outputs):
 
 @njit(cache=True)
 def references(target_q, target_dq, prediction, outputs, driving):
-    """The reference for the plant, and the error of the prediction.
+    """References for the plant, and the error of the prediction.
 
     Args:
         target_q: Joint positions of the target [rad], (m,).
         target_dq: Joint velocities of the target [rad/s], (m,).
         prediction: Output of the network, positions, then velocities, (2k,).
         outputs: Indices of the joints that the network moves, (k,).
-        driving: The prediction replaces the target where it says something.
+        driving: Whether the prediction replaces the target in these joints.
 
     Returns:
-        Joint positions and velocities to follow, each (m,), and the rms error over the
+        Joint positions and velocities for the plant, (m,) each, and the rms error over the
         predicted positions [rad].
     """
     q, dq, squares = target_q.copy(), target_dq.copy(), 0.0

@@ -17,15 +17,15 @@ class Readout:
 
     with :math:`P_0 = I / \alpha`. Source: thesis eqs. (3.14) to (3.17).
 
-    P is symmetric, so only its lower triangle is kept; and the update of tick k
-    waits as a vector c (P_k = P_{k-1} - c cᵀ) until tick k+1 reads P anyway.
+    P is symmetric, so only its lower triangle is stored. The update of tick k
+    is deferred as a vector c (P_k = P_{k-1} - c cᵀ) until tick k+1 reads P.
     One pass over half the matrix per tick is the least memory traffic possible.
 
     Args:
         neurons: Length of u, N.
         outputs: Length of q, 16 for the reflex network (eq. 7.1).
-        regularisation: alpha, larger learns more slowly and generalises more.
-        weights: First weights (neurons, outputs); zero if not given.
+        regularisation: alpha; a larger value learns more slowly and generalises better.
+        weights: Initial weights (neurons, outputs); zero by default.
     """
 
     def __init__(
@@ -40,11 +40,11 @@ class Readout:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the first weights and P = I / alpha."""
+        """Restore the initial weights and P = I / alpha."""
         self.weights = self._first.copy()  # (N, outputs)
-        self._p = np.eye(self.neurons) / self.regularisation  # lower triangle counts
-        self._pending = np.zeros(self.neurons)  # c, not yet taken off P
-        self._gain = np.zeros(self.neurons)  # scratch: P u
+        self._p = np.eye(self.neurons) / self.regularisation  # only the lower triangle is used
+        self._pending = np.zeros(self.neurons)  # c, not yet subtracted from P
+        self._gain = np.zeros(self.neurons)  # work array: P u
 
     def predict(self, u: np.ndarray) -> np.ndarray:
         """Output for hidden activity u (N,), shape (outputs,). Eq. (3.17)."""
@@ -79,11 +79,11 @@ def multiply(weights, u, output):
             output[o] += weights[i, o] * x
 
 
-# The sum for `below` may be reordered, or it would not vectorise and the step take twice as
-# long. The order is fixed when the kernel is compiled, so results still repeat bit by bit.
+# Reordering of the sum `below` is permitted, since without it the loop is not vectorised and takes
+# twice as long. The order is fixed at compilation, so results are still reproducible bit by bit.
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def symmetric_pass(p, u, pending, gain):
-    """Take the pending c cᵀ off P and write P u to `gain`; returns uᵀ P u."""
+    """Subtract the pending c cᵀ from P and write P u to `gain`; returns uᵀ P u."""
     n = u.shape[0]
     for i in range(n):
         gain[i] = 0.0

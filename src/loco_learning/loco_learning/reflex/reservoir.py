@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From ground reaction forces to hidden neurons: filter, delay line, ELM layer.
+"""Parts of the reflex network before the readout: force filter, delay line, ELM layer.
 
-Each part has `state()`, the arrays that change while it runs, and is restored
+Each part has `state()`, the arrays that change during a run, and is restored
 by copying them back (`ReflexNetwork.save`).
 """
 
@@ -17,8 +17,8 @@ class DelayLine:
     """The last `length` samples, newest first, as one contiguous vector.
 
     The buffer is twice as long and each sample is written twice, `length`
-    rows apart: a contiguous window then exists at every position and nothing
-    is shifted. Source: thesis section 7.2.2.
+    rows apart: a contiguous window then exists at every position without
+    shifting data. Source: thesis section 7.2.2.
     """
 
     def __init__(self, length: int, size: int):
@@ -42,7 +42,7 @@ class DelayLine:
 class GrfFilter:
     """Moving average of a few signals, by default four vertical forces, then a dead zone.
 
-    The average runs over the samples seen so far until the window is full.
+    The average is over the available samples until the window is full.
     Source: thesis section 7.3.3, item 2 (15 samples and a threshold).
     """
 
@@ -51,12 +51,12 @@ class GrfFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples."""
+        """Discard all samples."""
         self._line = DelayLine(self.window, self.size)
         self._samples = np.zeros(1, dtype=np.int64)
 
     def step(self, grf: np.ndarray) -> np.ndarray:
-        """Average the samples (size,), forces in [N], over the window, shape (size,)."""
+        """Average of the samples (size,), forces in [N], over the window, shape (size,)."""
         line = self._line.step(grf)
         return average(line, self._samples, self.threshold)
 
@@ -74,7 +74,7 @@ class ElmLayer:
         width: Hidden weights are uniform in [-width, width].
         bias: Hidden biases are uniform in [-bias, bias].
         activation: ``tanh`` or ``relu``.
-        rng: Draws the weights.
+        rng: Random generator of the weights.
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class ElmLayer:
         self._hidden = np.zeros(neurons)
 
     def step(self, v: np.ndarray) -> np.ndarray:
-        """Hidden activity for the input (inputs,), shape (N,), reused at the next call."""
+        """Hidden activity for an input (inputs,), shape (N,); overwritten by the next call."""
         project(self.weights, v, self.bias, self._activation, self._hidden)
         return self._hidden
 
     def state(self) -> dict[str, np.ndarray]:
-        """Arrays to save: the weights too, so that a file outlives the generator's version."""
+        """Arrays to save, with the weights, so that a file does not depend on the generator."""
         return {"weights": self.weights, "bias": self.bias}
 
 
@@ -114,7 +114,7 @@ def push(buffer, head, sample):
 
 @njit(cache=True)
 def average(line, samples, threshold):
-    """Mean over the rows seen so far, at most all of them; below the threshold it is zero."""
+    """Mean over the available rows, at most all of them; values below the threshold are zero."""
     samples[0] = min(samples[0] + 1, len(line))
     mean = np.zeros(line.shape[1])
     for row in line:
@@ -130,7 +130,7 @@ def average(line, samples, threshold):
 def project(weights, v, bias, activation, hidden):
     """Write f(weightsᵀ v + bias) to `hidden`.
 
-    The sum runs over inputs outside and neurons inside: the inner loop then
+    The outer loop is over inputs and the inner one over neurons: the inner loop then
     vectorises without reordering a sum, and needs no BLAS thread.
     """
     inputs, neurons = weights.shape

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scales of forces, hidden inputs and targets: two schemes with the same methods.
+"""Scaling of forces, hidden inputs and targets: two schemes with the same methods.
 
-A scheme also says how wide the random hidden weights are and where the readout
-starts, since these only make sense together with the scaling.
+A scheme also defines the range of the random hidden weights and the initial readout, since
+these depend on the scaling.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ OUTPUTS = 16  # eight positions and eight velocities, eq. (7.1)
 
 
 class PlateauScaling:
-    """Forces in units of half the weight, clipped to [0, 1.5]; the rest as it is.
+    """Forces in units of half the weight, clipped to [0, 1.5]; other values unscaled.
 
-    The stance plateau of a trot then reads about 1 and swing 0. Off-centre
-    inputs matter: the forces of a trot, centred on zero, nearly flip sign every
-    half stride, and an odd activation without bias could not build the even
+    The stance plateau of a trot is then about 1 and swing 0. Inputs must not be
+    centred on zero: centred forces of a trot nearly change sign every
+    half stride, and an odd activation without bias could not produce the even
     harmonics of the joint trajectories from them.
     """
 
@@ -37,15 +37,15 @@ class PlateauScaling:
         return np.zeros((params.neurons, OUTPUTS))
 
     def reset(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: this scaling has no state."""
 
     def sample(self, grf: np.ndarray, learning: bool) -> np.ndarray:
-        """Averaged vertical forces (4,) [N] to a delay-line sample (inputs,)."""
+        """Delay-line sample (inputs,) from averaged vertical forces (4,) [N]."""
         plateau(grf, self._grf_scale, self._sample)
         return self._sample
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Delay line (M, inputs) to the input of the hidden layer (M inputs,)."""
+        """Input of the hidden layer (M inputs,) from the delay line (M, inputs)."""
         return line.reshape(-1)
 
     def fit_target(self, target: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ class PlateauScaling:
 
 @njit(cache=True)
 def plateau(grf, scale, sample):
-    """Write forces in units of `scale`, clipped to [0, 1.5], to the first of `sample`."""
+    """Write forces in units of `scale`, clipped to [0, 1.5], to the first elements of `sample`."""
     for i in range(len(grf)):
         sample[i] = min(max(grf[i] / scale, 0.0), 1.5)
 
@@ -71,13 +71,13 @@ def plateau(grf, scale, sample):
 class AuthorScaling:
     """Running min-max scaling of inputs, hidden inputs and targets, as in the author's code.
 
-    Forces and bias go to [-0.5, 1.5], each element of the delay line to
-    [-1.5, 1.5] and the targets to [-0.5, 1.5]; all ranges grow while learning
-    and rest otherwise. Hidden weights are uniform in [-0.5, 0.5] times `gain`,
-    without regard to the fan-in, and the readout starts uniform in [0, 1].
+    Forces and bias are scaled to [-0.5, 1.5], each element of the delay line to
+    [-1.5, 1.5] and the targets to [-0.5, 1.5]; all ranges grow during learning
+    and are constant otherwise. Hidden weights are uniform in [-0.5, 0.5] times `gain`,
+    without regard to the fan-in, and the initial readout is uniform in [0, 1].
 
-    A constant has no range, so it arrives as -0.5 and then -1.5: with M taps that is a
-    hidden bias of -1.5 times the sum of M random weights, and all depends on it. Without
+    A constant has no range, so it is scaled to -0.5 and then -1.5: with M taps that is a
+    hidden bias of -1.5 times the sum of M random weights, on which the result depends. Without
     the constant (`bias_input` false) nothing breaks the symmetry of tanh about 0.
     Source: the thesis author's published code; not described in the thesis.
     """
@@ -99,13 +99,13 @@ class AuthorScaling:
         return rng.uniform(0.0, 1.0, (params.neurons, OUTPUTS))
 
     def reset(self) -> None:
-        """Forget all ranges."""
+        """Discard all ranges."""
         self._fitted[:] = False
         for scaler in self._scalers.values():
             scaler.reset()
 
     def sample(self, grf: np.ndarray, learning: bool) -> np.ndarray:
-        """Averaged vertical forces (4,) [N] to a delay-line sample (inputs,); 0 before training."""
+        """Delay-line sample (inputs,) from vertical forces (4,) [N]; 0 before training."""
         sample = np.append(grf, self.CONSTANT)[: self.inputs]
         if learning:
             self._fitted[:] = True
@@ -113,14 +113,14 @@ class AuthorScaling:
         return self._scalers["input"].scale(sample) if self._fitted[0] else np.zeros(self.inputs)
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Delay line (M, inputs) to the input of the hidden layer (M inputs,)."""
+        """Input of the hidden layer (M inputs,) from the delay line (M, inputs)."""
         history = line.reshape(-1)
         if learning:
             self._scalers["hidden"].fit(history)
         return self._scalers["hidden"].scale(history)
 
     def fit_target(self, target: np.ndarray) -> np.ndarray:
-        """Target (16,) in the units of the readout, whose range grows to hold it."""
+        """Target (16,) in the units of the readout; its range is extended to include it."""
         self._scalers["target"].fit(target)
         return self._scalers["target"].scale(target)
 
@@ -137,9 +137,9 @@ class AuthorScaling:
 
 
 class RunningScaler:
-    """Min-max scaling to [low, high] with the extremes of the samples fitted so far.
+    """Min-max scaling to [low, high] by the extremes of the fitted samples.
 
-    Elements without a range yet, such as a constant bias, map to `low`.
+    Elements without a range, such as a constant bias, are scaled to `low`.
     Source: the thesis author's use of scikit-learn's MinMaxScaler, fitted online.
     """
 
@@ -149,17 +149,17 @@ class RunningScaler:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the extremes."""
+        """Discard the extremes."""
         self._min[:] = np.inf
         self._max[:] = -np.inf
 
     def fit(self, sample: np.ndarray) -> None:
-        """Widen the extremes to hold a sample (size,)."""
+        """Extend the extremes to include a sample (size,)."""
         np.minimum(self._min, sample, out=self._min)
         np.maximum(self._max, sample, out=self._max)
 
     def scale(self, sample: np.ndarray) -> np.ndarray:
-        """Physical value to [low, high], shape (size,)."""
+        """Physical value scaled to [low, high], shape (size,)."""
         offset, width = self._range()
         return self.low + (self.high - self.low) * (sample - offset) / width
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a network watches, learns, learns ever more rarely, and rests."""
+"""Training schedule: the phases, and the ticks at which the readout learns."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ STAND, TRAIN, CLOSING, TEST = range(len(PHASES))
 class Schedule:
     """Phases of a training by tick, and at which ticks the readout learns.
 
-    In closing, of each block of ticks the last share rho only predicts, where
-    rho grows from 0 to 1; what ramps is the learning, never a mix of signals.
+    In closing, the last share rho of the ticks of each block only predicts, where
+    rho grows from 0 to 1; the rate of learning is ramped, signals are never mixed.
     Source: thesis section 7.2.3; the block from the author's code.
 
     Args:
@@ -32,7 +32,7 @@ class Schedule:
         ]  # first tick after each phase
 
     def phase_of(self, tick: int) -> int:
-        """Index in `PHASES`; test goes on after its end."""
+        """Index in `PHASES`; test continues after its end."""
         return min(bisect_right(self._phase_ends, tick), TEST)
 
     def phase_at(self, t: float) -> int:
@@ -40,7 +40,7 @@ class Schedule:
         return self.phase_of(round(t / self.dt))
 
     def learns(self, tick: int, phase: int) -> bool:
-        """The readout is updated at this tick; never if its weights came from a file."""
+        """True if the readout is updated at this tick; False if its weights are from a file."""
         if not self.params.enabled or self.params.weights or phase not in (TRAIN, CLOSING):
             return False
         if phase == TRAIN:

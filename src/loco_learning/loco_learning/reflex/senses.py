@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Senses of a reflex network: the forces on four feet, or passive joints and an IMU.
+"""Sensors of a reflex network: the forces on four feet, or passive joints and an IMU.
 
-Both turn raw sensors into a sample of the delay line, and say how wide the hidden weights are,
-where the readout starts and in which units it speaks, since these only make sense together.
+Both convert raw sensor values to a sample of the delay line, and define the range of the hidden
+weights, the initial readout and its units, since these depend on the scaling.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .scaling import SCALING
 
 
 class FootForces:
-    """Vertical forces on four feet [N], averaged, then scaled as `LearnerParams.scaling` says.
+    """Vertical forces on four feet [N], averaged, then scaled by `LearnerParams.scaling`.
 
     Source: thesis section 7.2.2, eq. (7.1) and (7.2).
     """
@@ -31,7 +31,7 @@ class FootForces:
     PARAMS = LearnerParams
     # Parameters that must agree to reuse weights:
     SHAPING = ("memory", "neurons", "activation", "scaling", "window", "bias_input")
-    TRAINED = ("hidden", "readout", "scaling")  # parts that training makes; the rest is state
+    TRAINED = ("hidden", "readout", "scaling")  # parts that training changes; the rest is state
 
     def __init__(self, params: LearnerParams):
         self.scaling = SCALING[params.scaling](params)
@@ -42,12 +42,12 @@ class FootForces:
         self.fit_target, self.output = self.scaling.fit_target, self.scaling.output
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the state."""
         self.grf_filter.reset()
         self.scaling.reset()
 
     def sample(self, felt: np.ndarray, learning: bool) -> np.ndarray:
-        """Forces (4,) [N] to a sample of the delay line, (size,)."""
+        """Sample of the delay line, (size,), from forces (4,) [N]."""
         return self.scaling.sample(self.grf_filter.step(felt), learning)
 
     def parts(self) -> dict[str, Any]:
@@ -55,25 +55,25 @@ class FootForces:
         return {"scaling": self.scaling, "grf_filter": self.grf_filter}
 
     def about(self) -> dict[str, Any]:
-        """Facts of the senses for a weight file."""
+        """Properties of the sensors for a weight file."""
         return {}
 
     @classmethod
     def remade(cls, params: LearnerParams, about: dict[str, Any]) -> FootForces:
-        """Senses like those that wrote `about`."""
+        """Sensors with the properties `about` of a weight file."""
         return cls(params)
 
 
 class BodySensors:
-    """Passive joints, turning rate and tilt, each centred, scaled and clipped, then averaged.
+    """Passive joints, gyro and tilt, each centred, scaled and clipped, then averaged.
 
     Args:
         params: Choice of the sensors, and their scales.
-        sensors: Kind of each sensor, as `joint_sensors.sensor_kinds` says, (s,).
-        count: Driven joints, all of which the network moves.
+        sensors: Kind of each sensor, from `joint_sensors.sensor_kinds`, (s,).
+        count: Number of driven joints, all of which the network moves.
 
     Raises:
-        ParameterError: The robot has none of the sensors that `params.inputs` asks for.
+        ParameterError: The robot has none of the sensors in `params.inputs`.
     """
 
     KIND = "joint_weights"
@@ -87,7 +87,7 @@ class BodySensors:
         if not params.enabled:
             return
         self._indices, self._centre, self._factor = chosen(params, self.sensors)
-        self.size = len(self._indices) + 1  # and a constant
+        self.size = len(self._indices) + 1  # with a constant
         self.width = 0.5 * params.gain * sqrt(12.0 / (self.size * params.memory))
         self.average = GrfFilter(params.window, 0.0, self.size)
         self._sample = np.ones(self.size)  # the last element is the constant
@@ -96,16 +96,16 @@ class BodySensors:
         """Readout before training: zero."""
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the state."""
         self.average.reset()
 
     def sample(self, felt: np.ndarray, learning: bool) -> np.ndarray:
-        """Sensors, as `joint_sensors.sensor_vector` gives them, to a sample of the delay line."""
+        """Sample of the delay line from the sensors, as in `joint_sensors.sensor_vector`."""
         scaled(felt, self._indices, self._centre, self._factor, self._limit, self._sample)
         return self.average.step(self._sample)
 
     def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Delay line (M, size) to the input of the hidden layer, (M size,)."""
+        """Input of the hidden layer, (M size,), from the delay line (M, size)."""
         return line.reshape(-1)
 
     def fit_target(self, target: np.ndarray) -> np.ndarray:
@@ -121,12 +121,12 @@ class BodySensors:
         return {"average": self.average}
 
     def about(self) -> dict[str, Any]:
-        """Facts of the senses for a weight file."""
+        """Properties of the sensors for a weight file."""
         return {"sensors": list(self.sensors), "outputs": len(self.outputs)}
 
     @classmethod
     def remade(cls, params: JointLearnerParams, about: dict[str, Any]) -> BodySensors:
-        """Senses like those that wrote `about`."""
+        """Sensors with the properties `about` of a weight file."""
         return cls(params, about["sensors"], about["outputs"])
 
 
@@ -136,7 +136,7 @@ Senses = FootForces | BodySensors
 def chosen(
     params: JointLearnerParams, sensors: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Indices of the sensors that are felt, their centres, and one over their scales, each (s,)."""
+    """Indices of the selected sensors, their centres, and inverse scales, (s,) each."""
     indices = [i for i, kind in enumerate(sensors) if kind in INPUTS[params.inputs]]
     if not indices:
         raise ParameterError(
@@ -149,6 +149,6 @@ def chosen(
 
 @njit(cache=True)
 def scaled(values, indices, centre, factor, limit, sample):
-    """Write the chosen values, centred, scaled and clipped, to the first of `sample`."""
+    """Write the selected values, centred, scaled and clipped, to the first elements of `sample`."""
     for i, j in enumerate(indices):
         sample[i] = min(max((values[j] - centre[i]) * factor[i], -limit), limit)

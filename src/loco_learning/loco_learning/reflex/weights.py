@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights of a reflex network in one ``.npz`` file, with configuration and seed inside."""
+"""Files of reflex network weights (``.npz``), which include configuration and seed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def save(network: ReflexNetwork, path: str | Path) -> None:
-    """Write a network to `path`; the running state goes in, so that it can be resumed."""
+    """Write a network to `path`, including its running state, so that it can be resumed."""
     about = {**network.senses.about(), "dt": network.dt, "seed": network.seed}
     arrays = {
         f"{part}.{name}": value
@@ -31,14 +31,14 @@ def save(network: ReflexNetwork, path: str | Path) -> None:
 
 
 def load(cls: Any, senses: tuple[Any, ...], path: str | Path) -> Any:
-    """Network of class `cls` with one of these kinds of senses, and its running state."""
+    """Network of class `cls` with one of these kinds of sensors, and its running state."""
     by_kind = {kind.KIND: kind for kind in senses}
     with archive.reading(path, *by_kind) as (meta, arrays):
         kind = by_kind[meta["kind"]]
         whole = from_dict(kind.PARAMS, meta["learner"])
         learner = whole.replace(weights="")
         felt = kind.remade(learner, meta)
-        if learner.enabled or learner.phases_when_off:  # before as much room is taken
+        if learner.enabled or learner.phases_when_off:  # before memory of this size is allocated
             shape = (felt.size * learner.memory, learner.neurons)
             _part(arrays, "hidden.weights", shape, path)
             _part(arrays, "readout.weights", (learner.neurons, 2 * len(felt.outputs)), path)
@@ -50,7 +50,7 @@ def load(cls: Any, senses: tuple[Any, ...], path: str | Path) -> Any:
 
 
 def restore_weights(network: ReflexNetwork, path: str | Path) -> None:
-    """Put the trained weights of `path` into a network of the same shape."""
+    """Copy the trained weights of `path` to a network of the same shape."""
     meta, arrays = archive.read(path, network.senses.KIND)
     for key in network.senses.SHAPING:
         expected, stored = getattr(network.params, key), meta["learner"].get(key)
@@ -88,10 +88,10 @@ def _copy(
 def _part(
     arrays: dict[str, np.ndarray], name: str, shape: tuple, path: str | Path, kind: str = "f"
 ) -> np.ndarray:
-    """An array of a file: of this shape and kind, without NaN; counts are not negative.
+    """An array of a file with the given shape and kind, without NaN; counts are not negative.
 
     Raises:
-        ParameterError: The file has another one, or none.
+        ParameterError: The file has no such array.
     """
     found = arrays.get(name)
     if found is None or found.shape != shape:

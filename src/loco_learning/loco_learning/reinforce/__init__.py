@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The third learning step: reinforcement improves a reflex on the plant that taught it."""
+"""Third learning step: reinforcement learning improves a trained reflex on the plant."""

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Four ways to a gait on equal simulated time: which of the three learning steps pays.
+"""Comparison of four ways to a gait on equal simulated time, to judge the three learning steps.
 
 ============  ====================================================================
 evolution     CMA-ES searches the gait all the time; oscillators drive, in open loop
-two steps     CMA-ES, then FORCE teaches the reflex (thesis section 3.5)
-three steps   CMA-ES, FORCE, and the policy gradient in the rest of the time
-ppo           PPO from a readout of zeros, without gait or teacher
+two steps     CMA-ES, then FORCE trains the reflex (thesis section 3.5)
+three steps   CMA-ES, FORCE, and the policy gradient in the remaining time
+ppo           PPO from a readout of zeros, without a gait to imitate
 ============  ====================================================================
 
-A seed has one search: the ways that search for less time take the best of its beginning, which
-is what a search of that length finds. Every controller is then tried in the same way (`trials`).
-A case that is done is in the journal, so a contest can be stopped anywhere; its searches and the
-third step are resumed, too.
+Each seed has one search: a way with a shorter search uses the best result of its beginning, which
+is what a search of that length finds. All controllers are then tested in the same way (`trials`).
+Finished cases are in the journal, so a comparison can be interrupted at any time; its searches and
+the third step are resumed, too.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class Case:
 
     method: str
     seed: int
-    seconds: float  # simulated while it learnt, FORCE and searches too [s]
+    seconds: float  # simulated time of learning, including FORCE and searches [s]
     wall: float  # wall-clock time of learning [s]
-    rows: dict[str, dict[str, float]]  # of `trials.Row` by condition
-    reason: str = ""  # why there is no controller to try
+    rows: dict[str, dict[str, float]]  # values of `trials.Row` by condition
+    reason: str = ""  # why there is no controller to test
 
 
 def run(
@@ -96,16 +96,16 @@ def run(
     workers: int = 2,
     report: Callable[[Case, int, int], Any] | None = None,
 ) -> list[Case]:
-    """All ways with all seeds, seed by seed; what the folder holds is not run again.
+    """All ways with all seeds, seed by seed; finished cases in the folder are not run again.
 
     Args:
         params: Settings.
         folder: Folder of the record, and of a folder for each case.
-        workers: Processes; 0 runs all in this one.
-        report: Called after each case with it, the cases done and those in all.
+        workers: Number of processes; 0 runs all in this process.
+        report: Called after each case with it and the numbers of finished and of all cases.
 
     Raises:
-        ParameterError: The folder holds another contest.
+        ParameterError: The folder has another comparison.
     """
     engine = load(params.reflex).sim_params.engine
     header = {"kind": "contest", "format": 1, "versions": versions(), "engine": engine}
@@ -132,7 +132,7 @@ def run(
 
 
 def learnt(params: ContestParams, folder: Path, method: str, seed: int) -> Case:
-    """Learn in one way with one seed, and try what came of it."""
+    """Learn in one way with one seed, and test the result."""
     began = time.perf_counter()
     place = folder / f"{method.replace(' ', '_')}_{seed}"
     method_function = {"evolution": _evolution, "two steps": _steps, "three steps": _steps, "ppo": _ppo}[method]
@@ -148,7 +148,7 @@ def learnt(params: ContestParams, folder: Path, method: str, seed: int) -> Case:
 
 
 def searched(params: ContestParams, folder: Path, seed: int) -> None:
-    """Search the gait of a seed for the whole time; what its folder holds is not run again."""
+    """Search the gait of a seed for the whole time; a search in its folder is resumed."""
     options = PopulationParams(
         seed=seed, sigma=0.2, population=params.population, workers=0,
         evaluations=_evaluations(params, params.seconds),
@@ -165,12 +165,12 @@ def _record(folder: Path, seed: int) -> Path:
 
 
 def _evaluations(params: ContestParams, seconds: float) -> int:
-    """Rollouts of whole generations in some time [s], one generation at least."""
+    """Rollouts of the complete generations within some time [s], at least one generation."""
     return max(1, int(seconds / params.rollout) // params.population) * params.population
 
 
 def _gait(params: ContestParams, folder: Path, seconds: float, seed: int) -> tuple[Any, float]:
-    """Oscillators that the search of a seed had found after some time [s], and that time."""
+    """Best oscillators of a seed's search after some time [s], and the time used."""
     _, rows = evaluations.read(_record(folder, seed))
     rows = rows[: _evaluations(params, seconds)]
     best = min(rows, key=lambda row: row["value"])
@@ -184,7 +184,7 @@ def _evolution(p: ContestParams, place: Path, method: str, seed: int) -> tuple[E
 
 
 def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
-    """Gait and FORCE, and in three steps the gradient until the time is spent."""
+    """Gait and FORCE, and with three steps the gradient in the remaining time."""
     reflex = load(p.reflex, {"seed": seed})
     teaching_time = reflex.learner.duration - reflex.learner.test
     third = method == METHODS[2]
@@ -205,7 +205,7 @@ def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Exper
 def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
     from .ppo import learn_by_ppo  # an extra that may be missing
 
-    # The robot stands until the delay line is full; there is no gait to lead it.
+    # The robot stands until the delay line is full, without a gait.
     reflex = load(p.reflex, {"seed": seed})
     stand = reflex.learner.memory * reflex.dt
     reflex = reflex.replace(
@@ -221,6 +221,6 @@ def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experim
 
 
 def _playing(reflex: Experiment, weights: Path, lead: float) -> Experiment:
-    """Experiment in which a trained readout takes over after the lead [s]."""
+    """Experiment in which a trained readout drives after the lead [s]."""
     learner = reflex.learner.replace(weights=str(weights), train=lead, closing=0.0)
     return reflex.replace(learner=learner)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of an experiment as a Gymnasium environment: learn with any library.
+"""An experiment as a Gymnasium environment, for any reinforcement learning library.
 
-It runs alone, or in processes of Gymnasium:
+It runs in this process, or in processes of Gymnasium:
 
     env = ReflexEnv("tigrillo_bound_reflex", "weights.npz")
     gymnasium.vector.AsyncVectorEnv([functools.partial(ReflexEnv, ...)] * 4)   # in processes
@@ -35,38 +35,38 @@ OBSERVED = ("hidden", "senses")
 
 
 class ReflexEnv(gymnasium.Env):
-    """A robot that is driven by a readout plus the actions of an agent.
+    """A robot driven by a readout plus the actions of an agent.
 
     ===========  =====================================================================
-    observation  ``hidden``: activity u of the network's hidden layer, (N,), which is all
-                 that a readout knows; ``senses``: its delay line, (M size,), newest first
+    observation  ``hidden``: activity u of the network's hidden layer, (N,), the input of
+                 the readout; ``senses``: its delay line, (M size,), newest first
     action       correction of each position that the network moves, in units of `reach`,
-                 (k,) in [-1, 1]; over a readout of zeros it is the joint command itself
-    reward       `Reward.tick` of the state that the action led to; a fall costs
+                 (k,) in [-1, 1]; with a readout of zeros it is the joint command itself
+    reward       `Reward.tick` of the state after the action; a fall costs
                  `RewardParams.fall` times the ticks of an episode
-    terminated   the robot fell, or the physics diverged; ``info["fall"]`` says why
+    terminated   the robot fell, or the physics diverged; ``info["fall"]`` is the reason
     truncated    `ReinforceParams.episode` is over
     ===========  =====================================================================
 
-    Each reset puts the robot down anew, lets it stand and the target lead into the gait. Zero
+    Each reset restarts the robot; it stands, then the target leads into the gait. Zero
     actions give the rollout of the same experiment and seed, bit by bit.
 
     Args:
         experiment: Experiment, its name or path; it must have a reflex network.
         weights: Weight file of its readout; see `episode.first_weights` for one of zeros.
-        params: Lengths, push and reward; what a policy gradient needs besides does not count.
+        params: Lengths, push and reward; settings of the policy gradient are ignored.
         observe: Observation, one of `OBSERVED`.
         reach: Largest correction [rad].
 
     Attributes:
-        seconds: Time simulated in all episodes, standing and lead too [s].
+        seconds: Simulated time of all episodes, including standing and lead [s].
 
     Raises:
-        LocoError: The experiment has no network, or the weights are not of it.
-        NameUnknownError: There is no such observation.
+        LocoError: The experiment has no network, or the weights are of another network.
+        NameUnknownError: The observation does not exist.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012, as Gymnasium wants it
+    metadata = {"render_modes": []}  # noqa: RUF012, required by Gymnasium
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class ReflexEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Put the robot down and lead it into the gait; a seed decides all that follows."""
+        """Restart the robot and lead it into the gait; the seed determines all that follows."""
         super().reset(seed=seed)
         self._loop.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         self._fall_reason, self._done = "", 0
@@ -108,7 +108,7 @@ class ReflexEnv(gymnasium.Env):
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:  # fmt: skip
-        """One control period under an action (k,); see the class."""
+        """One control period with an action (k,); see the class."""
         correction = self.reach * np.clip(action, -1.0, 1.0)
         self._loop.reflex.correction[:] = correction
         self._tick()
@@ -135,7 +135,7 @@ class ReflexEnv(gymnasium.Env):
             self._fall_reason = str(error)
 
     def _sensed(self) -> np.ndarray:
-        """Observation of the state now."""
+        """Observation of the current state."""
         network: Any = self._loop.reflex
         if not self._fall_reason:
             network.sense(self._loop.feel(self._loop.state))

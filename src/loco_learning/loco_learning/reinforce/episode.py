@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One episode: the target leads into the gait, then a readout drives and is paid."""
+"""Episodes of reinforcement: the target leads into the gait, then a readout drives."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Episode:
     """Result of an episode, in plain values."""
 
     value: float  # return, see `Reward.of_log` [-]
-    speed: float  # forward, mean while the readout drove [m/s]; nan if it hardly did
-    cost: float  # of transport [-]; nan if it hardly drove
-    fall: str  # why the robot fell; empty if it did not
+    speed: float  # mean forward velocity while the readout drives [m/s]; nan if too short
+    cost: float  # cost of transport [-]; nan if too short
+    fall: str  # reason of the fall; empty if there was none
     seconds: float  # simulated [s]
 
 
@@ -38,7 +38,7 @@ def checked(experiment: Experiment | NetworkExperiment) -> Experiment:
     """The experiment, if its readout can be reinforced.
 
     Raises:
-        ParameterError: It has no network, or one without a hidden layer that an agent could use.
+        ParameterError: It has no network, or one without a hidden layer for an agent.
     """
     if isinstance(experiment, NetworkExperiment):
         raise ParameterError(
@@ -74,7 +74,7 @@ def prepared(experiment: Experiment, params: ReinforceParams, weights: str | Pat
 
 
 def with_pushes(experiment: Experiment, share: float, start: float) -> Experiment:
-    """The same experiment with random pushes on the base.
+    """Copy of an experiment with random pushes on the base.
 
     Args:
         experiment: Experiment to change.
@@ -91,18 +91,18 @@ def with_pushes(experiment: Experiment, share: float, start: float) -> Experimen
 def first_weights(
     experiment: Experiment, path: Path, weights: str | Path = "", zero: bool = False
 ) -> float:
-    """Write the readout to begin with; returns the seconds simulated for it.
+    """Write the initial readout; returns the simulated time for it [s].
 
     Args:
         experiment: Experiment with a reflex network.
         path: Weight file to write.
-        weights: Weight file to begin with; empty for that of the experiment, or, if it names
-            none, for what the experiment teaches in its own phases train and closing (FORCE).
-        zero: True for a readout of zeros: nothing is known.
+        weights: Initial weight file; empty for that of the experiment or, if it has none, for
+            training in its own phases train and closing (FORCE).
+        zero: Whether to start from a readout of zeros.
 
     Raises:
-        MissingFileError: There is no such weight file.
-        ParameterError: The weights are of another network, or the robot fell while it was taught.
+        MissingFileError: The weight file does not exist.
+        ParameterError: The weights are of another network, or the robot fell in the training.
     """
     learner, seconds, source = experiment.learner, 0.0, weights or experiment.learner.weights
     if zero:
@@ -122,12 +122,12 @@ def first_weights(
                 f"{experiment.name} taught no readout in {seconds:g} s: "
                 f"{log.fall or 'its phases train and closing do not end'}; give --weights or --zero"
             )
-    build(experiment.replace(learner=learner.replace(weights=str(path)))).close()  # they fit
+    build(experiment.replace(learner=learner.replace(weights=str(path)))).close()  # check
     return seconds
 
 
 def activity(experiment: Experiment, seed: int) -> np.ndarray:
-    """Hidden activity (T, N) of an episode after standing, under target and readout."""
+    """Hidden activity (T, N) of an episode after standing, with target and readout driving."""
     loop, rows = build(experiment, seed, network=GuidedNetwork), []
     stand = experiment.learner.stand
     try:
@@ -144,14 +144,14 @@ def play(
     seed: int,
     body: Mapping[str, Any],
 ) -> Episode:
-    """Play an episode with a readout.
+    """Simulate an episode with a readout.
 
     Args:
-        experiment: Experiment of `prepared`.
+        experiment: Experiment from `prepared`.
         params: Reward and discount.
         readout: Weights of the readout, (N, 2k).
         seed: Seed of sensors and pushes.
-        body: Values of robot.yaml that differ, by dotted name.
+        body: Changed values of robot.yaml, by dotted name.
     """
     if body:
         experiment = experiment.replace(overrides={**experiment.overrides, **body})

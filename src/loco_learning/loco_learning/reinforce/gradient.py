@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""The policy gradient of the readout, written out: thesis section 3.4.3, eqs. (3.18) to (3.24).
+r"""Policy gradient of the readout: thesis section 3.4.3, eqs. (3.18) to (3.24).
 
-The thesis calls the policy a probability of actions, wants the parameters theta that maximise the
-value V (3.18, 3.19), explores by a random choice of actions (3.22), and moves an estimate by a
-learning rate towards what was experienced (3.24). It leaves open how this is done in continuous
-time and space, where no table of Q-values can be kept, and proposes the step for future work
+The thesis defines the policy as a probability of actions, seeks the parameters theta that maximise
+the value V (3.18, 3.19), explores by a random choice of actions (3.22), and moves an estimate by a
+learning rate towards the experience (3.24). It leaves open how to do this in continuous
+time and space, where a table of Q-values is impossible, and proposes the step for future work
 (3.5.3). Here the parameters theta are those of the readout itself:
 
 .. math::
@@ -19,12 +19,12 @@ time and space, where no table of Q-values can be kept, and proposes the step fo
 
 with the eligibility e of a perturbation, the baseline b and the rms s of R - b in an update.
 
-Departures: the random part is drawn once per episode and not at each tick, so that a joint is not
-shaken at the control rate; every draw is tried with its mirror image, and the mean return of the
-two is their baseline; gradients of earlier updates fade with m; the columns of B are the
-leading directions of the hidden activity, each as long as makes it move a joint by 1 rad rms
+Departures: the random part is drawn once per episode and not at each tick, so that joints do not
+shake at the control rate; every draw is also tested with the opposite sign, and the mean return of
+the two is their baseline; gradients of earlier updates decay with m; the columns of B are the
+leading directions of the hidden activity, scaled so that each moves a joint by 1 rad rms
 while the readout walks, so that the step is one of the natural gradient; only positions are
-explored, the readout's velocities stay as they were taught. No Q-value is kept and the Bellman
+explored, the readout's velocities stay as trained. No Q-value is stored and the Bellman
 equation (3.20, 3.21) is not used: its model of the next state is unknown, as the thesis says.
 
 Source: Williams, Machine Learning 8, 1992 (eligibility and baseline); Sehnke et al., Neural
@@ -39,19 +39,19 @@ from loco_control.exceptions import ParameterError
 
 
 class PolicyGradient:
-    """Readout that is perturbed, judged and moved, update after update.
+    """Readout that is perturbed, evaluated and moved, update after update.
 
     Args:
-        weights: Readout to begin with, (N, 2k): positions, then velocities of k joints.
-        basis: Directions that are explored, (N, d), as `directions` gives them.
+        weights: Initial readout, (N, 2k): positions, then velocities of k joints.
+        basis: Explored directions, (N, d), from `directions`.
         sigma: Size of a perturbation [rad].
         step: Learning rate eta.
-        momentum: Share m of the last gradient that goes on.
+        momentum: Share m of the previous gradient.
         batch: Perturbations per update, an even number.
         seed: Seed of all perturbations.
 
     Attributes:
-        weights: Readout now, (N, 2k).
+        weights: Current readout, (N, 2k).
         updates: Number of updates so far.
     """
 
@@ -73,14 +73,14 @@ class PolicyGradient:
         return np.concatenate((draws, -draws))
 
     def perturbed(self) -> list[np.ndarray]:
-        """Readouts to try in this update, each (N, 2k)."""
+        """Readouts to evaluate in this update, (N, 2k) each."""
         return [self._moved(self.sigma * xi) for xi in self.perturbations()]
 
     def learn(self, returns: np.ndarray) -> None:
-        """Move the readout by the returns of the readouts of `perturbed`, (batch,).
+        """Move the readout according to the returns of the readouts of `perturbed`, (batch,).
 
         Raises:
-            ParameterError: There are not as many returns as perturbations.
+            ParameterError: The number of returns is not that of the perturbations.
         """
         returns = np.asarray(returns, dtype=float)
         if returns.shape != (self.batch,):
@@ -90,7 +90,7 @@ class PolicyGradient:
         scale = float(np.sqrt(np.mean(advantage**2)))
         eligibility = self.perturbations() / self.sigma  # xi / sigma², as xi is sigma times a draw
         gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
-        if scale > 0.0:  # else this batch says nothing
+        if scale > 0.0:  # otherwise this batch is not informative
             self._course = self.momentum * self._course + gradient / scale
         self.weights = self._moved(self.step * self.sigma**2 * self._course)
         self.updates += 1
@@ -103,11 +103,11 @@ class PolicyGradient:
 
 
 def directions(activity: np.ndarray, count: int) -> np.ndarray:
-    """Directions in which hidden activity varies most, each of unit effect.
+    """Directions of the largest variance of the hidden activity, each of unit effect.
 
     Args:
         activity: Hidden activity of many ticks, (T, N).
-        count: Number of directions wanted, d.
+        count: Number of directions, d.
 
     Returns:
         B of shape (N, d) with mean((B_iᵀ u)²) = 1/d for every column i, so that independent unit
@@ -121,7 +121,7 @@ def directions(activity: np.ndarray, count: int) -> np.ndarray:
     significant = values > 1e-9 * max(float(values[0]), 1e-300)
     if not significant.any() or values[0] <= 0.0:
         raise ParameterError("the hidden layer is silent, so there is nothing to explore")
-    # The sign of an eigenvector is arbitrary; fix it, so that every machine draws the same.
+    # The sign of an eigenvector is arbitrary; it is fixed for equal results on all machines.
     vectors = vectors * np.where(vectors[np.abs(vectors).argmax(axis=0), range(len(values))] < 0,
                                  -1.0, 1.0)  # fmt: skip
     return vectors[:, significant] / np.sqrt(values[significant] * np.count_nonzero(significant))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A reflex network that shows what it senses and whose joint positions can be corrected."""
+"""Reflex network with accessible hidden activity and a correction of its joint positions."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..reflex.network import ReflexNetwork
 
 
 class GuidedNetwork(ReflexNetwork):
-    """`ReflexNetwork` with trained weights, under an agent.
+    """`ReflexNetwork` with trained weights, for an agent.
 
     Attributes:
-        correction: Added to the positions that the readout says [rad], (k,).
-        line: Delay line of the scaled senses at the last tick sensed, newest first, (M, size).
-        activity: Hidden activity u at the last tick sensed, (N,), reused at the next one.
+        correction: Added to the positions of the readout [rad], (k,).
+        line: Delay line of the scaled sensors at the last sensed tick, newest first, (M, size).
+        activity: Hidden activity u at the last sensed tick, (N,), overwritten at the next one.
     """
 
     correction: np.ndarray
@@ -28,7 +28,7 @@ class GuidedNetwork(ReflexNetwork):
         self._clear()
 
     def reset(self) -> None:
-        """Forget the past and the correction."""
+        """Reset the state and the correction."""
         super().reset()
         self._clear()
 
@@ -36,7 +36,7 @@ class GuidedNetwork(ReflexNetwork):
         self.correction, self._sensed = np.zeros(len(self.outputs)), False
 
     def sense(self, felt: np.ndarray | None) -> np.ndarray:
-        """Hidden activity (N,) in a state; the next step speaks from it and senses no more."""
+        """Hidden activity (N,) in a state; the next step uses it instead of sensing again."""
         self.line = self.delay_line.step(self.senses.sample(felt, False))
         self.activity = self.hidden.step(self.senses.hidden(self.line, False))
         self._sensed = True

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The third learning step, resumable: episodes of perturbed readouts, update after update.
+"""Third learning step, resumable: episodes of perturbed readouts, update after update.
 
-`episodes.jsonl` keeps the return of each episode, in order; nothing else is stored, for the
-readout follows from the returns. A run that is begun again replays them and goes on, to the same
-bytes, whatever the number of processes.
+`episodes.jsonl` stores the return of each episode, in order, and nothing else, since the
+readout follows from the returns. A restarted run replays them and continues, with the same
+result to the last byte for any number of processes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from .params import ReinforceParams
 RECORD, START, WEIGHTS, EXPERIMENT = (
     "episodes.jsonl", "start.npz", "weights.npz", "reinforced.yaml"
 )  # fmt: skip
-PLAIN = 2**20  # stands for the update in the seed of the episodes without a perturbation
+PLAIN = 2**20  # replaces the update in the seed of unperturbed episodes
 
 
 class EpisodeRow(TypedDict):
@@ -57,32 +57,32 @@ class EpisodeRow(TypedDict):
 class Progress:
     """State of the learning after an update."""
 
-    update: int  # updates done
-    updates: int  # of the budget
-    value: float  # of the readout before the update, unperturbed
-    best: float  # so far
-    falls: int  # in this batch
-    eta: float  # until the end [s]; nan while only replaying
+    update: int  # number of finished updates
+    updates: int  # number of updates in the budget
+    value: float  # return of the unperturbed readout before the update
+    best: float  # best return so far
+    falls: int  # number of falls in this batch
+    eta: float  # time until the end [s]; nan during replay
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """The result."""
+    """Result of the learning."""
 
     readout: np.ndarray = field(repr=False)  # the best unperturbed one, (N, 2k)
-    first: float  # return of the readout that it began with
+    first: float  # return of the initial readout
     value: float  # return of the best one
-    update: int  # updates after which it was the best; 0 if nothing was better than the first
-    updates: int  # updates done
+    update: int  # number of updates before the best one; 0 for the initial one
+    updates: int  # number of finished updates
     seconds: float  # simulated [s]
     course: dict[str, np.ndarray] = field(repr=False)  # see `course`
 
 
 def cost_of(experiment: Experiment, params: ReinforceParams) -> tuple[int, float]:
-    """Updates that the budget holds, and the simulated seconds they take at most.
+    """Number of updates in the budget, and the simulated time that they take at most [s].
 
     Raises:
-        ParameterError: The budget does not hold one.
+        ParameterError: The budget is too small for one update.
     """
     length = experiment.learner.stand + params.lead + params.episode
     update = (params.batch + 1) * length
@@ -105,14 +105,14 @@ def learn(
     """Improve the readout in the file `START` of a folder within a budget of simulated time.
 
     Args:
-        experiment: Experiment with a reflex network, as it was loaded.
+        experiment: Experiment with a reflex network, as loaded.
         params: Settings.
-        folder: Folder with the start; it gets the record, and is resumed where it has one.
-        workers: Processes; 0 plays the episodes in this one.
+        folder: Folder with the start; the record is written to it, and resumed if it exists.
+        workers: Number of processes; 0 simulates the episodes in this process.
         report: Called after each update.
 
     Raises:
-        ParameterError: The budget is too small, or the folder holds other work.
+        ParameterError: The budget is too small, or the folder has other work.
     """
     updates, _ = cost_of(experiment, params)
     start = folder / START
@@ -133,7 +133,7 @@ def learn(
 
 
 class _Learning:
-    """Update after update, from the record as far as it goes."""
+    """Sequence of updates, read from the record as far as it goes."""
 
     def __init__(
         self,
@@ -184,12 +184,12 @@ class _Learning:
         )
 
     def _episodes(self, update: int, jobs: pool.Jobs, unperturbed: bool) -> list[dict[str, Any]]:
-        """Rows of an update, the unperturbed readout first; those that are missing are played."""
+        """Rows of an update, the unperturbed readout first; missing episodes are simulated."""
         p, size = self._params, self._params.batch + 1
         count = 1 if unperturbed else size
         done = self._record.rows[update * size : update * size + count]
         self._replayed += len(done)
-        seed = seed_of(p.seed, update, 0)  # the same pushes and noise for all of an update
+        seed = seed_of(p.seed, update, 0)  # the same pushes and noise in the whole update
         body = draw_bodies(self._experiment, p.randomise, 1, seed)[0]
         readouts = [self._rule.weights, *([] if unperturbed else self._rule.perturbed())]
         todo = [
@@ -212,10 +212,10 @@ class _Learning:
 
 
 def course(rows: list[dict[str, Any]], batch: int) -> dict[str, np.ndarray]:
-    """Course of the learning, a value for each unperturbed episode, (updates + 1,).
+    """History of the learning, a value for each unperturbed episode, (updates + 1,).
 
-    ``seconds`` simulated before, ``value``, ``speed`` and ``cost`` of the readout, and of the
-    batch that was tried from it ``batch``, its mean value, and ``falls``, their share; NaN after
+    ``seconds`` simulated before; ``value``, ``speed`` and ``cost`` of the readout; ``batch`` and
+    ``falls``, the mean value and the share of falls of its perturbed batch, which are NaN after
     the last update.
     """
     size = batch + 1
@@ -235,13 +235,13 @@ def write(
     experiment: Experiment, params: ReinforceParams, folder: Path, readout: np.ndarray,
     test: float = 60.0,
 ) -> list[Path]:  # fmt: skip
-    """Write the readout as weights, and an experiment that plays them; returns their paths.
+    """Write the readout as weights, and an experiment that uses them; returns their paths.
 
     Args:
-        experiment: Experiment as it was loaded.
+        experiment: Experiment as loaded.
         params: Length of the lead.
         folder: Folder with the start.
-        readout: Readout that was learnt, (N, 2k).
+        readout: Learned readout, (N, 2k).
         test: Length of the phase test of the written experiment [s].
     """
     weights = folder / WEIGHTS
@@ -254,7 +254,7 @@ def write(
         duration=0.0,
     )
     values = to_dict(final)
-    values["learner"]["weights"] = WEIGHTS  # beside the experiment
+    values["learner"]["weights"] = WEIGHTS  # in the same folder
     head = "# SPDX-License-Identifier: Apache-2.0\n# Written by `loco reinforce`.\n"
     text = head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
     return [weights, write_whole(folder / EXPERIMENT, text)]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the third learning step, each with the reason for its default.
+"""Parameters of the third learning step, with the reason for each default.
 
-A default is from *theory*, a matter of *taste*, or was found in the *battery*: trials with the
-bound of Tigrillo, two seeds each; what came of them is on the page `docs/reinforce.md`.
+A default is from *theory*, a matter of *taste*, or from the *battery*: trials with the
+bound of Tigrillo, two seeds each; their results are on the page `docs/reinforce.md`.
 """
 
 from __future__ import annotations

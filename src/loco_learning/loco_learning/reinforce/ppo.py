@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PPO of stable-baselines3 on the same readout: the adapter is all there is.
+"""PPO of stable-baselines3 on the same readout, as an adapter.
 
-Its policy is linear in the hidden activity and has no bias, so that what it has learnt is a
-readout and plays as one. It explores by perturbing the readout, too (gSDE), drawn anew every
+Its policy is linear in the hidden activity and has no bias, so that the learned policy is a
+readout. It also explores by perturbing the readout (gSDE), with a new draw every
 `HOLD` ticks. Source: Schulman et al., 2017; Raffin et al., CoRL 2021.
 """
 
@@ -31,15 +31,15 @@ except ModuleNotFoundError as error:
     ) from None
 
 REACH = 0.8  # largest action [rad]: the range of the hips in a gait search (theory)
-HOLD = 50  # ticks under one perturbation, half a stride of Tigrillo (taste)
+HOLD = 50  # ticks with one perturbation, half a stride of Tigrillo (taste)
 TICKS = 1000  # per update (taste: two updates per twenty seconds)
-# First standard deviation of an action. With three times the range of the hips the policy of
-# Tigrillo ran away, to commands of 5 rad, and the robot lay still (battery).
+# Initial standard deviation of an action. With three times the range of the hips the policy of
+# Tigrillo diverged, to commands of 5 rad, and the robot lay still (battery).
 SPREAD = 0.3
 
 
 class _Budget(stable_baselines3.common.callbacks.BaseCallback):
-    """Ends the learning when so many seconds are simulated, and tells how far it is."""
+    """Ends the learning when the budget of simulated time is spent, and reports progress."""
 
     def __init__(self, env: ReflexEnv, seconds: float, report: Callable[[float], Any] | None):
         super().__init__()
@@ -61,15 +61,15 @@ def learn_by_ppo(
 
     Args:
         experiment: Experiment with a reflex network.
-        params: Budget, seed, lengths and reward; what a policy gradient needs does not count.
+        params: Budget, seed, lengths and reward; settings of the policy gradient are ignored.
         start: Weight file, perhaps of zeros.
-        report: Called now and then with the seconds simulated.
+        report: Called every 100 steps with the simulated time [s].
 
     Returns:
-        Readout (N, 2k) and the seconds simulated.
+        Readout (N, 2k) and the simulated time [s].
 
     Raises:
-        ParameterError: The budget does not hold one update.
+        ParameterError: The budget is too small for one update.
     """
     length = experiment.learner.stand + params.lead + params.episode
     min_time = length * (1.0 + TICKS * experiment.dt / params.episode)  # and the first look at it
@@ -78,9 +78,9 @@ def learn_by_ppo(
             f"seconds is {params.seconds:g}, but PPO needs {min_time:.4g} s for one update of "
             f"{TICKS} ticks; give more, or longer episodes"
         )
-    torch.set_num_threads(1)  # the same bytes on every machine, and no faster with more
+    torch.set_num_threads(1)  # the same bytes on every machine, and no slower
     env = ReflexEnv(experiment, start, params, "hidden", REACH)
-    loudness = np.linalg.norm(env.reset(seed=params.seed)[0])  # of u, which scales what is explored
+    loudness = np.linalg.norm(env.reset(seed=params.seed)[0])  # norm of u, to which actions scale
     log_std = float(np.log(SPREAD / loudness))
     model = stable_baselines3.PPO(
         "MlpPolicy",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reward of a tick: one formula for the environment, the gradient and the tables."""
+"""Reward of a tick: one formula for the environment, the gradient and the tables."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .params import RewardParams
 
 
 class Reward:
-    """Reward of the ticks of a robot, `RewardParams` says how.
+    """Reward of the ticks of a robot by the formula in `RewardParams`.
 
     Args:
         params: Prices.
-        robot: Robot, of which mass and driven joints count.
-        sim: Parameters of the plant, of which gravity counts.
+        robot: Robot, for its mass and driven joints.
+        sim: Parameters of the plant, for gravity.
     """
 
     def __init__(self, params: RewardParams, robot: Robot, sim: SimParams):
@@ -51,12 +51,12 @@ class Reward:
         """Return of an episode, eq. (3.18), over the number of its ticks.
 
         Args:
-            log: Ticks in which the readout drove; fewer than `ticks` where the robot fell.
+            log: Ticks in which the readout drove; fewer than `ticks` if the robot fell.
             ticks: Length of a whole episode.
             discount: gamma per tick.
 
         Returns:
-            Sum of gamma^i r_i over the sum of gamma^i, less the price of a fall.
+            Sum of gamma^i r_i over the sum of gamma^i, minus the price of a fall.
         """
         weights = discount ** np.arange(ticks)
         earned = self.tick(log.velocity, log.dq, log.tau) if len(log) else np.zeros(0)

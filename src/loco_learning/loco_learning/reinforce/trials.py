@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The test of a controller: calm, under pushes, and on bodies that differ."""
+"""Test of a controller: undisturbed, with pushes, and on varied bodies."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..runs.rollout import rollout
 from .episode import with_pushes
 
 CONDITIONS = ("calm", "pushed", "bodies")
-STANDS = 0.01  # a slower robot stands, and its cost of transport means nothing (taste) [m/s]
+STANDS = 0.01  # [m/s] speed below which a robot stands, without a cost of transport (taste)
 
 
 @dataclass(frozen=True)
 class TrialParams(Params):
-    """Length and number of the trials, and what makes them hard."""
+    """Length and number of the trials, and their disturbances."""
 
     start: float = parameter(3.0, "measured, and pushed, from this time on (taste)", "s", 0.0, 1e4)
     length: float = parameter(10.0, "measured so long (taste)", "s", 1.0, 1e4)
@@ -40,20 +40,20 @@ class TrialParams(Params):
 
 @dataclass(frozen=True)
 class Row:
-    """Trials of one condition."""
+    """Results of the trials of one condition."""
 
-    speed: float  # forward, mean over all trials; no way is made after a fall [m/s]
-    cost: float  # of transport, mean over the trials that walk to the end [-]; nan without any
+    speed: float  # mean forward velocity over all trials, 0 after a fall [m/s]
+    cost: float  # mean cost of transport of the trials without a fall [-]; nan without any
     falls: int
     count: int
 
 
 def judge(experiment: Experiment, params: TrialParams) -> dict[str, Row]:
-    """Try an experiment that drives itself; rows by the names of `CONDITIONS`.
+    """Test an experiment; rows by the names of `CONDITIONS`.
 
     Args:
-        experiment: Experiment whose controller has taken over by the time `start`, with trained
-            weights or in open loop; it is run as long as the trials last.
+        experiment: Experiment whose controller drives by the time `start`, with trained
+            weights or in open loop; its duration is replaced by that of the trials.
         params: Settings of the trials.
     """
     p, seeds = params, range(params.seed, params.seed + params.count)

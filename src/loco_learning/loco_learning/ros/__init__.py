@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 rim of loco_learning; nothing above this folder imports ROS."""
+"""ROS 2 nodes of loco_learning; only this folder imports ROS."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `reflex_network` of joint robots: sensors and target in, joint_command out."""
+"""Node `reflex_network` of robots with joints: from sensors and target to joint_command."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .learning_node import LearningNode
 
 
 class JointReflexNode(LearningNode, JointNode):
-    """Reservoir over the sensors; passes the target through until closing begins, or for ever."""
+    """Reflex network on the sensors; passes the target through until closing, or always."""
 
     def __init__(self) -> None:
         super().__init__("reflex_network")
@@ -63,7 +63,7 @@ class JointReflexNode(LearningNode, JointNode):
         self.announce_ready()
 
     def _compile(self) -> None:
-        """One step that learns, then back to the start: the kernels are ready before a tick is."""
+        """Run one learning step and reset, so that kernels are compiled before the first tick."""
         params, zeros = self.network.params, np.zeros(len(self.driven))
         if params.enabled:
             tick, felt = round(params.stand * self.rate), np.zeros(len(self.network.senses.sensors))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Phase events, saving of weights and diagnosis, the same in all reflex nodes."""
+"""Base of all reflex nodes: phase events, saving of weights and diagnostics."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ class LearningNode(LocoNode):
     _phase_now, _error, _save_to = "", 0.0, ""
 
     def follow(self, phase: str, error: float, tick: int, t: float, network: Any = None) -> None:
-        """Tell of a phase that begins; save the network when it is the test.
+        """Publish an event when a phase begins, and save the network when the test begins.
 
         Args:
             phase: Name of the phase of this tick.
-            error: Error of the prediction, for diagnosis.
+            error: Error of the prediction, for diagnostics.
             tick: Control periods since reset.
             t: Simulated time [s].
-            network: Has a method `save`; None saves nothing.
+            network: Object with a method `save`; None saves nothing.
         """
         self._error = error
         if phase == self._phase_now:
             return
         self._phase_now = phase
         self.event("phase", phase, tick, t)
-        # Weights are final when the test phase begins: nothing trains after it.
+        # Weights are final when the test phase begins.
         if phase == "test" and self._save_to and network:
             self._save(network, tick, t)
 
     def _save(self, network: Any, tick: int, t: float) -> None:
-        """Save; a full disk is an event, ``weights not saved``, and no reason to stop walking."""
+        """Save; a full disk causes an event, ``weights not saved``, but does not stop the robot."""
         try:
             network.save(Path(self._save_to))
         except OSError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `reflex_network` of a mass-spring-damper network: accelerations in, lengths out."""
+"""Node `reflex_network` of a mass-spring-damper network: from accelerations to lengths."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ..networks.reservoir import Controller, LoopParams
 from ..params import PHASES
 from .learning_node import LearningNode
 
-MOVING = PHASES[1:]  # a network does not stand first
+MOVING = PHASES[1:]  # a network has no standing phase
 
 
 class MsdReflexNode(LearningNode):
-    """Filter, readout and mixer: trains, closes the loop, and drives the links alone."""
+    """Filter, readout and mixer: trains the readout, closes the loop, and runs in closed loop."""
 
     table = MSD_TOPICS
     ERROR = "error"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `reflex_network`: robot_state and gait_target in, motion_command out."""
+"""Node `reflex_network`: from robot_state and gait_target to motion_command."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ReflexNetworkNode(LearningNode):
         self.announce_ready()
 
     def _compile(self, dt: float) -> None:
-        """One step that learns, then back to the start: the kernels are ready before a tick is."""
+        """Run one learning step and reset, so that kernels are compiled before the first tick."""
         state, tick = blank(RobotState), round(self.network.params.stand / dt)
         self.network.step(tick, 0.0, state.grf[:, 2], blank(GaitTarget))
         self.network.reset()

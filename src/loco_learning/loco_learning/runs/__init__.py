@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment in, a log out, without ROS."""
+"""Experiments, their simulation without ROS, and logs."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment is one YAML file: everything a run depends on, checked before it starts."""
+"""Experiment: one YAML file with all settings of a run, checked before it starts."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 WALKING = {"gait": GaitParams, "trunk": TrunkParams, "stance": StanceParams}
 BLOCKS = {**WALKING, "target": CpgParams}
-KINDS = ("hyq", "joint", "msd")  # of experiments of earlier versions
-NETWORK = ("network", "preset", "loop")  # keys that only a network of masses and springs has
+KINDS = ("hyq", "joint", "msd")  # kinds of experiments in earlier versions
+NETWORK = ("network", "preset", "loop")  # keys of mass-spring-damper networks only
 
 
 def _free(kind: type, doc: str) -> Any:
-    """Field whose content another package checks."""
+    """Field whose content is checked by another package."""
     return field(default_factory=kind, metadata={"doc": doc, "unit": "-"})
 
 
 def _block(doc: str) -> Any:
-    """Field of parameters that may be absent."""
+    """Field of optional parameters."""
     return field(default=None, metadata={"doc": doc, "unit": "-", "optional": True})
 
 
@@ -53,11 +53,11 @@ class Experiment(Params):
     """Everything that decides a run; two runs of equal experiments are equal bit by bit.
 
     A robot with legs walks by a `gait`, with a trunk controller and a stance estimator; any
-    robot follows oscillators, its `target`. An experiment has one of the two, by default the
-    gait where the robot lists legs. What it leaves open is settled when it is made, so that a
-    saved experiment stands for itself: a ``model.yaml`` dissolves into the robot it names, its
-    overrides and its effects (those of the experiment come after), a `control_rate` of 0
-    becomes the robot's, and the physics engine is named.
+    robot can follow oscillators, its `target`. An experiment has one of the two, by default the
+    gait if the robot has legs. Open settings are filled in on construction, so that a
+    saved experiment is self-contained: a ``model.yaml`` is replaced by its robot,
+    overrides and effects (those of the experiment come after), a `control_rate` of 0
+    by the robot's, and the physics engine is named.
     """
 
     name: str = parameter("unnamed", "name in logs and reports")
@@ -91,24 +91,24 @@ class Experiment(Params):
         self._set(robot=model.robot, overrides=model.overrides, effects=tuple(model.effects))
         self._set(sim=dict(self.sim or {}))
         self._set(control_rate=self.control_rate or float(self.plant.control_rate))
-        sim_effects.from_list(self.effects)  # raises where a name or value is wrong
-        self._set(sim={**self.sim, "engine": self.sim_params.engine})  # raises the same
+        sim_effects.from_list(self.effects)  # raises if a name or value is invalid
+        self._set(sim={**self.sim, "engine": self.sim_params.engine})  # likewise
         self._settle()
 
     def _merged_model(self) -> models.Model:
-        """The model that `robot` names, with overrides and effects of the experiment on top."""
-        # A plain name is not looked into here: `plant` reads the robot, once.
+        """The model named by `robot`, with overrides and effects of the experiment added."""
+        # A plain name is not loaded here: `plant` reads the robot, once.
         is_shipped = self.robot in robots.names()
         base = models.Model(self.robot) if is_shipped else models.load_any(self.robot)
         named = base.robot in robots.names()
         return models.Model(
-            base.robot if named else str(Path(base.robot).resolve()),  # for a bag that is moved
+            base.robot if named else str(Path(base.robot).resolve()),  # absolute, for moved bags
             {**flat(base.overrides), **flat(self.overrides or {})},
             [*base.effects, *(self.effects or ())],
         )
 
     def _settle(self) -> None:
-        """Fill in the parts that go with a gait, or with oscillators, and refuse a mixture."""
+        """Fill in the blocks for a gait or for oscillators, and reject a mixture."""
         walking = [key for key in WALKING if getattr(self, key) is not None]
         if self.target is not None and walking:
             raise ParameterError(
@@ -121,7 +121,7 @@ class Experiment(Params):
         else:
             self._set(target=self.target or CpgParams())
             self._set(learner=self.learner or JointLearnerParams())
-            self.make_target()  # raises where a list has a wrong length
+            self.make_target()  # raises if a list has a wrong length
         params_class = LearnerParams if self.gait else JointLearnerParams
         if not isinstance(self.learner, params_class):
             raise ParameterError(f"learner must be {params_class.__name__}, got {self.learner!r}")
@@ -132,22 +132,22 @@ class Experiment(Params):
 
     @property
     def node_set(self) -> str:
-        """Nodes that run it."""
+        """Set of nodes that runs the experiment."""
         return "hyq" if self.gait else "joint"
 
     @cached_property
     def plant(self) -> Robot:
-        """The robot, overrides included."""
+        """The robot, with overrides."""
         return models.Model(self.robot, self.overrides, []).make_robot()
 
     @cached_property
     def sim_params(self) -> SimParams:
-        """Parameters of the plant: the robot's with `sim` on top."""
+        """Parameters of the plant: the robot's, with the changes of `sim`."""
         return from_dict(SimParams, {**to_dict(self.plant.sim), **self.sim}, "sim")
 
     @property
     def draws(self) -> bool:
-        """Whether a run depends on the seed: by learning, noisy sensors or a random effect."""
+        """True if a run depends on the seed: by learning, noisy sensors or a random effect."""
         learns = self.learner.enabled and not self.learner.weights
         has_noise = self.plant.sensors is not None and not self.plant.sensors.exact
         effects = sim_effects.from_list(self.effects)
@@ -176,7 +176,7 @@ class Experiment(Params):
 
 
 def names() -> list[str]:
-    """Names of the experiments that come with the package."""
+    """Names of the experiments in the package."""
     return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
 
 
@@ -184,18 +184,18 @@ def names() -> list[str]:
 def load(
     name_or_path: str | Path, overrides: Mapping[str, Any] | None = None
 ) -> Experiment | NetworkExperiment:
-    """Read an experiment; one with a network of masses and springs has a class of its own.
+    """Read an experiment, of class `NetworkExperiment` for a network of masses and springs.
 
-    A robot that is the path of a YAML file, and trained weights, are looked for beside the
-    experiment first.
+    The path of a robot's YAML file, and of trained weights, is first taken relative to the
+    experiment.
 
     Args:
         name_or_path: One of `names()`, or a path that ends in ``.yaml``.
         overrides: Values by dotted name, such as ``{"learner.memory": 50}``.
 
     Raises:
-        NameUnknownError: No such experiment, or a key that is no parameter.
-        MissingFileError: No such file.
+        NameUnknownError: The experiment, or a parameter, does not exist.
+        MissingFileError: The file does not exist.
         ParameterError: Broken YAML, a wrong type or a value out of range.
     """
     path = _find(name_or_path, Path())
@@ -214,10 +214,10 @@ def load(
 
 
 def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | NetworkExperiment:
-    """Experiment from nested plain values (what `to_dict` makes).
+    """Experiment from nested plain values, the inverse of `to_dict`.
 
-    `target` may be the name or path of a gait file, or have one as its key ``gait`` beside
-    values that differ from it. Files and bags of earlier versions are read: they have a key
+    `target` may be the name or path of a gait file, or contain one as its key ``gait`` beside
+    changed values. Files and bags of earlier versions are supported: they have a key
     ``kind``, and HyQ's gains under ``impedance``.
     """
     values = {key: value for key, value in values.items() if value is not None}
@@ -235,7 +235,7 @@ def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | Netw
         values["target"] = _target(values["target"])
     follows = "target" in values or kind == "joint"
     walks = not (follows and values.keys().isdisjoint(WALKING))
-    if walks:  # sections are completed at the robot's size
+    if walks:  # missing values are filled in for the robot's size
         sections = quadruped.defaults(_robot(values))
         values = merge({name: to_dict(params) for name, params in sections.items()}, values)
     learner = LearnerParams if walks else JointLearnerParams
@@ -248,12 +248,12 @@ def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | Netw
 
 
 def is_network(values: Mapping[str, Any]) -> bool:
-    """The values are of a network of masses and springs."""
+    """True if the values are those of a network of masses and springs."""
     return values.get("kind") == "msd" or not values.keys().isdisjoint(NETWORK)
 
 
 def _robot(values: Mapping[str, Any]) -> Robot:
-    """The robot of an experiment, overrides included."""
+    """The robot of an experiment, with overrides."""
     model, overrides = models.load_any(values.get("robot", "hyq")), values.get("overrides") or {}
     if not isinstance(overrides, Mapping):
         raise ParameterError(f"overrides must be a mapping, got {overrides!r}")
@@ -261,7 +261,7 @@ def _robot(values: Mapping[str, Any]) -> Robot:
 
 
 def _target(value: Any) -> Any:
-    """Values of oscillators, those of a gait file put in."""
+    """Values of oscillators, with those of a gait file inserted."""
     if isinstance(value, str):
         value = {"gait": value}
     if not isinstance(value, Mapping) or "gait" not in value:
@@ -271,14 +271,14 @@ def _target(value: Any) -> Any:
 
 
 def gains_as_overrides(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Overrides of an experiment of HyQ whose gains are under the key ``impedance``.
+    """Overrides of an experiment of HyQ with gains under the key ``impedance``.
 
-    Experiments and bags of earlier versions say ``swing_kp``, ``swing_kd``, ``stance_kp`` and
+    Experiments and bags of earlier versions have ``swing_kp``, ``swing_kd``, ``stance_kp`` and
     ``stance_kd`` there, each a list for hip abduction, hip flexion and knee of every leg.
 
     Raises:
         ParameterError: A value is not such a list.
-        NameUnknownError: Another key is there.
+        NameUnknownError: The block has another key.
     """
     names = {"swing_kp": "swing_kp", "swing_kd": "swing_kd", "stance_kp": "kp", "stance_kd": "kd"}
     gains, joints = values["impedance"], ("haa", "hfe", "kfe")
@@ -292,7 +292,7 @@ def gains_as_overrides(values: Mapping[str, Any]) -> dict[str, Any]:
             raise ParameterError(f"impedance.{key} must be a list of 3 numbers, got {row!r}")
         for joint, gain in zip(joints, row, strict=True):
             name = f"drives.*_{joint}_joint.{names[key]}"
-            overrides.pop(name, None)  # the last one counts
+            overrides.pop(name, None)  # the last entry has priority
             overrides[name] = gain
     return overrides
 
@@ -308,12 +308,12 @@ def override(
 
 
 def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
-    """Mapping `base` with `change` on top; mappings are merged, all else is replaced.
+    """Mapping `base` with the values of `change`; mappings are merged, others replaced.
 
-    An entry of a list is named by its number: ``effects.0.delay`` is of the first effect.
+    An entry of a list is named by its index: ``effects.0.delay`` belongs to the first effect.
 
     Raises:
-        ParameterError: A list has no entry of that number.
+        ParameterError: A list has no entry of that index.
     """
     merged = dict(base)
     for key, value in change.items():
@@ -332,7 +332,7 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path, visited: tuple[Path, ...]) -> dict[str, Any]:
-    """Values of a file on top of those it extends."""
+    """Values of a file, merged with those of the file that it extends."""
     path = path.resolve()
     if path in visited:
         raise ParameterError(

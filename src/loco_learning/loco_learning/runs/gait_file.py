@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A gait on disk: what the oscillators do, on which body it was found, and how good it was.
+"""Gait files: oscillator parameters, the body for which they were searched, and their result.
 
-Its block `target` is that of an experiment; of a robot that walks under a trunk
+The block `target` is that of an experiment; for a robot with a trunk
 controller it is the block `gait` of an experiment.
 """
 
@@ -30,24 +30,24 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Gait:
-    """A gait that a search found."""
+    """Result of a gait search."""
 
     name: str
     robot: str  # name, or path of a model.yaml
-    target: CpgParams | GaitParams  # of oscillators, or of a generator of foot paths
-    parameters: dict[str, float]  # those that were searched
+    target: CpgParams | GaitParams  # of oscillators, or of a foot trajectory generator
+    parameters: dict[str, float]  # searched parameters
     speed: float  # forward, mean over the rollout [m/s]
     distance: float  # forward [m]
     duration: float  # of the rollout [s]
     seed: int  # of the search
-    evaluations: int  # rollouts until it was found and the search ended
+    evaluations: int  # number of rollouts of the search
     overrides: dict[str, Any] = field(default_factory=dict)  # of the robot
-    randomise: float = 0.0  # standard deviation of the bodies it was searched on, relative
-    samples: int = 1  # bodies it was searched on
-    check: dict[str, float] = field(default_factory=dict)  # what it does on other bodies
+    randomise: float = 0.0  # standard deviation of the bodies in the search, relative
+    samples: int = 1  # number of bodies in the search
+    check: dict[str, float] = field(default_factory=dict)  # results on other bodies
 
     def save(self, path: str | Path) -> None:
-        """Write to a YAML file, whole or not at all."""
+        """Write to a YAML file, completely or not at all."""
         values = {"format": FORMAT, "kind": "gait", **dataclasses.asdict(self)}
         values["target"] = to_dict(self.target)
         head = "# SPDX-License-Identifier: Apache-2.0\n# Written by `loco optimise`.\n"
@@ -56,7 +56,7 @@ class Gait:
 
 
 def names() -> list[str]:
-    """Gaits that come with the package."""
+    """Names of the gaits in the package."""
     return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
 
 
@@ -65,9 +65,9 @@ def load(name_or_path: str | Path) -> Gait:
     """Read a gait by name or path.
 
     Raises:
-        NameUnknownError: No such gait comes with the package, or a key is not known.
-        MissingFileError: No such file.
-        ParameterError: It is not a gait, of another version, or a value is wrong.
+        NameUnknownError: The package has no such gait, or a key is unknown.
+        MissingFileError: The file does not exist.
+        ParameterError: The file is not a gait, of another version, or a value is invalid.
     """
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run as plain arrays: columns by name, one row per tick."""
+"""Log of a run as plain arrays: columns by name, one row per tick."""
 
 from __future__ import annotations
 
@@ -39,58 +39,58 @@ PARTS = {  # messages of a tick
 
 
 class Column(NamedTuple):
-    """The origin of a column: a field of one of the messages of a tick."""
+    """Origin of a column: a field of one of the messages of a tick."""
 
-    part: str  # which message, a key of `PARTS`
+    part: str  # message, a key of `PARTS`
     field: str  # of the class in `loco_control.types`
-    shape: tuple[Any, ...]  # of a row, by counts of joints n, driven joints m, feet f, outputs k
+    shape: tuple[Any, ...]  # of a row; n joints, m driven joints, f feet, k outputs
     kind: type = float
 
 
 COLUMNS = {
     "t": Column("state", "t", ()),  # simulated time [s]
-    "q": Column("state", "q", ("n",)),  # what the joint sensors say [rad]
+    "q": Column("state", "q", ("n",)),  # readings of the joint sensors [rad]
     "dq": Column("state", "dq", ("n",)),  # [rad/s]
     "tau": Column("state", "tau", ("n",)),  # of the drives, mean over the last period [N·m]
     "grf": Column("state", "grf", ("f", 3)),  # ground reaction forces, world frame [N]
     "contact": Column("state", "contact", ("f",), bool),  # the foot touches the ground
-    "imu_orientation": Column("state", "orientation", (4,)),  # what the IMU says, x y z w
+    "imu_orientation": Column("state", "orientation", (4,)),  # reading of the IMU, x y z w
     "gyro": Column("state", "angular_velocity", (3,)),  # [rad/s]
     "acceleration": Column("state", "linear_acceleration", (3,)),  # specific force [m/s²]
     "position": Column("truth", "position", (3,)),  # true position of the base in world [m]
     "orientation": Column("truth", "orientation", (4,)),  # true attitude of the base, x y z w
     "velocity": Column("truth", "linear_velocity", (3,)),  # true, base frame [m/s]
     "spin": Column("truth", "angular_velocity", (3,)),  # true, base frame [rad/s]
-    "target": Column("target", "q", ("m",)),  # what the target generator wants [rad]
+    "target": Column("target", "q", ("m",)),  # positions of the target generator [rad]
     "target_dq": Column("target", "dq", ("m",)),  # [rad/s]
-    "command": Column("command", "q", ("m",)),  # what the drives are told [rad]
+    "command": Column("command", "q", ("m",)),  # commanded positions of the drives [rad]
     "command_dq": Column("command", "dq", ("m",)),  # [rad/s]
     "prediction": Column("learning", "prediction", ("k",)),  # positions, then velocities
     "error": Column("learning", "error", ()),  # rms of predicted minus target positions [rad]
     "phase": Column("learning", "phase", (), np.int64),  # index in `PHASES`
 }
-WALKING = {  # what a robot with legs has beside these: its gait, its stance and its trunk
+WALKING = {  # further columns of a robot with legs: gait, stance and trunk
     "target_feet": Column("target", "foot_position", ("f", 3)),  # in the base frame [m]
     "target_feet_velocity": Column("target", "foot_velocity", ("f", 3)),  # [m/s]
     "stride_phase": Column("target", "phase", ("f",)),  # 0 at touchdown [strides], in [0, 1)
-    "target_speed": Column("target", "speed", ()),  # forward speed asked for [m/s]
-    "target_frequency": Column("target", "frequency", ()),  # stride frequency asked for [Hz]
-    "clock": Column("target", "stance", ("f",), bool),  # the gait clock says stance
+    "target_speed": Column("target", "speed", ()),  # target of the forward speed [m/s]
+    "target_frequency": Column("target", "frequency", ()),  # target of the stride frequency [Hz]
+    "clock": Column("target", "stance", ("f",), bool),  # stance by the gait clock
     "weight_norm": Column("learning", "weight_norm", ()),  # Frobenius norm of the readout
-    "driving": Column("learning", "driving", (), bool),  # the prediction is in the command
+    "driving": Column("learning", "driving", (), bool),  # the prediction is commanded
     "learning": Column("learning", "learning", (), bool),  # the readout was updated
     "foot_height": Column("stance", "foot_height", ("f",)),  # of the commanded foot [m]
     "stance": Column("stance", "stance", ("f",), bool),  # the leg carries the trunk
     "estimator": Column("stance", "estimator", (), np.int64),  # index in `ESTIMATORS`
     "trunk_tau": Column("trunk", "tau", ("n",)),  # feed-forward torque [N·m]
-    "wrench": Column("trunk", "wrench", (6,)),  # wanted at the trunk, force then moment
+    "wrench": Column("trunk", "wrench", (6,)),  # target at the trunk, force then moment
 }
 REFLEX_TIME = "reflex_time"  # wall-clock time of a step of the network [s]; rollouts only
 
 
 @dataclass
 class Log:
-    """A run: columns with a first axis over ticks, (T, ...), and how it ended.
+    """A run: columns with ticks as the first axis, (T, ...), and its outcome.
 
     A column is read as an attribute: ``log.q`` has shape (T, n). A recording may lack some.
     """
@@ -98,7 +98,7 @@ class Log:
     columns: dict[str, np.ndarray] = field(repr=False)
     experiment: Experiment
     seed: int = 0
-    fall: str = ""  # why the robot fell, or how the simulation diverged; empty if neither
+    fall: str = ""  # reason of a fall, or of a diverged simulation; empty if neither
     wall_time: float = float("nan")  # of the whole run [s]
 
     def __getattr__(self, name: str) -> np.ndarray:
@@ -111,7 +111,7 @@ class Log:
         return len(self.columns["t"])
 
     def has(self, *names: str) -> bool:
-        """The log has these columns, and each has a value somewhere."""
+        """True if the log has these columns, each with at least one value."""
         return all(
             name in self.columns and not np.isnan(self.columns[name]).all() for name in names
         )
@@ -123,12 +123,12 @@ class Log:
 
     @property
     def complete(self) -> bool:
-        """The run lasted as long as its experiment says."""
+        """True if the run lasted as long as its experiment specifies."""
         return len(self) >= self.experiment.ticks
 
     @property
     def distance(self) -> float:
-        """Way of the base along x, forward, from the first tick to the last [m]."""
+        """Displacement of the base along x, forward, from the first to the last tick [m]."""
         x = self.columns["position"][:, 0]
         return float(x[-1] - x[0]) if len(x) else 0.0
 
@@ -138,7 +138,7 @@ class Log:
         return slice(int(ticks[0]), int(ticks[-1]) + 1) if len(ticks) else slice(0, 0)
 
     def phases(self) -> dict[str, slice]:
-        """Ticks of the phases that were reached; where nothing trains, "train" is `OPEN`."""
+        """Ticks of the phases that were reached; without training, "train" is `OPEN`."""
         phases = {}
         for name in PHASES:
             ticks = self.phase_of(name)
@@ -152,7 +152,7 @@ class Log:
         return np.rint(self.columns["t"] / self.dt).astype(int)
 
     def message(self, part: str, row: int) -> Any:
-        """A message of `PARTS` as it was sent in a tick; None where the log lacks a column."""
+        """A message of `PARTS` as sent in a tick; None for fields whose column is missing."""
         fields = {f.name: None for f in dataclasses.fields(PARTS[part])}
         for name, column in columns_of(self.experiment).items():
             if column.part == part and name in self.columns:
@@ -163,11 +163,11 @@ class Log:
         return PARTS[part](**{**fields, "tick": round(t / self.dt), "t": t})
 
     def cut(self, interval: slice) -> Log:
-        """The same run, only the ticks of `interval`."""
+        """The log restricted to the ticks of `interval`."""
         return dataclasses.replace(self, columns={k: v[interval] for k, v in self.columns.items()})
 
     def changed(self, **columns: np.ndarray) -> Log:
-        """The same run with some columns replaced."""
+        """Copy with some columns replaced."""
         return dataclasses.replace(self, columns={**self.columns, **columns})
 
     def save(self, path: str | Path) -> None:
@@ -182,11 +182,11 @@ class Log:
 
     @classmethod
     def load(cls, path: str | Path) -> Log:
-        """Read what `save` wrote.
+        """Read a file of `save`.
 
         Raises:
-            MissingFileError: There is no such file.
-            ParameterError: It is not a log of this version.
+            MissingFileError: The file does not exist.
+            ParameterError: The file is not a log of this version.
         """
         with archive.reading(path, "log") as (meta, columns):
             return cls(columns, from_values(meta.pop("experiment")), **meta)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments whose robot is a network of masses and springs: ``network`` or ``preset`` in YAML."""
+"""Experiments with a network of masses and springs: ``network`` or ``preset`` in YAML."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class NetworkExperiment(Params):
         return round((self.duration or phases) * self.control_rate)
 
     def make_gait(self) -> Gait:
-        """Gait as arrays."""
+        """The gait as arrays."""
         g = _filled(self.network, self.gait)
         return Gait(*(np.array(v) for v in (g.amplitude, g.phase, g.stiffness)), g.frequency)
 
@@ -87,7 +87,7 @@ def from_values(values: Mapping[str, Any], where: str = "") -> NetworkExperiment
 
 
 def _filled(network: MsdParams, gait: MsdGaitParams) -> MsdGaitParams:
-    """The gait with what it leaves out: no amplitude, no phase, the stiffness of the network."""
+    """The gait with defaults: amplitude and phase 0, the stiffness of the network."""
     links = chain(network).count
     return gait.replace(
         amplitude=gait.amplitude or (0.0,) * links,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Defaults of an experiment whose robot walks: HyQ's values at the robot's size."""
+"""Defaults of an experiment with a walking robot: HyQ's values, scaled to the robot's size."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from loco_sim.robot.robot import Robot
 
 from ..params import LearnerParams
 
-# Of the learner: forces, and times in ticks. Phases last as long as an experiment says.
+# Parameters of the learner that scale: forces, and times in ticks; lengths of phases do not.
 LEARNER = ("grf_scale", "grf_threshold", "memory", "window")
 
 
@@ -18,7 +18,7 @@ def defaults(robot: Robot) -> dict[str, Params]:
     """Gait, trunk, stance and learner for a robot with legs, by the names of an experiment.
 
     Raises:
-        ParameterError: The robot lists no legs.
+        ParameterError: The robot has no legs.
     """
     if robot.legs is None:
         raise ParameterError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one loop: an experiment in, a log out, no ROS."""
+"""Rollout: the control loop that runs an experiment and returns its log, without ROS."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ TEST = PHASES.index("test")
 
 
 class Motion(Protocol):
-    """The references of the driven joints over time: oscillators, or a recording."""
+    """References of the driven joints over time: oscillators, or a recording."""
 
     def reset(self) -> None:
-        """Back to tick 0."""
+        """Return to tick 0."""
 
     def step(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Positions [rad] and velocities [rad/s] at time t [s], (m,) each."""
 
 
 class MotionTarget:
-    """A `Motion` with the face of a target generator."""
+    """A `Motion` with the interface of a target generator."""
 
     def __init__(self, motion: Motion):
         self.motion, self.reset = motion, motion.reset
@@ -52,14 +52,14 @@ class MotionTarget:
 
 @dataclass
 class Loop:
-    """Plant and controllers of an experiment, and one tick of them.
+    """Plant and controllers of an experiment, and their step of one tick.
 
-    The nodes make the same objects and send the same values as messages.
+    The ROS nodes use the same objects and send the same values as messages.
 
     Attributes:
-        target: Says where the joints should be.
-        reflex: Hands that on, or replaces it.
-        stance: Carries the trunk; None on a robot whose legs only follow their joints.
+        target: Generator of the joint references.
+        reflex: Network that passes these on, or replaces them.
+        stance: Controller of the trunk; None for a robot without one.
         state: Readings of the sensors at the next tick.
         reflex_time: Wall-clock time of the last step of `reflex` [s].
     """
@@ -78,7 +78,7 @@ class Loop:
         self._learns = self.experiment.learner.enabled
 
     def reset(self, seed: int | None = None) -> RobotState:
-        """Everything back to tick 0; a new seed draws the effects anew, not the hidden weights."""
+        """Return to tick 0; a new seed changes the random effects, not the hidden weights."""
         self.target.reset()
         self.reflex.reset()
         if self.stance:
@@ -88,7 +88,7 @@ class Loop:
         return self.state
 
     def feel(self, state: RobotState) -> np.ndarray | None:
-        """Input of the network from a state, None if it is switched off."""
+        """Input of the network from a state; None if the network is disabled."""
         if not self._learns:
             return None
         if self.stance:
@@ -96,7 +96,7 @@ class Loop:
         return sensor_vector(state, self.sim.robot, self._passive)
 
     def step(self) -> dict[str, Any]:
-        """One control period; returns its messages by the names of the parts in `log.COLUMNS`."""
+        """Run one control period; returns its messages by the names of the parts in `PARTS`."""
         state, ground_truth = self.state, self.sim.ground_truth()
         target = self.target.step(state)
         before = time.perf_counter()
@@ -133,8 +133,8 @@ def build(
         seed: Seed in place of that of the experiment.
         motion: Motion in place of the oscillators, e.g. a recording.
         network: Class of the network, e.g. one that explores.
-        plant: Maker of another plant in place of `Simulation`, from the joint positions at the
-            start [rad], (n,); None stands for the robot's own.
+        plant: Constructor of another plant in place of `Simulation`, from the initial joint
+            positions [rad], (n,); None means the robot's own.
     """
     e, seed = experiment, experiment.seed if seed is None else seed
     robot, dt, effects = e.plant, e.dt, sim_effects.from_list(e.effects)
@@ -165,11 +165,11 @@ def rollout(
     Args:
         experiment: Experiment to run.
         seed: Seed in place of that of the experiment.
-        on_tick: Called after each tick with the count of ticks and the loop.
+        on_tick: Called after each tick with the number of ticks and the loop.
         until: Stop at this simulated time [s], if the experiment is longer.
         motion: Motion in place of the oscillators, e.g. a recording.
         save_weights: Path for the trained network, written when the test phase begins.
-        plant: Maker of another plant, see `build`.
+        plant: Constructor of another plant, see `build`.
     """
     loop = build(experiment, seed, motion, plant=plant)
     try:
@@ -184,7 +184,7 @@ def run(
     until: float | None = None,
     save_weights: str | Path = "",
 ) -> Log:
-    """Run a loop that was just reset, as `rollout` does; the loop stays open."""
+    """Run a loop after its reset, as in `rollout`; the loop remains open."""
     experiment = loop.experiment
     ticks = experiment.ticks
     if until is not None:
@@ -201,7 +201,7 @@ def run(
             break
         write(done, row)
         reflex_time[done] = loop.reflex_time
-        if row["learning"].phase == save_at:  # nothing learns from here on
+        if row["learning"].phase == save_at:  # the readout does not change any more
             loop.reflex.save(save_weights)
             save_at = -1
         done += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CMA-ES between bounds: `population` asks it for points and tells it their values.
+"""CMA-ES between bounds, with an ask and tell interface for `population`.
 
 Source: thesis eq. 3.8; Hansen, The CMA Evolution Strategy: A Tutorial, 2016; package cma.
 """
@@ -16,20 +16,20 @@ from loco_control.exceptions import ParameterError
 
 
 class Search:
-    """CMA-ES in the unit box, and the scaling to parameters.
+    """CMA-ES in the unit box, with scaling to the parameters.
 
     Args:
-        problem: Has names, low, high and start; see `population.Problem`.
-        seed: Seed of every random draw; the global generator of NumPy is left alone.
-        sigma: First step size in the unit box.
+        problem: Object with names, low, high and start; see `population.Problem`.
+        seed: Seed of all random draws; NumPy's global generator is not used.
+        sigma: Initial step size in the unit box.
         population: Points per generation; 0 for the rule of CMA-ES.
 
     Attributes:
         size: Points per generation.
-        sigma: Step size now.
+        sigma: Current step size.
 
     Raises:
-        ParameterError: Names, bounds and start do not fit each other.
+        ParameterError: Names, bounds and start are inconsistent.
     """
 
     def __init__(self, problem: Any, seed: int, sigma: float, population: int):
@@ -42,7 +42,7 @@ class Search:
             "randn": lambda *shape: rng.standard_normal(shape),
             "seed": math.nan,
             "maxiter": math.inf,
-            "tolflatfitness": 100,  # generations full of failures are no reason to give up
+            "tolflatfitness": 100,  # generations full of failures do not end the search
             "signals_filename": None,
             "verbose": -10,
             "verb_log": 0,
@@ -50,7 +50,7 @@ class Search:
         if population:
             settings["popsize"] = population
         first = (start - self.low) / (self.high - self.low)
-        with warnings.catch_warnings():  # about defaults of its own
+        with warnings.catch_warnings():  # cma warns about its own defaults
             warnings.simplefilter("ignore")
             self.cma = cma.CMAEvolutionStrategy(first, sigma, settings)
         self.size, self.sigma = int(self.cma.popsize), float(self.cma.sigma)
@@ -61,14 +61,14 @@ class Search:
         return [self.low + np.asarray(u) * (self.high - self.low) for u in self._asked]
 
     def tell(self, values: list[float]) -> str:
-        """Take the values of the points asked for; why the search has converged, if it has."""
+        """Pass the values of the last points; returns the reason if the search has converged."""
         self.cma.tell(self._asked, values)
         self.sigma = float(self.cma.sigma)
         return ", ".join(self.cma.stop())
 
 
 def checked(problem: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bounds and start of a problem, (d,) each."""
+    """Bounds and start of a problem, (d,) each, after checks."""
     arrays = [np.array(getattr(problem, key), dtype=float) for key in ("low", "high", "start")]
     low, high, start = arrays
     count = len(problem.names)

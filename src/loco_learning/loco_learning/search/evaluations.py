@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The record of an optimisation: a text file to which each evaluation is appended.
+"""Record of an optimisation: a text file to which each evaluation is appended.
 
-First line: what was optimised and how. Every other line: one evaluation, in the order of
-generation and index, however many workers there were. The file is all there is to an
-optimisation: the state of the search follows from it, so that a killed one goes on where
-it was, and ends with the same file, byte for byte, as one that was left alone.
+The first line describes the problem and the search. Every other line is one evaluation, in the
+order of generation and index for any number of workers. The state of the search follows from the
+file, so that a killed search resumes where it was, and ends with the same file, byte for byte, as
+one that was not interrupted.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Row(TypedDict):
 
 
 class Header(TypedDict):
-    """Keys of the first line that are read."""
+    """Required keys of the first line."""
 
     population: Annotated[int, Between(1, 1_000_000)]
     names: list[str]
@@ -50,14 +50,14 @@ class Evaluations:
     """Evaluations of one optimisation, in memory and appended to a file.
 
     Args:
-        path: The file, made when it is missing; None keeps nothing.
+        path: The file, created if missing; None writes no file.
         header: Description of the problem and the search: plain values.
 
     Attributes:
         rows: Mappings with generation, index, sigma, x, value, reason and extra.
 
     Raises:
-        ParameterError: The file is of another version, of another optimisation, broken, or
+        ParameterError: The file is of another version or optimisation, broken, or
             being written by another process.
     """
 
@@ -73,28 +73,28 @@ class Evaluations:
     def append(
         self, generation: int, index: int, sigma: float, x: np.ndarray, score: Score
     ) -> None:
-        """Keep one evaluation; it survives the death of this process."""
+        """Append one evaluation; it survives the death of this process."""
         row = {"generation": generation, "index": index, "sigma": float(sigma)}
         row |= {"x": [float(v) for v in x], "value": float(score.value)}
         row |= {"reason": score.reason, "extra": score.extra}
         self._journal.append(row)
 
     def generation(self, number: int) -> list[dict[str, Any]]:
-        """Rows of a generation, as many as there are, in order of their index."""
+        """Available rows of a generation, in order of their index."""
         size = self.header["population"]
         return self.rows[number * size : (number + 1) * size]
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._journal.close()
 
 
 def read(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Header and rows of a file, or of the folder that an optimisation wrote.
+    """Header and rows of a file, or of the folder of an optimisation.
 
     Raises:
-        MissingFileError: There is no such file.
-        ParameterError: It is of another version, or broken.
+        MissingFileError: The file does not exist.
+        ParameterError: The file is of another version, or broken.
     """
     path = Path(path)
     path = path / FILE if path.is_dir() else path
@@ -113,9 +113,9 @@ def read(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def columns(rows: list[dict[str, Any]], population: int) -> dict[str, np.ndarray]:
-    """Course of an optimisation over its whole generations, each (generations,).
+    """History of an optimisation over its complete generations, (generations,) each.
 
-    ``evaluations`` done, ``best`` so far, ``median`` of the generation, ``sigma`` and the
+    Keys: ``evaluations`` done, ``best`` so far, ``median`` of the generation, ``sigma`` and the
     share of ``failures``.
     """
     whole = len(rows) // population
@@ -132,7 +132,7 @@ def columns(rows: list[dict[str, Any]], population: int) -> dict[str, np.ndarray
 
 
 def _check(path: Any, header: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Raise if a row is not the evaluation that belongs to its place."""
+    """Raise an error if a row is not the evaluation expected at its position."""
     for number, row in enumerate(rows):
         try:
             place = divmod(number, header["population"])

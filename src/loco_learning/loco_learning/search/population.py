@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Minimise anything by CMA-ES: one ask and tell loop, resumable, on any number of workers.
+"""Minimisation by CMA-ES: one ask and tell loop, resumable, on any number of workers.
 
-Each parameter is scaled to [0, 1] between its bounds; the search samples there, bounds are
-kept by a smooth transformation. Every random draw of the search comes from one generator
-seeded by `seed`, and an evaluation gets a seed of its own from seed, generation and index.
+Each parameter is scaled to [0, 1] between its bounds; the search samples there, and bounds are
+respected by a smooth transformation. All random draws of the search come from one generator
+seeded by `seed`, and an evaluation has a seed of its own from seed, generation and index.
 So the result depends neither on the number of workers nor on interruptions: a record of
-evaluations (`evaluations`) is replayed through the search, which then goes on.
+evaluations (`evaluations`) is replayed through the search, which then continues.
 Source: thesis eqs. 3.8 and 5.3; Hansen, The CMA Evolution Strategy: A Tutorial, 2016.
 """
 
@@ -35,15 +35,15 @@ __all__ = ["Optimum", "PopulationParams", "Problem", "Progress", "Score", "minim
 class Problem(Protocol):
     """A function for `minimise`: callable, picklable, and with these attributes.
 
-    It may have ``seeded = True``; it is then called as ``problem(x, seed=...)``. It may have a
-    ``describe() -> dict`` of plain values that tell it from other problems: an optimisation is
-    only resumed for an equal description.
+    If it has ``seeded = True``, it is called as ``problem(x, seed=...)``. It may have a method
+    ``describe() -> dict`` with plain values that identify the problem: an optimisation is
+    only resumed if the descriptions are equal.
     """
 
     names: tuple[str, ...]  # of the parameters
     low: np.ndarray  # bounds in the units of each parameter, (d,)
     high: np.ndarray  # (d,)
-    start: np.ndarray  # where the search begins, (d,)
+    start: np.ndarray  # initial point of the search, (d,)
 
     def __call__(self, x: np.ndarray) -> Score:
         """Score of parameters x (d,)."""
@@ -73,7 +73,7 @@ class PopulationParams(Params):
 class Progress:
     """State of a search after a generation."""
 
-    generation: int  # whole generations done
+    generation: int  # number of complete generations
     evaluations: int
     budget: int
     best: float
@@ -81,22 +81,22 @@ class Progress:
     sigma: float  # step size in the unit box [-]
     failures: int  # of the generation
     reason: str  # of one of them
-    rate: float  # evaluations per second since the start; nan while only replaying
-    eta: float  # until the budget is spent [s]; nan while unknown
-    x: np.ndarray = field(repr=False)  # the best so far, (d,)
+    rate: float  # evaluations per second since the start; nan during replay
+    eta: float  # time until the budget is spent [s]; nan while unknown
+    x: np.ndarray = field(repr=False)  # best point so far, (d,)
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The result of a search."""
+    """Result of a search."""
 
-    x: np.ndarray  # the best parameters evaluated, (d,)
+    x: np.ndarray  # best evaluated parameters, (d,)
     value: float
-    reason: str  # why even the best is a failure; empty if it is none
+    reason: str  # reason of failure if even the best failed; otherwise empty
     extra: dict[str, Any]
     evaluations: int
     generations: int
-    ended: str  # why the search ended
+    ended: str  # reason for the end of the search
     course: dict[str, np.ndarray] = field(repr=False)  # see `evaluations.columns`
     names: tuple[str, ...] = ()
 
@@ -106,7 +106,7 @@ class Optimum:
 
 
 def seed_of(seed: int, generation: int, index: int) -> int:
-    """Seed of one evaluation, the same wherever and whenever it runs."""
+    """Seed of one evaluation, independent of where and when it runs."""
     return int(np.random.SeedSequence([seed, generation, index]).generate_state(1)[0] >> 1)
 
 
@@ -122,12 +122,12 @@ def minimise(
     Args:
         problem: See `Problem`.
         options: Settings of the search.
-        folder: Folder of the record of evaluations; one that holds the same search is resumed.
-        report: Called after each generation; returns True to end the search.
-        stop: Asked after each evaluation; returns True to end the search at once.
+        folder: Folder for the record of evaluations; an interrupted search in it is resumed.
+        report: Called after each generation; returning True ends the search.
+        stop: Called after each evaluation; returning True ends the search at once.
 
     Raises:
-        ParameterError: Wrong bounds, another search in the folder, nobody at the scheduler.
+        ParameterError: Invalid bounds, another search in the folder, or no dask scheduler.
     """
     options = options or PopulationParams()
     search = Search(problem, options.seed, options.sigma, options.population)
@@ -139,7 +139,7 @@ def minimise(
 
 
 class _Loop:
-    """Generation after generation until something ends it."""
+    """Main loop over generations until a reason to end."""
 
     def __init__(
         self,
@@ -174,7 +174,7 @@ class _Loop:
         return self._optimum(generation, ended)
 
     def _evaluated(self, generation: int) -> list[dict[str, Any]]:
-        """Rows of a generation; those that the record lacks are evaluated, in order."""
+        """Rows of a generation; those missing in the record are evaluated, in order."""
         points, sigma = self._search.ask(), self._search.sigma
         recorded = self._record.generation(generation)
         for row, x in zip(recorded, points, strict=False):
@@ -197,17 +197,17 @@ class _Loop:
         return self._record.generation(generation)
 
     def _scores(self, missing: list[tuple[np.ndarray, int]]) -> Iterator[tuple[int, Score]]:
-        """Index and score of each point and seed, as they are done."""
+        """Index and score of each point and seed, in order of completion."""
         o = self._options
         if missing and self._jobs is None:
             self._jobs = pool.start(score, (self._problem, o.failure), o.workers, o.scheduler)
             self._started = time.perf_counter()
         for index, result in self._jobs.outcomes(missing) if self._jobs else ():
-            lost = isinstance(result, pool.Failure)  # a process that died twice over it
+            lost = isinstance(result, pool.Failure)  # its process died twice
             yield index, Score(o.failure, result.reason) if lost else result
 
     def _reason(self, generation: int, converged: str) -> str:
-        """Why the search ends after a generation; empty if it goes on."""
+        """Reason to end the search after a generation; empty to continue."""
         o, bests = self._options, self._bests
         if bests[-1] <= o.target:
             return "target reached"
@@ -260,7 +260,7 @@ def _value(row: Mapping[str, Any]) -> float:
 
 
 def _header(problem: Problem, search: Search, options: PopulationParams) -> dict[str, Any]:
-    """The values that tell a search from others; the first line of its record."""
+    """Values that identify a search; the first line of its record."""
     describe = getattr(problem, "describe", dict)
     return {
         "problem": describe(),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One evaluation of a problem: nothing it does ends the optimisation."""
+"""Score of an evaluation, in which errors of the problem become failures."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from loco_control.exceptions import LocoError
 
 @dataclass(frozen=True)
 class Score:
-    """Result of an evaluation: a small `value` is good, a `reason` says that it failed."""
+    """Result of an evaluation: a small `value` is good; `reason` is set if it failed."""
 
     value: float
     reason: str = ""
-    extra: dict[str, Any] = field(default_factory=dict)  # plain values, kept with the score
+    extra: dict[str, Any] = field(default_factory=dict)  # plain values, stored with the score
 
 
 def score(problem: Callable, failure: float, x: np.ndarray, seed: int) -> Score:
-    """Evaluate one point; whatever goes wrong becomes a failure with a reason.
+    """Evaluate one point; any error becomes a failure with a reason.
 
     Args:
         problem: A `population.Problem`.
         failure: Value of the score of an evaluation that raises or is not finite.
         x: Parameters, (d,).
-        seed: Seed of the evaluation, for a problem that is ``seeded``.
+        seed: Seed of the evaluation, for a problem with ``seeded``.
     """
     try:
         result = problem(x, seed=seed) if getattr(problem, "seeded", False) else problem(x)
         if not isinstance(result, Score):
             result = Score(float(result))
-    except Exception as error:  # noqa: BLE001, an evaluation may do anything
+    except Exception as error:  # noqa: BLE001, an evaluation may raise anything
         text = str(error) if isinstance(error, LocoError) else f"{type(error).__name__}: {error}"
         return Score(failure, text or type(error).__name__)
     if not math.isfinite(result.value):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One run of a study, reduced to what tables and figures need."""
+"""Case: one run of a study, reduced to the data of tables and figures."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from ..runs.experiment import Experiment, override
 from ..runs.log import Log
 from . import trial
 
-COARSE = 10  # slow curves keep each tenth tick
-FEET_SECONDS = 5.0  # foot heights are kept for the end of a run [s]
-CLOCKED = "step_time"  # the metric that tells of this machine and differs from run to run
-REFUSED = "refused"  # the failure of a case that the plant refuses to run
-TRACE = 3.0  # strides of joint angles kept from the end of each phase
+COARSE = 10  # slow curves contain each tenth tick
+FEET_SECONDS = 5.0  # length of the foot heights at the end of a run [s]
+CLOCKED = "step_time"  # the metric that depends on the machine and differs between runs
+REFUSED = "refused"  # failure of a case that the plant cannot run
+TRACE = 3.0  # strides of joint angles from the end of each phase
 
 
 @dataclass(frozen=True)
@@ -38,23 +38,23 @@ class CaseResult:
     experiment: dict[str, Any]
     verdict: dict[str, Any]
     metrics: dict[str, dict[str, float]]  # by phase and name
-    at: dict[str, Any] = field(default_factory=dict)  # place in a grid: value by axis
-    key: str = ""  # digest of what decides the run
-    seconds: float = float("nan")  # processor time without compiling [s]; it is not saved
+    at: dict[str, Any] = field(default_factory=dict)  # position in a grid: value by axis
+    key: str = ""  # digest of all inputs of the run
+    seconds: float = float("nan")  # processor time without compilation [s]; not saved
     curves: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def save(self, path: Path) -> None:
-        """Write what is the same in every run to one ``.npz`` file, whole or not at all."""
+        """Write the reproducible data to one ``.npz`` file, completely or not at all."""
         meta = {k: v for k, v in vars(self).items() if k not in ("curves", "seconds")}
         archive.write(path, "case", meta, self.curves, compress=True)
 
     @classmethod
     def load(cls, path: Path) -> CaseResult:
-        """Read what `save` wrote.
+        """Read a file of `save`.
 
         Raises:
-            MissingFileError: There is no such file.
-            ParameterError: It is not a case result of this version.
+            MissingFileError: The file does not exist.
+            ParameterError: The file is not a case result of this version.
         """
         with archive.reading(path, "case") as (meta, curves):
             return cls(**meta, curves=curves)
@@ -71,18 +71,18 @@ def run_case(
     curves: bool = True,
     timed: bool = False,
 ) -> CaseResult:
-    """Run one case; the function that workers call.
+    """Run one case, in a worker process.
 
     Args:
         name: Name of the case.
         variant: Name of its variant.
         seed: Seed of learner and effects.
         base: Experiment of the variant.
-        settings: Values that the grid sets in it, by dotted name.
-        at: Place in the grid, value by axis.
-        key: Digest of what decides the run.
-        curves: Keep curves for figures, too.
-        timed: Keep `CLOCKED`, too.
+        settings: Values of the grid, by dotted name.
+        at: Position in the grid, value by axis.
+        key: Digest of all inputs of the run.
+        curves: Whether to include curves for figures.
+        timed: Whether to include `CLOCKED`.
     """
     from ..runs.rollout import rollout  # loads physics, in the worker
     from .compiling import compiling  # and a compiler
@@ -92,7 +92,7 @@ def run_case(
     try:
         with compiling() as compiled:
             result = reduce(rollout(experiment, seed), name, variant, curves, timed)
-    except ParameterError as error:  # a corner of the grid that cannot be run
+    except ParameterError as error:  # a grid point that cannot be run
         if not settings:
             raise
         verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
@@ -104,7 +104,7 @@ def run_case(
 def reduce(
     log: Log, name: str, variant: str, curves: bool = True, timed: bool = False
 ) -> CaseResult:
-    """Verdict, metrics and, if asked for, curves and `CLOCKED` of a log."""
+    """Verdict, metrics and, if requested, curves and `CLOCKED` of a log."""
     parts = (_error, _feet, _cycle, _trunk, _traces) if curves else ()
     return CaseResult(
         name=name,
@@ -135,7 +135,7 @@ def _error(log: Log) -> dict[str, np.ndarray]:
 
 
 def _feet(log: Log) -> dict[str, np.ndarray]:
-    """Heights of the front feet at the end of the run, wanted and commanded [m]."""
+    """Heights of the front feet at the end of the run, target and command [m]."""
     if not log.has("target_feet"):
         return {}
     end = log.cut(slice(max(0, len(log) - round(FEET_SECONDS / log.dt)), None))

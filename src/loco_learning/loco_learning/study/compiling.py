@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells how long the kernels of a run took to compile."""
+"""Measurement of the compilation time of a run's kernels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numba.core import event
 
 
 class _Listener(event.Listener):
-    """Processor time that goes into compiling kernels [s], as in the first run after set-up.
+    """Processor time for compiling kernels [s], as in the first run after installation.
 
-    Numba's own `TimingListener` tells wall time, in which other processes have a share.
+    Numba's own `TimingListener` measures wall time, which includes other processes.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class _Listener(event.Listener):
     def on_start(self, event: event.Event) -> None:
         if self._depth == 0:
             self._began = time.process_time()
-        self._depth += 1  # a kernel has those compiled that it calls
+        self._depth += 1  # compiling a kernel compiles the kernels that it calls
 
     def on_end(self, event: event.Event) -> None:
         self._depth -= 1
@@ -32,7 +32,7 @@ class _Listener(event.Listener):
 
 @contextmanager
 def compiling() -> Iterator[_Listener]:
-    """Measure what kernels take to compile in the block; it grows in `seconds` of the result."""
+    """Measure the compilation time of kernels in the block, in `seconds` of the result."""
     listener = _Listener()
     with event.install_listener("numba:compile", listener):
         yield listener

@@ -30,7 +30,7 @@ FIGURES: dict[str, Callable[[Any, Sequence[CaseResult]], Chart]] = {}  # of a st
 
 
 def figure(function: Callable[[Sequence[CaseResult]], Chart]) -> Callable:
-    """Register a figure of cases, which needs nothing of their study, under its function's name."""
+    """Register a figure that needs the cases of a study only, under the name of its function."""
     FIGURES[function.__name__] = wraps(function)(lambda study, results: function(results))
     return function
 
@@ -47,7 +47,7 @@ def _colour(variant: str, index: int) -> str:
 
 
 def _marks(result: CaseResult, top: float, low: float = -np.inf) -> list[Layer]:
-    """Vertical lines where phases and effects begin."""
+    """Vertical lines at the starts of phases and effects."""
     learner = result.experiment["learner"]
     starts = np.cumsum([learner[phase] for phase in PHASES])
     marks = {f"{phase} begins": float(t) for phase, t in zip(PHASES[1:], starts[:-1], strict=True)
@@ -77,7 +77,7 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
     bound = results[0].experiment["criterion"]["nrmse"]
     values = [layer.y[layer.x >= end_points[0]] for layer in layers]
     highest = max((float(np.nanmax(y)) for y in values if np.isfinite(y).any()), default=bound)
-    top = 1.05 * (max(highest, bound) if bound < 3.0 * highest else highest)  # or it is far above
+    top = 1.05 * (max(highest, bound) if bound < 3.0 * highest else highest)  # without a far bound
     layers += _marks(results[0], top, end_points[0])
     layers.append(line("bound of the criterion", end_points, [bound, bound], GREY, shape=DASHED))
     axes = (
@@ -217,7 +217,7 @@ def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
                 for row, case in zip(table, results, strict=True)
                 if bool(row["survived"]) == survived and np.isfinite(row[name])
             ]
-            # Trials of one variant lie a little apart, in the order of their seeds.
+            # Trials of one variant are drawn slightly apart, in the order of their seeds.
             positions = [variants.index(row["variant"]) + 0.3 * (_rank(case, results) - 0.5)
                      for row, case in values]  # fmt: skip
             layers.append(dots(
@@ -233,13 +233,13 @@ def seeds(study: Any, results: Sequence[CaseResult]) -> Chart:
 
 
 def _rank(case: CaseResult, results: Sequence[CaseResult]) -> float:
-    """Place of a trial among those of its variant, from 0 to 1."""
+    """Relative position of a trial among those of its variant, from 0 to 1."""
     names = [other.name for other in results if other.variant == case.variant]
     return names.index(case.name) / max(1, len(names) - 1)
 
 
 def _typical(cases: Sequence[CaseResult]) -> CaseResult:
-    """Case in the middle by its largest smoothed NRMSE, of those that lasted longest."""
+    """Case with the median of the largest smoothed NRMSE, of those that lasted longest."""
     end = max(case.verdict["end"] for case in cases)
     lasting = [case for case in cases if case.verdict["end"] > end - 1.0]
     ranked = sorted(lasting, key=lambda case: (case.verdict["nrmse"], case.seed))
@@ -249,7 +249,7 @@ def _typical(cases: Sequence[CaseResult]) -> CaseResult:
 def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list[Path]:
     """Write the tables (``table.md``, ``cases.csv``, ``cases.npz``) and figures (``.png``).
 
-    ``cases.npz`` has the columns of ``cases.csv`` as arrays, a value per case, for NumPy alone.
+    ``cases.npz`` has the columns of ``cases.csv`` as arrays, a value per case, for use with NumPy.
 
     Returns:
         Paths of the files.
@@ -285,7 +285,7 @@ def rows(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
 
 
 def as_csv(study: Any, results: Sequence[CaseResult]) -> str:
-    """Table of the cases with all digits."""
+    """Table of the cases as CSV, with all digits."""
     table = rows(study, results)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
@@ -295,17 +295,17 @@ def as_csv(study: Any, results: Sequence[CaseResult]) -> str:
 
 
 def markdown(study: Any, results: Sequence[CaseResult]) -> str:
-    """Summary per variant, then one row per case, to read."""
+    """Summary per variant, then one row per case, in Markdown."""
     parts = [f"# {study.name}", "", study.description, "", "## Failures by criterion", ""]
     parts += _table(summary(results))
-    if not study.axes:  # those of a grid are in cases.csv
+    if not study.axes:  # the cases of a grid are in cases.csv only
         parts += ["", f"## Cases (metrics of the phase {study.phase!r})", ""]
         parts += _table(rows(study, results))
     return "\n".join(parts) + "\n"
 
 
 def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
-    """One mapping per variant: trials, survivors, and how many failed by each criterion."""
+    """One mapping per variant: trials, survivors, and number of failures by each criterion."""
     lines = []
     for variant, cases in _variants(results).items():
         row: dict[str, Any] = {"variant": variant, "trials": len(cases)}

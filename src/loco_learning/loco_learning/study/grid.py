@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Axes of a study's grid, and what its maps show.
+"""Axes of a study's grid, and settings of its maps.
 
 axes:
   learner.memory: [20, 50, 80]                   # a parameter by its dotted name
@@ -30,13 +30,13 @@ MOST_CASES = 1_000_000
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a grid: its values, and the parameters that take them."""
+    """One axis of a grid: its values, and the parameters that are set to them."""
 
     name: str
     values: tuple[Any, ...]
-    sets: tuple[str, ...]  # dotted names
+    sets: tuple[str, ...]  # dotted names of the parameters
     unit: str = ""
-    spacing: tuple[str, float, float, bool] | None = None  # in `SPACINGS`, ends, whole numbers
+    spacing: tuple[str, float, float, bool] | None = None  # key of `SPACINGS`, ends, whole numbers
 
     @property
     def label(self) -> str:
@@ -44,7 +44,7 @@ class Axis:
         return f"{self.name} [{self.unit or '-'}]"
 
     def with_points(self, count: int) -> Axis:
-        """The same range in another number of points; a list stays as it is.
+        """Copy with another number of points in the same range; a list of values is unchanged.
 
         Raises:
             ParameterError: Fewer than 1 or more than 10,000 points.
@@ -55,7 +55,7 @@ class Axis:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether its values are powers."""
+        """True if its values are logarithmically spaced."""
         return self.spacing is not None and self.spacing[0] == "logspace"
 
 
@@ -66,8 +66,8 @@ class MapSpec:
     x: str
     y: str
     metrics: tuple[str, ...]
-    legal: dict[str, tuple[float, float]]  # by metric: what is good
-    iso_damping: tuple[float, ...] = ()  # kappa of lines y = kappa sqrt(x)
+    legal: dict[str, tuple[float, float]]  # permitted range by metric
+    iso_damping: tuple[float, ...] = ()  # kappa of the lines y = kappa sqrt(x)
     regions: dict[str, dict[str, dict[str, tuple[float, float]]]] = field(default_factory=dict)
 
 
@@ -75,8 +75,8 @@ def read_axes(values: Any, where: str) -> tuple[Axis, ...]:
     """Axes from the key ``axes`` of a study.
 
     Raises:
-        ParameterError: There is no mapping, or an axis has no values or such as have no place.
-        NameUnknownError: An axis has a key that is not known.
+        ParameterError: There is no mapping, or an axis has no values or invalid ones.
+        NameUnknownError: An axis has an unknown key.
     """
     if not isinstance(values, Mapping):
         raise ParameterError(f"{where}.axes must be a mapping of axes, got {shown(values)}")
@@ -128,7 +128,7 @@ def _spaced(
 
 
 def points(axes: tuple[Axis, ...]) -> Iterator[tuple[int, ...]]:
-    """Indices of the points of a grid; the last axis is the fastest; without axes one, empty."""
+    """Indices of the points of a grid, last axis fastest; one empty point without axes."""
     return itertools.product(*(range(len(axis.values)) for axis in axes))
 
 
@@ -139,17 +139,17 @@ def settings(axes: tuple[Axis, ...], point: tuple[int, ...]) -> dict[str, Any]:
 
 
 def read_map(values: Any, axes: tuple[Axis, ...], where: str, quantities: Any) -> MapSpec | None:
-    """The key ``map`` of a study; without it, the first two axes of a grid that has two.
+    """Settings from the key ``map`` of a study; by default a map of the first two axes, if any.
 
     Args:
-        values: Content of the key, None if it is absent.
+        values: Value of the key, None if it is absent.
         axes: Axes of the grid.
         where: Name of the study.
         quantities: Names of metrics.
 
     Raises:
-        ParameterError: It is no mapping, a range is not two numbers, or there are no two axes.
-        NameUnknownError: A key, an axis or a metric is not known.
+        ParameterError: It is not a mapping, a range is not two numbers, or there are no two axes.
+        NameUnknownError: A key, an axis or a metric is unknown.
     """
     names = [axis.name for axis in axes]
     if len(axes) < 2:
@@ -181,7 +181,7 @@ def read_map(values: Any, axes: tuple[Axis, ...], where: str, quantities: Any) -
 
 
 def ranges(values: Any, where: str) -> dict[str, tuple[float, float]]:
-    """Ranges by name; null leaves an end open.
+    """Ranges by name; null means no limit.
 
     Raises:
         ParameterError: A range is not two numbers.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of a grid: a metric as colour over two axes, what is good, and named regions."""
+"""Maps of a grid: a metric as colour over two axes, permitted ranges, and named regions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .figures import rows
 from .grid import Axis, MapSpec
 
 KAPPA = "kappa"  # y / sqrt(x), which is proportional to the damping ratio
-# Full and pale colours of regions.
+# Saturated and pale colours of regions.
 COLOURS = (
     ("#0072b2", "#b9d7ea"), ("#d55e00", "#f3cdb0"), ("#009e73", "#b5dfd2"), ("#cc79a7", "#efd5e3"),
     ("#a07000", "#e6d6ac"), ("#56b4e9", "#cfe8f8"), ("#5b3a8c", "#d0c5e0"), ("#6b7a8f", "#d5d9df"),
@@ -29,12 +29,12 @@ BLACK, EDGE = "#222222", "#d62728"
 
 @dataclass(frozen=True)
 class Sheet:
-    """One plane of a grid: a variant, at one value of every axis beyond the two of the map.
+    """One plane of a grid: a variant, at one value of every axis that is not in the map.
 
     Attributes:
-        title: Variant and those values.
-        x: Axis to the right.
-        y: Axis upwards.
+        title: Variant and values of the other axes.
+        x: Horizontal axis.
+        y: Vertical axis.
         columns: Values by name, mean over seeds, (points of y, points of x) each.
         cases: Names of the cases at each point, (points of y, points of x).
     """
@@ -46,7 +46,7 @@ class Sheet:
     cases: list[list[list[str]]] = field(repr=False)
 
     def within(self, ranges: dict[str, tuple[float, float]]) -> np.ndarray:
-        """Points whose values are in all these ranges; NaN is in none, (ny, nx)."""
+        """Flags of points with values in all these ranges, (ny, nx); NaN is in none."""
         inside = np.ones((len(self.y.values), len(self.x.values)), dtype=bool)
         for name, (low, high) in ranges.items():
             inside &= (self.columns[name] >= low) & (self.columns[name] <= high)
@@ -55,12 +55,12 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Region:
-    """A named part of the plane, and what was found there.
+    """A named part of the plane, with the behaviour of the robot in it.
 
     Attributes:
-        where: Points that belong to it by their place, (ny, nx).
-        found: Points of `where` that behave as the rule says, (ny, nx).
-        shares: Share of `where` that fulfils each condition.
+        where: Flags of the points that belong to it by definition, (ny, nx).
+        found: Flags of the points of `where` with the behaviour of the rule, (ny, nx).
+        shares: Share of `where` that satisfies each condition.
     """
 
     where: np.ndarray = field(repr=False)
@@ -69,12 +69,12 @@ class Region:
 
     @property
     def share(self) -> float:
-        """Share of its points that behave as the rule says; NaN without a point."""
+        """Share of its points with the behaviour of the rule; NaN without a point."""
         return float(self.found.sum() / self.where.sum()) if self.where.any() else float("nan")
 
 
 def sheets(study: Any, results: Sequence[CaseResult]) -> list[Sheet]:
-    """Planes of a study with a map, from its results so far; points without one are NaN."""
+    """Planes of a study's map, from the results so far; points without a result are NaN."""
     spec: MapSpec = study.map
     axes = {axis.name: axis for axis in study.axes}
     x, y = axes.pop(spec.x), axes.pop(spec.y)
@@ -119,10 +119,10 @@ def _sheet(title: str, x: Axis, y: Axis, rows: list[tuple[dict, CaseResult]]) ->
 
 
 def regions(sheet: Sheet, spec: MapSpec) -> dict[str, Region]:
-    """Regions of a sheet by the rules of its study: where they lie and what happens there."""
+    """Regions of a sheet by the rules of its study: location and behaviour."""
     masks = {}
     for name, rule in spec.regions.items():
-        where = sheet.within({**rule["where"], "survived": (0.0, 1.0)})  # was run at all
+        where = sheet.within({**rule["where"], "survived": (0.0, 1.0)})  # has a result
         what = rule["what"]
         mask = where & sheet.within(what)
         shares = {
@@ -137,13 +137,13 @@ def regions(sheet: Sheet, spec: MapSpec) -> dict[str, Region]:
 
 
 def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
-    """A metric as colour; dots where trials failed, an edge around what is legal.
+    """A metric as colour, with dots for failed trials and an outline of the permitted range.
 
     Args:
         sheet: The plane.
         metric: Name of the metric.
         spec: The map's settings.
-        page: Page that the cells lead to, from the page with the map; none for that page.
+        page: Page to which the cells link, relative to the page of the map; empty for that page.
     """
     unit = METRICS[metric].unit if metric in METRICS else "-"
     layers = heat.cells(sheet.columns[metric], unit, _links(sheet, page), metric.replace("_", " "))
@@ -156,12 +156,12 @@ def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
 
 
 def region_map(sheet: Sheet, spec: MapSpec, page: str = "") -> Chart:
-    """Regions: pale where the rule places them, full where the robot behaves as the rule says.
+    """Regions: pale by definition, saturated where the robot has the behaviour of the rule.
 
     Args:
         sheet: The plane.
         spec: The map's settings.
-        page: Page that the cells lead to, from the page with the map; none for that page.
+        page: Page to which the cells link, relative to the page of the map; empty for that page.
     """
     layers = []
     for k, (name, region) in enumerate(regions(sheet, spec).items()):
@@ -177,12 +177,12 @@ def region_map(sheet: Sheet, spec: MapSpec, page: str = "") -> Chart:
 
 
 def _links(sheet: Sheet, page: str) -> list[list[str]]:
-    """Address of the first case in each cell."""
+    """Link to the first case of each cell."""
     return [[f"{page}#case-{names[0]}" if names else "" for names in row] for row in sheet.cases]
 
 
 def _plane(sheet: Sheet, layers: list[Layer]) -> Chart:
-    """Layers on the axes of a sheet, whose cells are of equal size in the order of the values."""
+    """Layers on the axes of a sheet, with cells of equal size in the order of the values."""
     x, y = (
         Scale(axis.label,
              names=[f"{float(f'{value:.3g}'):g}" if isinstance(value, float) else str(value)
@@ -193,7 +193,7 @@ def _plane(sheet: Sheet, layers: list[Layer]) -> Chart:
 
 
 def _damping_lines(sheet: Sheet, spec: MapSpec) -> list[Layer]:
-    """Lines y = kappa sqrt(x), along which the damping ratio is the same."""
+    """Lines y = kappa sqrt(x) of constant damping ratio."""
     if not (sheet.x.logarithmic and sheet.y.logarithmic):
         return []
     x, y = (np.log10(np.asarray(axis.values, dtype=float)) for axis in (sheet.x, sheet.y))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A study: experiment variants times grid times seeds, on a pool, each case resumable."""
+"""Studies: variants of an experiment times grid times seeds, on a pool, each case resumable."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KEYS = (
     "extends", "name", "description", "variants", "axes", "seeds", "phase", "metrics", "figures",
     "map", "overrides",
 )  # fmt: skip
-TIMED = 3  # cases that run first, to tell what the rest will cost
+TIMED = 3  # cases that run first, to estimate the cost of the rest
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class Case:
     base: Experiment
     axes: tuple[grid.Axis, ...] = ()
     point: tuple[int, ...] = ()
-    text: str = ""  # the variant as JSON, if it is known already
+    text: str = ""  # the variant as JSON, if already computed
 
     @property
     def name(self) -> str:
-        """Name of its file."""
+        """Name of the case and of its file."""
         return "_".join([self.variant, *(f"{i:02d}" for i in self.point), str(self.seed)])
 
     @property
     def at(self) -> dict[str, Any]:
-        """Its place in the grid: value by axis."""
+        """Position in the grid: value by axis."""
         return {axis.name: axis.values[i] for axis, i in zip(self.axes, self.point, strict=True)}
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Values that the grid sets, by dotted name."""
+        """Values of the grid, by dotted name."""
         return grid.settings(self.axes, self.point)
 
     @cached_property
@@ -69,23 +69,23 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Digest of all that decides the run."""
+        """Digest of all inputs of the run."""
         content = json.dumps([self.text or _text(self.base), self.settings, self.seed])
         return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study file, checked.
+    """A study from a checked file.
 
-    `origins` names the experiment that each variant comes from, and what differs from it.
+    `origins` has the experiment from which each variant is derived, and its changes.
     """
 
     name: str
     description: str
     variants: dict[str, Experiment]
     seeds: tuple[int, ...]
-    phase: str  # whose metrics the table shows
+    phase: str  # phase of the metrics in the table
     metrics: tuple[str, ...]  # columns of the table
     figures: tuple[str, ...]
     axes: tuple[grid.Axis, ...] = ()
@@ -95,7 +95,7 @@ class Study:
     def cases(self) -> Iterator[Case]:
         """All variants at all points of the grid with all seeds.
 
-        In a grid, a variant in which nothing is drawn runs with the first seed only.
+        In a grid, a variant without any random draw runs with the first seed only.
         """
         text_by_name = {name: _text(experiment) for name, experiment in self.variants.items()}
         for k, seed in enumerate(self.seeds):
@@ -106,7 +106,7 @@ class Study:
                     yield Case(name, seed, experiment, self.axes, point, text_by_name[name])
 
     def with_points(self, counts: int | dict[str, int]) -> Study:
-        """The same grid in other numbers of points; axes that are lists stay as they are.
+        """Copy of the grid with other numbers of points; axes with listed values are unchanged.
 
         Args:
             counts: Points of every axis, or by its name.
@@ -121,11 +121,11 @@ class Study:
 
 @dataclass(frozen=True)
 class Cost:
-    """Time that a study will take, from the cases timed so far."""
+    """Time that a study will take, estimated from timed cases."""
 
-    timed: int  # cases that it is told from
-    seconds: float  # processor time of one of them, mean [s]
-    missing: int  # cases still to run
+    timed: int  # number of timed cases
+    seconds: float  # their mean processor time [s]
+    missing: int  # number of cases still to run
 
     def __str__(self) -> str:
         hours = self.seconds * self.missing / 3600.0
@@ -140,7 +140,7 @@ def _text(experiment: Experiment) -> str:
 
 
 def names() -> list[str]:
-    """Names of the studies that come with the package."""
+    """Names of the studies in the package."""
     return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
 
 
@@ -158,9 +158,9 @@ def load(
         overrides: Values by dotted name for every variant, such as ``{"learner.test": 5}``.
 
     Raises:
-        NameUnknownError: No such study, experiment, metric, figure or key.
-        MissingFileError: No such file.
-        ParameterError: Broken YAML or a wrong value.
+        NameUnknownError: The study, or an experiment, metric, figure or key, does not exist.
+        MissingFileError: The file does not exist.
+        ParameterError: Broken YAML or an invalid value.
     """
     path = _find(name_or_path)
     values = _read(path)
@@ -186,7 +186,7 @@ def load(
 
 
 def _try(variants: dict[str, Experiment], axes: tuple[grid.Axis, ...]) -> None:
-    """Make the experiments at both ends of each axis, which raises where they are wrong."""
+    """Make the experiments at both ends of each axis, which raises an error if they are invalid."""
     if not axes:
         return
     first, last = tuple(0 for _ in axes), tuple(len(axis.values) - 1 for axis in axes)
@@ -203,19 +203,19 @@ def run(
     scheduler: str = "",
     on_cost: Callable[[Cost], bool | None] | None = None,
 ) -> list[CaseResult]:
-    """Run what is missing of a study and return the results of all its cases in order.
+    """Run the missing cases of a study and return the results of all its cases in order.
 
-    A case is done when its file in `folder` was made by the same experiment and
-    seed; files are written whole or not at all, so a study can be stopped anywhere.
+    A case is complete if its file in `folder` is from the same experiment and
+    seed; files are written completely or not at all, so a study can be interrupted at any time.
 
     Args:
         study: The study.
         folder: Folder of the results, one ``.npz`` per case.
-        workers: Processes; 1 runs in this process.
-        progress: Called with cases done, cases in all and the newest result.
-        scheduler: Address of a dask scheduler to use instead of processes of our own.
+        workers: Number of processes; 1 runs in this process.
+        progress: Called with the numbers of finished and of all cases, and the latest result.
+        scheduler: Address of a dask scheduler to use instead of child processes.
         on_cost: Called with the cost of the rest after `TIMED` cases spread over the missing
-            ones; where it returns False, the study ends there with what it has.
+            ones; if it returns False, the study ends with the results so far.
     """
     folder = Path(folder)
     cases = list(study.cases())
@@ -253,14 +253,14 @@ def run(
 
 
 def _repeat(count: int) -> list[int]:
-    """Indices of `TIMED` cases from the beginning, the middle and the end; none of few cases."""
+    """Indices of `TIMED` cases from the start, the middle and the end; empty for few cases."""
     if count < 4 * TIMED:
         return []
     return [(2 * k + 1) * count // (2 * TIMED) for k in range(TIMED)]
 
 
 def stored(study: Study, folder: str | Path) -> list[CaseResult]:
-    """Results that are there of a study, refused cases too, in the order of its cases."""
+    """Available results of a study, including refused cases, in the order of its cases."""
     results = (_stored(Path(folder), case) for case in study.cases())
     return [result for result in results if result]
 
@@ -278,7 +278,7 @@ def _stored(folder: Path, case: Case) -> CaseResult | None:
 
 
 def _read(path: Path, after: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Values of a study file; its keys take the place of those of the study that it extends."""
+    """Values of a study file; its keys replace those of the study that it extends."""
     path = path.resolve()
     if path in after:
         names = " > ".join(p.stem for p in (*after, path))

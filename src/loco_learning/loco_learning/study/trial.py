@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Verdict on a run: which failure criteria it met, by how much, and how it kept time."""
+"""Verdict on a run: the failed criteria, by how much, and lag and frequency of the gait."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ TAIL = 10.0  # frequency and lag are reported for the last seconds of a run [s]
 
 @dataclass(frozen=True)
 class Verdict:
-    """The end of a trial. Numbers are NaN when the prediction never drove for a stride."""
+    """Outcome of a trial. Numbers are NaN if the prediction drove for less than a stride."""
 
     survived: bool  # no criterion failed
     failed: list[str]  # names of `CriterionParams` that failed
-    fall: str  # why the robot fell; empty if it did not
+    fall: str  # reason of the fall; empty if there was none
     end: float  # simulated time reached [s]
     nrmse: float = float("nan")  # largest smoothed NRMSE while the prediction drove [-]
     amplitude: float = float("nan")  # smallest stride amplitude over the target's [-]
-    slip: float = float("nan")  # largest lag, ahead or behind [stride]
+    slip: float = float("nan")  # largest absolute lag [stride]
     lag: float = float("nan")  # lag at the end, positive behind [stride]
     frequency: float = float("nan")  # of the prediction in the last 10 s [Hz]
     target_frequency: float = float("nan")  # of the target in the last 10 s [Hz]
@@ -38,7 +38,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Course:
-    """Course of the prediction against its target, tick by tick while it drove."""
+    """Prediction compared with its target, tick by tick while it drives."""
 
     t: np.ndarray = field(repr=False)  # [s], (T,)
     nrmse: np.ndarray = field(repr=False)  # smoothed over one stride [-], (T,)
@@ -54,7 +54,7 @@ def driven(log: Log) -> Log:
 
 
 def course(log: Log) -> Course | None:
-    """Course of a run, None if the prediction drove for less than two strides."""
+    """Comparison of a run, None if the prediction drove for less than two strides."""
     log = driven(log)
     if not len(log) or len(log) < 2 * quantities.period(log):
         return None
@@ -70,7 +70,7 @@ def course(log: Log) -> Course | None:
 
 
 def judge(log: Log, criterion: CriterionParams | None = None) -> Verdict:
-    """Hold a run against a failure criterion, by default that of its experiment."""
+    """Verdict on a run by a failure criterion, by default that of its experiment."""
     courses = course(log)
     numbers = _numbers(log, courses) if courses else {}
     end = float(log.t[-1]) if len(log) else 0.0

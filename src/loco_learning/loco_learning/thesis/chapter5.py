@@ -20,7 +20,7 @@ def _comparison(evidence: Evidence, name: str) -> Comparison:
 
 
 def _bodies(evidence: Evidence, name: str) -> tuple[float, np.ndarray]:
-    """Default value of a body parameter, and those of all searches."""
+    """Default value of a body parameter, and its values from all searches."""
     result = evidence.other("calibration")
     default = parameter_set(result.options["parameters"]).default[name]
     return default, np.array([fit.values[name] for fit in result.fits])
@@ -28,7 +28,7 @@ def _bodies(evidence: Evidence, name: str) -> tuple[float, np.ndarray]:
 
 @measure
 def calibration_converges(evidence: Evidence) -> Numbers:
-    """Generation of the plateau, error left, and spread of the searches over the first error."""
+    """Generation of the plateau, final error, and spread of the searches over the initial error."""
     fits = evidence.other("calibration").fits
     errors = np.array([fit.error for fit in fits])
     return {
@@ -61,8 +61,8 @@ def calibrated_body(evidence: Evidence) -> Numbers:
 def slip_is_seen(evidence: Evidence) -> Numbers:
     """Correlation of the left front knee's average period with the robot's.
 
-    Each model is compared at the lag that the windowed error found for it, as that error is: the
-    slip lasts a tenth of a second, and a robot whose commands are as late has it elsewhere.
+    Each model is compared at its lag from the windowed error: the slip lasts a tenth of a second,
+    and a robot with a delay of the commands has it at another phase.
     """
     comparison = evidence.other("calibration").comparisons[0]
 
@@ -77,7 +77,7 @@ def slip_is_seen(evidence: Evidence) -> Numbers:
 
 @measure
 def bound_transfers(evidence: Evidence) -> Numbers:
-    """Bound that was not fitted: error ratio, spread between periods, and steepest slopes."""
+    """Bound that was not fitted: error ratio, spread between periods, and largest slopes."""
     comparison = _comparison(evidence, BOUND)
     slope = {k: float(np.max(np.abs(np.diff(comparison.curves[k], axis=0))))
              for k in ("robot", "default", "calibrated")}  # fmt: skip
@@ -102,7 +102,7 @@ def walk_transfers(evidence: Evidence) -> Numbers:
 
 @measure
 def gaits_travel(evidence: Evidence) -> Numbers:
-    """Least distance over 15 s [m] and falls of the optimised bound and walk."""
+    """Smallest distance over 15 s [m] and falls of the optimised bound and walk."""
     _, cases = evidence.study("gaits")
     phase = "open loop"
     return {
@@ -113,7 +113,7 @@ def gaits_travel(evidence: Evidence) -> Numbers:
 
 @measure
 def falls_coincide(evidence: Evidence) -> Numbers:
-    """Share of actuations at which robot and calibrated model both fall or both stand."""
+    """Share of actuations with which robot and calibrated model both fall or both stand."""
     _, cases = evidence.study("amplitudes")
     fall_share = {
         variant: np.array([bool(c.verdict["fall"]) for c in cases if c.variant == variant])

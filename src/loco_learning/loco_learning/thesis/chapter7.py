@@ -17,7 +17,7 @@ from ..study.maps import Sheet
 from .evidence import Evidence, column, over
 from .registry import Numbers, measure
 
-UNDER = {"kp": (107.0, np.inf), "kappa": (0.0, 0.1)}  # places in the map of impedances
+UNDER = {"kp": (107.0, np.inf), "kappa": (0.0, 0.1)}  # parts of the map of impedances
 GOOD = {"kp": (50.0, 1500.0), "kappa": (0.3, 2.0)}
 OVER = {"kp": (50.0, np.inf), "kappa": (3.0, np.inf)}
 TICK = 0.004  # control period at which the network has to answer [s]
@@ -30,13 +30,13 @@ def _sheet(evidence: Evidence, name: str = "map") -> tuple[Sheet, maps.MapSpec]:
 
 @measure
 def regions(evidence: Evidence) -> Numbers:
-    """Share of each region's place in the map where the robot behaves as the region says."""
+    """Share of each region of the map in which the robot has the behaviour of the region."""
     return {name: region.share for name, region in maps.regions(*_sheet(evidence)).items()}
 
 
 @measure
 def damping(evidence: Evidence) -> Numbers:
-    """Under- and overdamped impedances beside good ones: falls, power, impacts, trunk motion."""
+    """Under- and overdamped impedances compared with good ones: falls, power, impacts, trunk."""
     sheet, _ = _sheet(evidence)
 
     def middle(place: dict, name: str) -> float:
@@ -70,7 +70,7 @@ def compliant_and_stiff(evidence: Evidence) -> Numbers:
 
 
 def _curves(evidence: Evidence, metric: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stiffness [N·m/rad], and a metric in open and closed loop there."""
+    """Stiffness [N·m/rad], and a metric in open and closed loop at each."""
     _, cases = evidence.study("stiffness")
     kp, opened = over(cases, "kp", metric, "train")
     return kp, opened, over(cases, "kp", metric, "test")[1]
@@ -78,7 +78,7 @@ def _curves(evidence: Evidence, metric: str) -> tuple[np.ndarray, np.ndarray, np
 
 @measure
 def cost_rises(evidence: Evidence) -> Numbers:
-    """Line through the logarithm of the closed loop's cost of transport over stiffness."""
+    """Linear fit of the logarithm of the closed loop's cost of transport over stiffness."""
     kp, _, closed = _curves(evidence, "cost_of_transport")
     valid = np.isfinite(closed) & (closed > 0.0)
     if valid.sum() < 3:
@@ -90,7 +90,7 @@ def cost_rises(evidence: Evidence) -> Numbers:
 
 @measure
 def crossing(evidence: Evidence) -> Numbers:
-    """Closed over open cost of transport at the softest and the stiffest legs."""
+    """Closed over open loop's cost of transport with the softest and the stiffest legs."""
     _, opened, closed = _curves(evidence, "cost_of_transport")
     ratio = closed / opened
     return {"ratio_softest": ratio[0], "ratio_stiffest": ratio[-1], "least": np.nanmin(ratio)}
@@ -98,7 +98,7 @@ def crossing(evidence: Evidence) -> Numbers:
 
 @measure
 def never_better(evidence: Evidence) -> Numbers:
-    """Closed over open cost of transport and speed, over all stiffnesses."""
+    """Closed over open loop's cost of transport and speed, over all stiffnesses."""
     _, opened, closed = _curves(evidence, "cost_of_transport")
     _, at_low_speed, at_high_speed = _curves(evidence, "speed")
     return {
@@ -109,7 +109,7 @@ def never_better(evidence: Evidence) -> Numbers:
 
 @measure
 def speed_peak(evidence: Evidence) -> Numbers:
-    """Stiffness of the highest closed-loop speed, what follows it, and what drives the cost."""
+    """Stiffness of the highest closed-loop speed, metrics beyond it, and power's share of cost."""
     kp, _, speed = _curves(evidence, "speed")
     _, _, step = _curves(evidence, "step_length")
     _, _, power = _curves(evidence, "power")
@@ -125,7 +125,7 @@ def speed_peak(evidence: Evidence) -> Numbers:
 
 @measure
 def open_speed_peak(evidence: Evidence) -> Numbers:
-    """The same for the speed of the open loop."""
+    """Stiffness of the highest open-loop speed, and the speeds at both ends over it."""
     kp, speed, _ = _curves(evidence, "speed")
     best = int(np.nanargmax(speed))
     first, last = speed[0] / speed[best], speed[-1] / speed[best]
@@ -134,7 +134,7 @@ def open_speed_peak(evidence: Evidence) -> Numbers:
 
 @measure
 def accuracy_steady(evidence: Evidence) -> Numbers:
-    """Spread of the accuracy over stiffness, and impacts and oscillation, stiffest over softest."""
+    """Spread of the accuracy over stiffness; impacts and oscillation, stiffest over softest."""
     _, _, accuracy = _curves(evidence, "accuracy")
     _, _, force = _curves(evidence, "grf_max")
     _, _, shake = _curves(evidence, "stability")
@@ -192,7 +192,7 @@ def training_time(evidence: Evidence) -> Numbers:
 
 @measure
 def operations(evidence: Evidence) -> Numbers:
-    """Weighted sums of one step of the network, counted in its own matrices (eq. 7.3)."""
+    """Multiplications in one step of the network, counted in its matrices (eq. 7.3)."""
     counts = {}
     for size in (50, 80):
         changes = {"learner.memory": size, "learner.neurons": size}
@@ -205,7 +205,7 @@ def operations(evidence: Evidence) -> Numbers:
 
 @measure
 def trajectories(evidence: Evidence) -> Numbers:
-    """Error and trunk motion in the test, stiff over compliant, for M and N nearest to 50."""
+    """Error and trunk motion in the test, stiff over compliant, for M and N closest to 50."""
     _, cases = evidence.study("complexity")
     distance = min(abs(c.at["M"] - 50) + abs(c.at["N"] - 50) for c in cases)
     nearest_cases = [c for c in cases if abs(c.at["M"] - 50) + abs(c.at["N"] - 50) == distance]
@@ -223,7 +223,7 @@ def trajectories(evidence: Evidence) -> Numbers:
 
 @measure
 def impacts(evidence: Evidence) -> Numbers:
-    """Range of height against impacts, and the share of power that stiffness alone explains."""
+    """Correlation of height range and impacts, and the share of power explained by stiffness."""
     _, cases = evidence.study("complexity")
     shake, force = column(cases, "stability", "test"), column(cases, "grf_max", "test")
     power = np.log(np.maximum(column(cases, "positive_power", "test"), 1e-3))
@@ -237,7 +237,7 @@ def impacts(evidence: Evidence) -> Numbers:
 
 @measure
 def real_like(evidence: Evidence) -> Numbers:
-    """The network on the real-like HyQ beside the ideal one."""
+    """The network on the real-like HyQ, compared with the ideal one."""
     _, cases = evidence.study("real_like")
 
     def of(variant: str, metric: str) -> float:
@@ -255,7 +255,7 @@ def real_like(evidence: Evidence) -> Numbers:
 
 @cache
 def _forces(name: str, effects: bool) -> np.ndarray:
-    """Vertical forces of the feet in an open loop of 12 s [N], the last 8 s, (T, 4)."""
+    """Vertical forces on the feet in an open loop of 12 s [N], the last 8 s, (T, 4)."""
     changes = {"learner.enabled": False, "learner.train": 11.0, "learner.closing": 0.0,
                "learner.test": 0.0}  # fmt: skip
     log = rollout(experiments.load(name, changes if effects else {**changes, "effects": []}))
@@ -264,7 +264,7 @@ def _forces(name: str, effects: bool) -> np.ndarray:
 
 @measure
 def force_filter(evidence: Evidence) -> Numbers:
-    """Phase and amplitude of raw and filtered forces beside those of the ideal plant."""
+    """Phase and amplitude of raw and filtered forces, compared with those of the ideal plant."""
     raw, ideal = _forces("hyq_real_like", True), _forces("hyq_real_like", False)
     step = FootForces(experiments.load("hyq_real_like").learner).grf_filter.step
     filtered = np.array([step(row).copy() for row in raw])

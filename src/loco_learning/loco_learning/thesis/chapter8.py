@@ -39,7 +39,7 @@ def no_clock_fails(evidence: Evidence) -> Numbers:
 
 @measure
 def error_overshoots(evidence: Evidence) -> Numbers:
-    """Largest smoothed NRMSE, and the share of RSE trials that fail before the delay begins."""
+    """Largest smoothed NRMSE, and the share of RSE trials that fail before the delay starts."""
     pse, rse = _trials(evidence)
 
     def early(case: CaseResult) -> bool:
@@ -56,7 +56,7 @@ def error_overshoots(evidence: Evidence) -> Numbers:
 
 @measure
 def amplitude_decays(evidence: Evidence) -> Numbers:
-    """Smallest stride amplitude over the target's, of any trial."""
+    """Smallest stride amplitude over the target's, over all trials."""
     pse, rse = _trials(evidence)
     return {"rse_amplitude": _all(rse, "amplitude", np.min),
             "pse_amplitude": _all(pse, "amplitude", np.min)}  # fmt: skip
@@ -64,7 +64,7 @@ def amplitude_decays(evidence: Evidence) -> Numbers:
 
 @measure
 def phase_drifts(evidence: Evidence) -> Numbers:
-    """Slip of both kinds [strides], and the frequency of RSE over the target's."""
+    """Slip of both variants [strides], and the frequency of RSE over the target's."""
     pse, rse = _trials(evidence)
     ratio = _all(rse, "frequency") / _all(rse, "target_frequency")
     return {"pse_slip": _all(pse, "slip", np.max), "rse_slip": _all(rse, "slip"),

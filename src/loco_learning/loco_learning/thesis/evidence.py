@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of a plan, and their results as measures read them.
+"""Entries of a plan, and their results for the measures.
 
-``plans.yaml`` says for each plan and entry which study runs with how many points and seeds on
-which engine. Each entry has a folder; all are resumable.
+``plans.yaml`` lists for each plan and entry the study, its numbers of points and seeds, and the
+engine. Each entry has a folder; all are resumable.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from .registry import NotRunError, file
 
 @dataclasses.dataclass(frozen=True)
 class Entry:
-    """One thing that a plan runs.
+    """One entry of a plan.
 
     Attributes:
         name: Name of the entry and of its folder.
         study: Name of the study; empty for a calibration or chapter 6.
-        engine: Physics engine; where a plan names none, the default of this machine.
+        engine: Physics engine; by default that of this machine.
         points: Points of spaced axes: a number for all, or by axis; None as in the study.
         seeds: Number of seeds; None for all.
         overrides: Values by dotted name for every variant.
-        options: Settings of an entry that is no study.
+        options: Settings of an entry that is not a study.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Entry:
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def load(self) -> Study:
-        """The study as this plan wants it."""
+        """The study with the settings of this plan."""
         loaded = studies.load(self.study, overrides={**self.overrides, "sim.engine": self.engine})
         if self.seeds:
             loaded = dataclasses.replace(loaded, seeds=loaded.seeds[: self.seeds])
@@ -59,11 +59,11 @@ def plan(name: str) -> dict[str, Entry]:
     """Entries of a plan by name.
 
     Args:
-        name: One of ``plans.yaml``, or a path that ends in ``.yaml``: a plan of your own.
+        name: Name in ``plans.yaml``, or a path of another plan, which ends in ``.yaml``.
 
     Raises:
-        NameUnknownError: There is no such plan.
-        MissingFileError: There is no such file.
+        NameUnknownError: The plan does not exist.
+        MissingFileError: The file does not exist.
         ParameterError: The file is not a plan.
     """
     if name.endswith(".yaml"):
@@ -88,12 +88,12 @@ def _cases_of(path: str) -> dict[str, Entry]:
 
 
 class Evidence:
-    """Results of a plan, read when a measure asks for them.
+    """Results of a plan, read on demand of a measure.
 
     Args:
         entries: Entries of the plan.
         folder: Folder that holds a folder per entry.
-        others: Results of entries that are no studies, by name: functions without arguments.
+        others: Results of entries that are not studies, by name, as functions without arguments.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Evidence:
         """A study and its results.
 
         Raises:
-            NotRunError: It is not in the plan, or some of its cases were not run.
+            NotRunError: The plan does not contain it, or some of its cases were not run.
         """
         if name not in self._read:
             if name not in self.entries:
@@ -122,10 +122,10 @@ class Evidence:
         return loaded, cases
 
     def other(self, name: str) -> Any:
-        """Result of an entry that is no study.
+        """Result of an entry that is not a study.
 
         Raises:
-            NotRunError: There is no result of it.
+            NotRunError: The entry has no result.
         """
         if name not in self._other_results:
             raise NotRunError(f"{name} was not run")
@@ -135,14 +135,14 @@ class Evidence:
 
 
 def column(cases: Sequence[CaseResult], metric: str, phase: str) -> np.ndarray:
-    """A metric of a phase, a value per case; NaN where the phase was not reached."""
+    """A metric of a phase, one value per case; NaN if the phase was not reached."""
     return np.array([case.metrics.get(phase, {}).get(metric, np.nan) for case in cases])
 
 
 def over(
     cases: Sequence[CaseResult], axis: str, metric: str, phase: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values of an axis and the mean of a metric there; cases that fell before are left out."""
+    """Values of an axis and the mean of a metric at each, without cases that fell earlier."""
     at = np.array([case.at[axis] for case in cases], dtype=float)
     values, positions = column(cases, metric, phase), np.unique(at)
     means = [

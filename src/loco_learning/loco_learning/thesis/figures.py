@@ -73,7 +73,7 @@ FIGURES: tuple[Callable[[Evidence], Chart], ...] = (
 
 
 def charts(evidence: Evidence) -> list[tuple[str, str, Chart]]:
-    """Name, caption and chart of all figures that the evidence allows.
+    """Name, caption and chart of all figures for which there are results.
 
     Args:
         evidence: Results of the runs.

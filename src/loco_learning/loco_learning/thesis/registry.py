@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Claims of the thesis in ``claims.yaml``, and their verdicts by the rules that stand there.
+"""Claims of the thesis from ``claims.yaml``, and verdicts on them by its rules.
 
-A measure is a small function from evidence (what a plan ran) to named numbers. A claim names a
-measure and, for its numbers, the ranges in which the claim agrees; the ranges stand in the file
-before anything runs. It is not decided when its evidence was not run, or a number is NaN.
+A measure is a small function from evidence (results of a plan) to named numbers. A claim names a
+measure and the ranges of its numbers in which the claim agrees; the ranges are in the file
+before anything runs. The claim is not decided if its evidence was not run, or a number is NaN.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ class NotRunError(LocoError):
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the registry.
+    """One claim of the registry.
 
     Attributes:
         number: Number of the claim, such as "7.4".
         item: Figure or line of the thesis.
         says: The claim in a sentence.
-        evidence: Names of the plan's entries that it is judged by.
+        evidence: Names of the plan's entries that are needed.
         measure: Name of the function that measures it; "msd" for the claims of chapter 6, which
             have judges of their own.
-        rule: Ranges of numbers in which the claim agrees.
-        why: Explanation of a disagreement, as far as one is known.
+        rule: Ranges of the numbers in which the claim agrees.
+        why: Explanation of a disagreement, if known.
     """
 
     number: str
@@ -67,14 +67,14 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of a claim.
+    """Verdict on a claim.
 
     Attributes:
         claim: Number of the claim.
         item: Figure or line of the thesis.
         says: The claim.
         wanted: The rule.
-        found: Numbers that were measured.
+        found: Measured numbers.
         verdict: `AGREES`, `DISAGREES` or `OPEN`.
         evidence: Names of the plan's entries.
         why: Explanation of a disagreement.
@@ -91,7 +91,7 @@ class Verdict:
 
 
 def file(name: str) -> Path:
-    """Path of a file of this package."""
+    """Path of a file in this package."""
     return Path(str(importlib.resources.files("loco_learning") / "thesis" / name))
 
 
@@ -99,7 +99,7 @@ def claims() -> list[Claim]:
     """All claims, in their order.
 
     Raises:
-        ParameterError: The file has a claim twice, or a range that is not two numbers.
+        ParameterError: The file has a duplicate claim, or a range that is not two numbers.
     """
     claim_list = []
     for number, row in read_yaml(file("claims.yaml")).items():
@@ -113,13 +113,13 @@ def claims() -> list[Claim]:
 
 
 def tally(verdicts: Iterable[str]) -> str:
-    """Count each verdict, as a sentence: "13 agrees, 11 disagrees, 23 not decided"."""
+    """Number of each verdict, as a sentence: "13 agrees, 11 disagrees, 23 not decided"."""
     counts = Counter(verdicts)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in (AGREES, DISAGREES, OPEN))
 
 
 def judge(claim: Claim, evidence: Any) -> Verdict:
-    """Verdict of one claim by what was run."""
+    """Verdict on one claim from the results of a plan."""
     text, verdict = "not run", OPEN
     try:
         numbers = MEASURES[claim.measure](evidence)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search over hypotheses: screening, fits, one effect more at a time."""
+"""Search over hypotheses: screening, fits, and models of more effects."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions of a model where a robot was measured, and the residual."""
+"""Predictions of a model at the measured times, and the residuals."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looks at recordings before a search: what they are, and what they can tell."""
+"""Preview of recordings before a search: their properties, and the effects visible in them."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments that excite a robot, and the one that would tell most."""
+"""Experiments that excite a robot, and the choice of the most informative next one."""

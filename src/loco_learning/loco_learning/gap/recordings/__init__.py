@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any recorded file as records on one even time axis, checked."""
+"""Import of recorded files as checked records on one even time axis."""

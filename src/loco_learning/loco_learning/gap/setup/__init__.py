@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-up of recordings and robot, judged before any physical effect is sought."""
+"""Checks of the set-up of recordings and robot, before any physical effect is sought."""

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named, ambiguous, unknown or no gap, with the evidence for it."""
+"""Verdict on the gap: named, ambiguous, unknown or no gap, with the evidence."""

@@ -424,7 +424,7 @@ class _Judgement:
         return (paid(over, occam(a, b)) if elsewhere(b) else over), closed
 
     def _odds(self, a: Fitted, b: Fitted) -> evidence.Comparison:
-        """Evidence between rivals on all data, to which both were fitted, parameters penalised."""
+        """Evidence between rivals on all data, both fitted to it, with parameter penalty."""
         rng = np.random.default_rng([self.seed, ODDS])
         return evidence.compare(a.score, b.score, rng, price=occam(a, b))
 
