@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco bench damage`: recovery of bags after truncation and flipped bits."""
+"""`loco bench damage`: recovery of bags after truncation and after changed bytes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CHUNK = 8 * 1024  # chunk size [bytes], small for many chunks
 
 
 def bench_damage(truncations: int = TRUNCATIONS, flips: int = FLIPS, seed: int = 0) -> list[dict]:
-    """Truncate a bag at random bytes, flip random bits; read and recover each damaged copy.
+    """Truncate a bag at random bytes, change random bytes; read and recover each damaged copy.
 
     Returns:
         One row per kind of damage; ``chunks missed``, ``wrong data`` and ``tracebacks``

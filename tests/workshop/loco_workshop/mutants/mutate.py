@@ -87,7 +87,7 @@ def _mark(tree: ast.Module) -> None:
 
 
 def _is_parameter(node: ast.AST) -> bool:
-    """Whether a node declares a ROS parameter, of which only the default is mutated."""
+    """Whether a node calls `parameter` of `loco_control.params`, whose bounds are not mutated."""
     return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "parameter"
 
 

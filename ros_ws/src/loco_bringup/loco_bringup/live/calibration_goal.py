@@ -89,7 +89,7 @@ class Job:
                 self._worker.cancel()
                 deadline = time.monotonic() + node.listen.patience
             if deadline and time.monotonic() > deadline:
-                return  # not better than the best so far
+                return  # the worker is slow to stop; the best result so far is known
         self._hand_on(at_once=not self._cancelled())
 
     def _on_news(self, news: Any) -> None:

@@ -100,7 +100,8 @@ def write_messages(log: Log, writer: BagWriter) -> None:
     robot = log.experiment.plant
     table, encode = _of_legs(robot) if log.experiment.gait else _of_joints(log, robot)
     by_topic, every = encoders(robot), {}
-    for name in VIEWED if log.experiment.gait else VIEWED[-2:]:  # else in each tick
+    # Standard messages at their own rates; without a gait the first two are in every tick already.
+    for name in VIEWED if log.experiment.gait else VIEWED[-2:]:
         encode[name] = lambda said, pack=by_topic[name]: pack(said["state"], said["truth"])
         rate = table[name].rate or 1.0 / log.dt
         every[name] = max(1, round(1.0 / (log.dt * rate)))

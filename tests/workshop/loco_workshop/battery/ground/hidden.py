@@ -92,7 +92,7 @@ def _late(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str,
 
 
 def _ripple(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
-    first = next(iter(w.gains))  # gains of a hip joint, which hardly moves
+    first = next(iter(w.gains))  # suffix of the hip joints, which hardly move
     joint = str(rng.choice([j for j in w.joints if not j.endswith(first)]))
     return joint, {"joint": joint, "torque": x * w.effort()[joint],
                    "teeth": float(rng.uniform(40.0, 80.0))}  # fmt: skip
@@ -134,7 +134,7 @@ def family(name: str) -> str:
 
 
 def bodies(walker: Walker, effects: Sequence[Hidden], off: bool, seed: int) -> str:
-    """URDF of a robot with hidden loads; with `off`, masses and inertias have small errors."""
+    """URDF with the effects on the bodies; with `off`, masses and inertias have small errors."""
     root = walker.tree()
     rng = np.random.default_rng([seed, 11])
     for part in root.iter("inertial") if off else ():
