@@ -6,7 +6,7 @@ one that does not bend. A search without further gain restarts from another body
 its generations are spent; the thesis saw a second descent after 500 generations instead.
 
     calibration = Calibration(recording, "tigrillo")
-    fit = calibration.run(tell=lambda generation: ...)
+    fit = calibration.run(lambda generation: ...)
     calibration.model(fit.values).save("model.yaml")
 
 `cancel`, from the callback or another thread, ends the search and keeps the best so far.

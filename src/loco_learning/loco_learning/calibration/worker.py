@@ -60,7 +60,7 @@ def make_calibration(recording: Recording, robot: str, options: CalibrationParam
 
 
 class Worker(Child):
-    """A calibration that runs in a child process; its news are `News`.
+    """A calibration that runs in a child process and sends events of type `News`.
 
     Args:
         recording: Measurements, or a function that reads them in the child.

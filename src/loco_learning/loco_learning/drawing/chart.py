@@ -163,7 +163,7 @@ def limits(frame: Frame, horizontal: bool) -> tuple[float, float]:
 
     Args:
         frame: The frame.
-        horizontal: Whether the horizontal axis is meant.
+        horizontal: True for the horizontal axis, False for the vertical one.
     """
     axis = frame.x if horizontal else frame.y
     if axis.limits:

@@ -38,7 +38,7 @@ Task = Callable[[Callable[[float, str, str], None]], Any]
 
 
 class Worker(Child):
-    """A task that runs in a child process; its news are `News`.
+    """A task that runs in a child process and sends events of type `News`.
 
     Args:
         task: Called in the child with a function that accepts progress.

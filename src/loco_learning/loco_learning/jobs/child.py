@@ -65,7 +65,7 @@ class Child:
         return news
 
     def close(self) -> None:
-        """End the process at once."""
+        """Terminate the process immediately."""
         if self._process.is_alive():
             self._process.terminate()
             self._process.join(2.0)

@@ -71,7 +71,7 @@ class Sensor:
     """Filter and buffer: from accelerations (nodes, axes) to u_k of eq. (6.5)."""
 
     def __init__(self, channels: int, loop: LoopParams, dt: float):
-        from scipy import signal  # here, for it takes 0.8 s and most who come by make no filter
+        from scipy import signal  # imported here since it takes 0.8 s and few filters are made
 
         taps = signal.firwin(loop.taps, loop.cutoff, fs=1.0 / dt) if loop.taps > 1 else np.ones(1)
         self._taps, self._limit, self._latest = taps, loop.threshold, loop.buffer == "latest"

@@ -72,7 +72,7 @@ def learn_by_ppo(
         ParameterError: The budget is too small for one update.
     """
     length = experiment.learner.stand + params.lead + params.episode
-    min_time = length * (1.0 + TICKS * experiment.dt / params.episode)  # and the first look at it
+    min_time = length * (1.0 + TICKS * experiment.dt / params.episode)  # plus the first reset
     if params.seconds < min_time:
         raise ParameterError(
             f"seconds is {params.seconds:g}, but PPO needs {min_time:.4g} s for one update of "

@@ -19,7 +19,7 @@ from ..statistics.solve import FEW, FIRST, differences, guided, minimise, soft
 
 JACOBIAN_STEP = 0.12  # finite difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
-FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate, and of another one [of its range]
+FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate [log], and of others [range]
 SHORT_STRIDE = 0.35  # length of the short stride over that of the long one
 FREE_RANGE = 3.0  # largest change of the logarithm of a nominal value
 AGAIN = 6  # simulations of a fit from another start, and one more per parameter

@@ -127,7 +127,7 @@ class Search:
             self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
         )
         if self.adequate(given) or self.asked and self.adequate(base):
-            return found  # without `asked`, `base` counts as one more answer beside effects
+            return found  # otherwise an adequate `base` competes with effects
         found.screened = self._screen(given, 0.05, 0.35)
         together = [(one,) for one in families(found.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
@@ -169,7 +169,7 @@ class Search:
         return list(best.values())[: self.params.beam]
 
     def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
-        """True if the last effect hardly improved the fit, so that another one is not sought."""
+        """True if the last added effect hardly improved the fit, which ends the search."""
         best = {len(m.parts): self.energy(m) for m in reversed(ranked)}
         return depth - 1 in best and best.get(depth, math.inf) > best[depth - 1] - LEAST_GAIN
 
@@ -200,7 +200,7 @@ class Search:
         return near and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
 
     def _ranked(self, base: Fitted) -> list[Fitted]:
-        """Models that are better than the initial one, the best first."""
+        """Models with a smaller residual than `base`, the best first."""
         worst = self.energy(base)
         better = [m for m in self.fits.values() if self.energy(m) < worst and m.parts]
         return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
@@ -370,7 +370,7 @@ class Search:
             wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
             fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
-                break  # rivals of its effects are sought in the judgement
+                break  # `judge` looks for rivals of its effects
 
 
 def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:

@@ -122,7 +122,7 @@ def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis
     """All hypotheses about a robot.
 
     Args:
-        robot: Robot that may lack something.
+        robot: Robot of the model.
         signals: Measured signals, e.g. ("q", "dq", "gyro").
         hints: Travel of the joints, and times at which the residual is large.
     """

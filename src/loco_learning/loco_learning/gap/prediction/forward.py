@@ -439,7 +439,7 @@ def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> 
 
 
 def _still(record: Record, q: np.ndarray) -> list[Start]:
-    """A whole record from rest."""
+    """Start of a whole record at rest with joint positions `q`."""
     return [Start(0, len(record.t), q, np.zeros(len(q)))]
 
 

@@ -46,7 +46,7 @@ CHANGED = 4.0  # length of a piece over the time scale of the motion (docs/gap_m
 _, SUBSTEPS = limits(SimParams, "max_substeps")
 POSES = 7  # poses of the record at which inertias are computed
 GIVEN = ("command", "drive")  # sites of effects that change the commanded torque
-LEADS = ("torque_constant_error", "joint_offset")  # of these, effects that are kept along a motion
+LEADS = ("torque_constant_error", "joint_offset")  # effects of `GIVEN` that act here too
 # Sites that an effect may touch, see `Identity.touches`.
 SITES = ("drive", "torque", "brake", "force", "model")
 
@@ -54,7 +54,7 @@ SITES = ("drive", "torque", "brake", "force", "model")
 def forward(
     model: Model, records: Sequence[Record], params: ForwardParams | None = None
 ) -> Forward:
-    """Forward model of the kind that suits the records.
+    """Forward model of the kind that is suitable for the records.
 
     It simulates whole records if initial states decay within a record, and otherwise computes
     torques along the motion. If a controller computed the torque from the velocity, so that

@@ -27,7 +27,7 @@ from . import odometry
 from .channels import at_home, heading
 from .running import Start
 
-signal = lazy.module("scipy.signal")  # loaded on first use: it takes 0.5 s, and not all need it
+signal = lazy.module("scipy.signal")  # loaded on first use, since it takes 0.5 s
 
 HALVES = (2, 3, 5, 8, 13)  # half widths of local polynomials [samples]
 LONGER = (21, 34, 55)  # further ones at the start of a record, where a robot mostly rests
@@ -175,7 +175,7 @@ def _of_imu(record: Record, signal: str) -> float:
 def carried_states(
     said: odometry.Legs | None, depth: np.ndarray | None = None
 ) -> list[Base] | None:
-    """Base state at each sample from IMU and legs, above the first position; None without them."""
+    """Base state at each sample from IMU and legs, at x = y = 0; None without them."""
     if said is None:
         return None
     motion = odometry.carried(said, depth)

@@ -60,7 +60,7 @@ def look(
     Args:
         model: Robot, overrides and effects.
         records: All recordings, including held-out ones.
-        params: Settings of the search to come.
+        params: Settings of a later search.
         progress: Called with the completed share and the stage.
         workers: Number of processes; it only influences the expected duration of a search.
 

@@ -167,7 +167,7 @@ def beyond(log: Log) -> str:
             return f"{name} reaches its stop"
         if np.abs(log.dq[:, i]).max() > fastest.get(name, np.inf):
             return f"{name} is faster than {fastest[name]:g} rad/s"
-        geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # motor is limited
+        geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # limit of the motor
         if not geared and np.abs(log.tau[:, i]).max() > 0.98 * robot.effort[i]:
             return f"{name} meets its torque limit"
     return ""

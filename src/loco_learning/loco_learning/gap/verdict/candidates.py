@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates that are weighed: an effect of the selected model, its parameters and its rivals."""
+"""Candidates of the verdict: an effect of the selected model, its parameters and its rivals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..statistics.evidence import Comparison
 
 
 def on_bound(value: float, bounds: Iterable[float], edge: float) -> bool:
-    """Whether a value is next to a finite bound: `edge` is the distance over the larger of both."""
+    """True if a value is within `edge` of a finite bound, relative to the larger of both."""
     finite = filter(math.isfinite, bounds)
     return any(abs(value - b) <= edge * max(abs(value), abs(b)) for b in finite)
 
@@ -24,15 +24,15 @@ class Estimate:
         name: Name in the registry.
         value: Best value.
         low: Lower end of the interval.
-        high: Upper end.
+        high: Upper end of the interval.
         unit: SI unit, - without one.
-        least: Smallest value the fit may take, -inf without bound.
-        most: Largest.
-        absent: Value at which the effect is not there; None for a shape such as a velocity scale.
-        sign: +1 or -1 where only this sign is physical, 0 where both are.
+        least: Smallest value in a fit, -inf without bound.
+        most: Largest value in a fit, inf without bound.
+        absent: Value without any effect; None for a shape such as a velocity scale.
+        sign: +1 or -1 if only this sign is physical, 0 if both are.
         spread: Deviation of the value between parts of the data that errors do not explain.
-        with_shapes: Half of the interval with all shapes as they are; None where nobody asked.
-            A cable's stiffness and free length may show as one force alone: the cable is there.
+        with_shapes: Half of the interval with all shapes fixed; None if not computed. If a
+            cable's stiffness and free length show as one force only, the cable is established.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Estimate:
 
     @property
     def excludes_absent(self) -> bool:
-        """A size of nothing is outside of the interval; False for a shape."""
+        """True if the absent value is outside of the interval; False for a shape."""
         if self.absent is None:
             return False
         if self.with_shapes is not None:
@@ -63,13 +63,13 @@ class Rival:
 
     Attributes:
         name: Name of the effect.
-        place: Place where it sits.
+        place: Place of the effect.
         over: Evidence for the candidate over this one.
         closed: Share of the gap that it closes.
-        trifle: It is too small to matter on any robot.
-        worse: Rms that it leaves on all data over that of the selected model; at most 1 if it
-            leaves less on held-out data.
-        edge: A shape of it lies on the bound of its range, where it is another law.
+        trifle: Whether it is negligible on any robot.
+        worse: Ratio of its rms on all data to that of the selected model; at most 1 if its rms
+            on held-out data is smaller.
+        edge: Whether one of its shapes is on a bound, where it becomes another law.
     """
 
     name: str
@@ -83,20 +83,20 @@ class Rival:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term of the selected model, with what speaks for it on held-out data.
+    """A term of the selected model, with its evidence on held-out data.
 
     Attributes:
         name: Name of the effect.
-        place: Place where it sits.
+        place: Place of the effect.
         estimates: Estimates of its parameters.
         gain: Evidence for the model over the same model without the term, refitted.
-        closed: Share of the gap that comes back without it.
+        closed: Share of the gap that reopens without it.
         rivals: The same model with another effect instead, refitted.
-        trifle: It is too small to matter on any robot.
-        total: Gain on all data, its parameters paid: a few seconds of held-out data of
-            slow motion are too few blocks to tell chance from an effect.
-        worse: Ratio as of a rival, of the model without the term: what acts in a few blocks only.
-        elsewhere: It shows in none of the data that judge, so that all were taken.
+        trifle: Whether it is negligible on any robot.
+        total: Gain on all data, with the penalty of its parameters: a few seconds of held-out
+            data of slow motion are too few blocks to exclude chance.
+        worse: Ratio as in `Rival`, for the model without the term; for effects in a few blocks.
+        elsewhere: Whether all data were used, since it shows in no held-out data.
     """
 
     name: str

@@ -310,7 +310,7 @@ class _Judgement:
         return not self._settled(b, limits) and self._gain(a, b)[0].low > 0.0
 
     def _plain(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
-        """True if `b`, with fewer effects, is at the floor and has hardly a larger residual."""
+        """True if `b`, with fewer effects, is at the floor and its residual is hardly larger."""
         base, more, less = (
             evidence.excess(self._weighed(self.found.base, m)[1].residuals)
             for m in (self.found.base, a, b)
