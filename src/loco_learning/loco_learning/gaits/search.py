@@ -58,7 +58,7 @@ FELL, EXPLODED = 1.0, 10.0  # values of failed rollouts
 FASTEST = 5.0  # mean speed above which a rollout has diverged [m/s]
 FACTORS = (0.3, 3.0)  # range of a drawn parameter, relative to the nominal one
 CHECKS = 16  # other bodies on which a result is checked
-DIGITS = 4  # of the parameters of a gait in its file
+DIGITS = 4  # decimal places of the parameters of a gait in its file
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def contents(
 
 
 def doubts(records: Sequence[Record]) -> list[str]:
-    """Import notes on conditions that can look like a gap, without duplicates, with the records."""
+    """Import notes on conditions that can look like a gap, each once with its records."""
     names: dict[str, list[str]] = {}
     for record in records:
         for note in record.notes:

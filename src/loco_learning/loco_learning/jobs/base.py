@@ -89,7 +89,7 @@ def sendable(result: Any) -> Any:
 def _portable(error: Exception) -> Exception:
     """The error if it can be pickled, otherwise a similar one."""
     try:
-        return pickle.loads(pickle.dumps(error))  # noqa: S301, our own bytes
+        return pickle.loads(pickle.dumps(error))  # noqa: S301, from this process
     except Exception:  # noqa: BLE001, errors of other packages may raise anything
         kind = LocoError if isinstance(error, LocoError) else RuntimeError
         return kind(str(error))

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-ORPHANED = 3  # exit code
+ORPHANED = 3  # exit code of a process whose parent has ended
 
 
 def spawn(

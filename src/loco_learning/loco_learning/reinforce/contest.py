@@ -203,7 +203,7 @@ def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Exper
 
 
 def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
-    from .ppo import learn_by_ppo  # an extra that may be missing
+    from .ppo import learn_by_ppo  # optional dependency
 
     # The robot stands until the delay line is full, without a gait.
     reflex = load(p.reflex, {"seed": seed})

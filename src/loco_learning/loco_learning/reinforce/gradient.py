@@ -63,7 +63,7 @@ class PolicyGradient:
         self.sigma, self.step, self.momentum = sigma, step, momentum
         self.batch, self.seed = batch, seed
         self.joints = self.weights.shape[1] // 2
-        self._course = np.zeros((basis.shape[1], self.joints))  # g
+        self._course = np.zeros((basis.shape[1], self.joints))  # gradient g
         self.updates = 0
 
     def perturbations(self) -> np.ndarray:

@@ -85,7 +85,7 @@ def run_case(
         timed: Whether to include `CLOCKED`.
     """
     from ..runs.rollout import rollout  # loads physics, in the worker
-    from .compiling import compiling  # and a compiler
+    from .compiling import compiling  # loads the compiler
 
     started = time.process_time()
     experiment = override(base, settings) if settings else base

@@ -77,7 +77,7 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
     bound = results[0].experiment["criterion"]["nrmse"]
     values = [layer.y[layer.x >= end_points[0]] for layer in layers]
     highest = max((float(np.nanmax(y)) for y in values if np.isfinite(y).any()), default=bound)
-    top = 1.05 * (max(highest, bound) if bound < 3.0 * highest else highest)  # without a far bound
+    top = 1.05 * (max(highest, bound) if bound < 3.0 * highest else highest)  # ignores a far bound
     layers += _marks(results[0], top, end_points[0])
     layers.append(line("bound of the criterion", end_points, [bound, bound], GREY, shape=DASHED))
     axes = (

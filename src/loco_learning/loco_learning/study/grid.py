@@ -24,7 +24,7 @@ from loco_control.reading import shown
 SPACINGS = {"linspace": np.linspace, "logspace": np.logspace}
 AXIS_KEYS = ("values", *SPACINGS, "whole", "sets", "unit")
 MAP_KEYS = ("x", "y", "metrics", "legal", "iso_damping", "regions")
-MOST_POINTS = 10_000  # on one axis
+MOST_POINTS = 10_000  # largest number of points on an axis
 MOST_CASES = 1_000_000
 
 

@@ -23,7 +23,7 @@ FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate [log], and of othe
 SHORT_STRIDE = 0.35  # length of the short stride over that of the long one
 FREE_RANGE = 3.0  # largest change of the logarithm of a nominal value
 AGAIN = 6  # simulations of a fit from another start, and one more per parameter
-DEVIATIONS, TURNS = 4.0, 4  # of a value in one unit; simulations per number of a joint fit (taste)
+DEVIATIONS, TURNS = 4.0, 4  # deviations of a value per unit; simulations per parameter (taste)
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ class Search:
         base = weigh(self.case, (), self.nominal)
         for _ in range(
             REFITS if self.nominal else 0
-        ):  # from a loss as wide as the gap to a tight one
+        ):  # the robust loss gets narrower
             setting = Setting(self.params, self.nominal, base.overrides, self._scale(base), ())
             base = next(iter(self.each(fit, [((), setting)])))
         if self.nominal:

@@ -15,7 +15,7 @@ import numpy as np
 from ..prediction.phases import WHOLE, phases, position
 from ..recordings.record import Record
 
-BANDS = (1.0, 5.0, 20.0)  # [Hz] edges
+BANDS = (1.0, 5.0, 20.0)  # edges of the frequency bands [Hz]
 JOINT_SIGNALS = ("q", "dq", "tau")
 BLOCKS, DRAWS = 32, 200
 

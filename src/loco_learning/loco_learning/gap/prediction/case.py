@@ -353,7 +353,7 @@ class Case:
         moved = [f - b for f, b in zip(first, bare, strict=True)]
         if self._small(moved):
             return self
-        if step != self.fine:  # the effect of finer steps is that of the initial model
+        if step != self.fine:  # finer steps have the error of the initial model
             first = [c + m for c, m in zip(self.correction[step], moved, strict=True)]
         known = {step: [np.nan_to_num(c) for c in first]}
         return replace(self, correction={**self.correction, **known})

@@ -86,7 +86,7 @@ def _rms(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.nda
     for error, record in zip(errors, records, strict=True):
         width = max(1, round(2.0 * ABOUT / record.dt))
         mean = uniform_filter1d(np.square(error), width, axis=0, mode="nearest")
-        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # the running sum may end below 0
+        levels.append(np.sqrt(np.maximum(mean, 0.0)))  # rounding may make the mean negative
     return levels
 
 

@@ -22,7 +22,7 @@ from ..statistics import noise
 from . import windows
 from .forward import Forward, ForwardParams
 
-LONGEST, SHORTEST = 0.4, 0.08  # pieces [s]
+LONGEST, SHORTEST = 0.4, 0.08  # length of pieces [s]
 GROWN = 2.0  # ratio to the initial error, or to the noise, above which an error has grown
 FIRST = 0.02  # time after a start that is not compared [s]
 DRAWS = 10  # simulations from drawn initial states, for a reliable standard deviation

@@ -34,7 +34,7 @@ SLIDING, RISING = 3.0, 0.01  # their initial deviations [m/s], [m]
 BIAS = 0.2  # error of an accelerometer, its tilt included [m/s²]
 BLIND = 5.0  # deviation of the acceleration of a base without accelerometer [m/s²]
 DRIFT = 0.1  # error of the vertical velocity [m/s]
-REST = 0.03  # of gravity: bound on rates [rad/s] and accelerations of a base initially at rest
+REST = 0.03  # bound on rates [rad/s] and accelerations [g] of a base initially at rest
 
 
 class Legs(NamedTuple):

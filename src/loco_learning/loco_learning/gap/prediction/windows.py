@@ -31,7 +31,7 @@ signal = lazy.module("scipy.signal")  # loaded on first use, since it takes 0.5 
 
 HALVES = (2, 3, 5, 8, 13)  # half widths of local polynomials [samples]
 LONGER = (21, 34, 55)  # further ones at the start of a record, where a robot mostly rests
-AGREES = 1.5  # deviations within which it must agree with shorter ones (least error on a wave)
+AGREES = 1.5  # largest difference to shorter ones, in deviations (least error on a wave)
 JUMP = 0.02  # time around a touch-down or lift-off in which velocities jump [s]
 CHANCE = 1.5  # noise deviations of the cubic coefficient at which a parabola still fits
 BENT = 0.1  # largest rms of a command about a parabola, of its range; steps have 0.15 (taste)

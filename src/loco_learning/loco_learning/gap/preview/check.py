@@ -41,7 +41,7 @@ from . import visible
 from .visible import Visible
 
 FORMAT = 1
-BUDGET, SLOW_BUDGET = 6000.0, 150.0  # joints times bundles times simulated seconds; with an engine
+BUDGET, SLOW_BUDGET = 6000.0, 150.0  # joints x bundles x simulated seconds; with an engine
 LEAST, MOST = 0.7, 20.0  # bounds on the simulated seconds of all recordings
 STEPS = 20.0  # smallest travel of an informative joint [encoder steps]
 TURN = 0.01  # [rad or m] smallest travel of an informative joint

@@ -30,7 +30,7 @@ STEPS = (
     "show with --set sim.physics_rate=8000"
 )
 MOSTLY = 0.5  # share of ticks with a reading above which the other ticks lost theirs
-EVEN = 1e-3  # distance of time stamps on the axis [periods]
+EVEN = 1e-3  # distance from the axis up to which time stamps are on it [periods]
 
 
 def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> list[Record]:

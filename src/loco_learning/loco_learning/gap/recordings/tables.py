@@ -210,7 +210,7 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
     if isinstance(value, dict):
         lists = {k: v for k, v in value.items() if isinstance(v, list) and v}
         records = {k: v for k, v in lists.items() if isinstance(v[0], dict)}
-        if not samples and not records and lists:  # columns side by side
+        if not samples and not records and lists:  # a mapping of columns
             header = {k: v for k, v in value.items() if k not in lists}
             return Table(path, _equal(path, lists), header)
         samples = samples or (next(iter(records)) if len(records) == 1 else "")

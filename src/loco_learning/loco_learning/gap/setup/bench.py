@@ -167,7 +167,7 @@ class Bench:
             return _commanded(records)
         model = model_with(self.model, changes)
         forward = Forward(model, records, ForwardParams(signals=("q",)))
-        self.led = possible(forward) and not forward.robot().springs  # springs return alone
+        self.led = possible(forward) and not forward.robot().springs  # springs restore joints
         if self.led:
             forward = Led(model, records)
         names = tuple(channel.name for channel in forward.channels)

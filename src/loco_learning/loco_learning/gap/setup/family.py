@@ -111,6 +111,6 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
     for rows in found.values():
         names, finding = list(rows), next(iter(rows.values()))
         says = f"{', '.join(names)}: {finding.says}"
-        every = len(names) == len(records) or finding.fault == "wrap"  # harmless elsewhere
+        every = len(names) == len(records) or finding.fault == "wrap"  # harmless for others
         some.append(finding if every else replace(finding, says=says, mends=()))
     return some

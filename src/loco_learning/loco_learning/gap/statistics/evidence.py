@@ -25,7 +25,7 @@ from scipy.special import gammaln, logsumexp, ndtri, stdtrit
 
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
-FEW, MANY = 8, 32  # blocks over all records
+FEW, MANY = 8, 32  # smallest and largest number of blocks in all records
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
@@ -187,7 +187,7 @@ def correlation_time(x: np.ndarray) -> float:
     rho = (covariance / counts) / (covariance[0] / counts[0])
     sums = 2.0 * np.cumsum(rho) - 1.0
     stop = np.flatnonzero(np.arange(len(sums)) >= 5.0 * sums)
-    stride = float(np.median(np.diff(np.flatnonzero(valid))))  # > 1: measured more rarely
+    stride = float(np.median(np.diff(np.flatnonzero(valid))))  # above 1 if sampled more slowly
     tau = sums[stop[0]] if len(stop) else sums.max()
     return float(np.clip(tau / stride, 1.0, n))
 

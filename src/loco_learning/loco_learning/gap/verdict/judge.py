@@ -58,7 +58,7 @@ LEADING = 4  # models among which the simplest unbeaten one is selected
 LEAST_SHARE = 0.02  # smallest share of the energy above noise for one more effect (battery)
 LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
-LESS, NEARLY = 0.4, 1.5  # the same if 0 is within so many half intervals of the size (taste)
+LESS, NEARLY = 0.4, 1.5  # the same for sizes within 1.5 half intervals of 0 (taste)
 ODDS, INTERVAL = 1, 2  # keys of random streams
 
 
@@ -485,7 +485,7 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
         c.of
         for c, e in pairs
         if c.strength
-        and not (c.one_sided and e.value == e.absent)  # on its bound, 0
+        and not (c.one_sided and e.value == e.absent)  # at its bound, 0
         and not little(e, largest[c.name])
     }
     return set(hypothesis.joints) - there
